@@ -1,0 +1,91 @@
+//! The command line of `goalward-actor`. People type `goalward`, which starts it.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, ensure};
+use clap::{Parser, Subcommand};
+use environments::Setting;
+use protocol::process::{self, Stop};
+use protocol::run::RunFolder;
+use protocol::task::Task;
+
+/// Acts in environments.
+#[derive(Debug, Parser)]
+#[command(name = "goalward-actor", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Runs leases of a run's learner and publishes their trajectories.
+    Rollout {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Name on the bus, of no other process of the run: actor-0, actor-1 and so on.
+        #[arg(long)]
+        name: String,
+    },
+    /// Records demonstrations by the task's expert.
+    Demonstrate {
+        /// The task.
+        task: Task,
+        /// How many.
+        #[arg(long)]
+        episodes: u64,
+        /// Part of starts and goals they may have.
+        #[arg(long, default_value_t = 1.0)]
+        coverage: f64,
+        /// Seed of the starts.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// The file to write.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Runs evaluation episodes with a run's newest checkpoint.
+    Evaluate {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// How many.
+        #[arg(long)]
+        episodes: u64,
+    },
+}
+
+/// Runs the process.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    process::run(|| run(arguments.command))
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
+        Command::Rollout { run, name } => {
+            ensure!(name.starts_with("actor"), "expected a name like actor-0, found {name}");
+            let stop = Stop::at_end_of_input();
+            crate::rollout::rollout(&RunFolder::new(run), &name, &stop)
+        }
+        Command::Demonstrate { task, episodes, coverage, seed, out } => {
+            ensure!(episodes > 0, "expected at least 1 episode, found 0");
+            let setting = Setting { coverage, ..Setting::default() };
+            let request =
+                crate::demonstrate::Request { task, episodes, setting, seed, file: &out };
+            let steps = crate::demonstrate::demonstrate(&request)?;
+            let out = out.display();
+            tracing::info!("{episodes} demonstrations with {steps} steps in {out}");
+            Ok(())
+        }
+        Command::Evaluate { run, episodes } => {
+            ensure!(episodes > 0, "expected at least 1 episode, found 0");
+            let evaluation = crate::evaluate::evaluate(&RunFolder::new(run), episodes)?;
+            let text = serde_json::to_string(&evaluation)?;
+            Ok(writeln!(std::io::stdout(), "{text}")?)
+        }
+    }
+}

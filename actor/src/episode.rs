@@ -1,0 +1,136 @@
+//! One episode: an environment and whoever acts in it become one trajectory.
+
+use anyhow::{Context, Result};
+use bytes::Bytes;
+use environments::{Environment, Step};
+use protocol::seed::{self, Stream};
+use protocol::task::{ActionSpec, ObservationSpec, Spec};
+use protocol::trajectory::{Source, Trajectory};
+
+/// Which episode this is. With the policy's weights it decides every byte of the trajectory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EpisodeName {
+    /// Who acts, and what for.
+    pub source: Source,
+    /// Rollout it belongs to.
+    pub iteration: u64,
+    /// Environment stream.
+    pub lane: u64,
+    /// Number within the lane.
+    pub episode: u64,
+    /// Policy that acts; 0 for an expert.
+    pub policy_version: u64,
+    /// Seed of the run.
+    pub run_seed: u64,
+}
+
+/// An episode in progress. Its buffers live on from one episode of a lane to the next.
+pub struct Episode {
+    environment: Box<dyn Environment>,
+    spec: Spec,
+    name: EpisodeName,
+    actions: Stream,
+    observations: Vec<u8>,
+    taken: Vec<u8>,
+    log_probs: Vec<u8>,
+    rewards: Vec<u8>,
+}
+
+impl Episode {
+    /// Begins the named episode.
+    pub fn begin(environment: Box<dyn Environment>, name: EpisodeName) -> Result<Episode> {
+        let spec = environment.spec();
+        let (_, purpose) = name.source.purposes();
+        let mut episode = Episode {
+            environment,
+            spec,
+            name,
+            actions: seed::stream(name.run_seed, purpose, name.lane, name.episode),
+            observations: Vec::new(),
+            taken: Vec::new(),
+            log_probs: Vec::new(),
+            rewards: Vec::new(),
+        };
+        episode.begin_again(name)?;
+        Ok(episode)
+    }
+
+    /// Begins another episode in the same environment.
+    pub fn begin_again(&mut self, name: EpisodeName) -> Result<()> {
+        let (environment_purpose, action_purpose) = name.source.purposes();
+        self.name = name;
+        self.actions = seed::stream(name.run_seed, action_purpose, name.lane, name.episode);
+        self.taken.clear();
+        self.log_probs.clear();
+        self.rewards.clear();
+        self.observations.clear();
+        self.observations.resize(self.spec.observation.bytes(), 0);
+        let mut starts = seed::stream(name.run_seed, environment_purpose, name.lane, name.episode);
+        self.environment
+            .reset(&mut starts, &mut self.observations)
+            .with_context(|| format!("lane {} episode {}: reset", name.lane, name.episode))
+    }
+
+    /// The observation to act on.
+    pub fn observation(&self) -> &[u8] {
+        &self.observations[self.observations.len() - self.spec.observation.bytes()..]
+    }
+
+    /// The stream that this episode's actions are drawn from.
+    pub fn action_stream(&mut self) -> &mut Stream {
+        &mut self.actions
+    }
+
+    /// The action the task's scripted expert takes here; false where there is none.
+    pub fn expert_action(&mut self, action: &mut [u8]) -> bool {
+        self.environment.expert_action(action)
+    }
+
+    /// Acts. At the end of the episode the trajectory comes out.
+    pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
+        let start = self.observations.len();
+        self.observations.resize(start + self.spec.observation.bytes(), 0);
+        let step = self.environment.step(action, &mut self.observations[start..]);
+        let step = step.with_context(|| {
+            let EpisodeName { lane, episode, .. } = self.name;
+            format!("lane {lane} episode {episode} step {}", self.steps())
+        })?;
+        self.taken.extend(action);
+        self.log_probs.extend(log_prob.into_iter().flat_map(f32::to_le_bytes));
+        self.rewards.extend(step.reward.to_le_bytes());
+        Ok(step.ending.is_some().then(|| self.trajectory(step)))
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> usize {
+        self.rewards.len() / 4
+    }
+
+    fn trajectory(&self, last: Step) -> Trajectory {
+        let copy = |bytes: &[u8], wanted: bool| {
+            if wanted { Bytes::copy_from_slice(bytes) } else { Bytes::new() }
+        };
+        let grid = matches!(self.spec.observation, ObservationSpec::Cells { .. });
+        let discrete = matches!(self.spec.action, ActionSpec::Discrete { .. });
+        Trajectory {
+            task: self.spec.task.name().to_owned(),
+            source: self.name.source as i32,
+            iteration: self.name.iteration,
+            lane: self.name.lane,
+            episode: self.name.episode,
+            policy_version: self.name.policy_version,
+            run_seed: self.name.run_seed,
+            steps: self.steps() as u32,
+            observation_shape: self.spec.observation.shape(),
+            cells: copy(&self.observations, grid),
+            values: copy(&self.observations, !grid),
+            discrete_actions: copy(&self.taken, discrete),
+            continuous_actions: copy(&self.taken, !discrete),
+            log_probs: copy(&self.log_probs, true),
+            environment_rewards: copy(&self.rewards, true),
+            ending: last.ending.map_or(0, |ending| ending as i32),
+            success: last.success,
+            state_hash: self.environment.state_hash(),
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! `goalward evaluate`: a checkpoint's policy acts on evaluation seeds, and its episodes are kept.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use environments::Setting;
+use protocol::config::RunConfig;
+use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use protocol::messages::Lease;
+use protocol::run::{POLICY_FILE, RunFolder};
+use protocol::trajectory::{Encoded, Source, Trajectory};
+use protocol::weights::Weights;
+use serde::Serialize;
+
+use crate::lane::Lane;
+use crate::policy::Policy;
+
+/// What an evaluation found, as it is printed.
+#[derive(Debug, Serialize)]
+pub struct Evaluation {
+    /// Episodes run.
+    pub episodes: u64,
+    /// Share of them that reached the goal.
+    pub success_rate: f64,
+    /// Mean length of an episode.
+    pub mean_steps: f64,
+    /// Updates the policy has had.
+    pub policy_version: u64,
+    /// Where the episodes are.
+    pub file: PathBuf,
+}
+
+/// Runs evaluation episodes with the newest checkpoint of a run: the same ones, in the same lanes,
+/// that the run itself ends with, and more of them if asked.
+pub fn evaluate(folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
+    let config = folder.config()?;
+    let (_, checkpoint) = folder.newest_checkpoint().with_context(|| {
+        format!("expected a checkpoint in {}, found none", folder.checkpoints().display())
+    })?;
+    let weights = Weights::load(&checkpoint.join(POLICY_FILE))?;
+    let trajectories = act(&config, &weights, episodes)?;
+    let file = record(folder, &config, &weights, &trajectories)?;
+    let count = trajectories.len() as f64;
+    let reached = trajectories.iter().filter(|trajectory| trajectory.success).count();
+    let steps: u64 = trajectories.iter().map(|trajectory| u64::from(trajectory.steps)).sum();
+    Ok(Evaluation {
+        episodes,
+        success_rate: reached as f64 / count,
+        mean_steps: steps as f64 / count,
+        policy_version: weights.version,
+        file,
+    })
+}
+
+fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Trajectory>> {
+    let mut policy = Policy::new(config);
+    let version = policy.version(weights)?;
+    let lanes = config.rollout.lanes.min(episodes);
+    let begin = |lane| {
+        let lease = Lease {
+            source: Source::Evaluation as i32,
+            iteration: weights.version,
+            lane,
+            policy_version: weights.version,
+            first_episode: 0,
+            steps_owed: 0,
+            episodes_owed: episodes / lanes + u64::from(lane < episodes % lanes),
+        };
+        Lane::begin(lease, config.task, &Setting::default(), config.seed)
+    };
+    let mut lanes = (0..lanes).map(begin).collect::<Result<Vec<_>>>()?;
+    let mut trajectories = Vec::new();
+    while !lanes.is_empty() {
+        trajectories.extend(policy.step(&version, &mut lanes, config.evaluation.actions)?);
+        lanes.retain(|lane| !lane.is_done());
+    }
+    trajectories.sort_by_key(|trajectory| (trajectory.lane, trajectory.episode));
+    Ok(trajectories)
+}
+
+fn record(
+    folder: &RunFolder,
+    config: &RunConfig,
+    weights: &Weights,
+    trajectories: &[Trajectory],
+) -> Result<PathBuf> {
+    let name = format!("evaluation-v{:06}-{}.mcap", weights.version, trajectories.len());
+    let file = folder.path().join(name);
+    if file.exists() {
+        std::fs::remove_file(&file)?;
+    }
+    let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed)
+        .with("config", config.to_text());
+    let mut writer = FileWriter::create(&file, &metadata, &[Topic::EvaluationTrajectory])?;
+    for (number, trajectory) in trajectories.iter().enumerate() {
+        writer.trajectory(&Encoded::encode(trajectory.clone()), number as u64)?;
+    }
+    writer.seal()?;
+    Ok(file)
+}

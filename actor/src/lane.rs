@@ -1,0 +1,54 @@
+//! A lease at work: one lane's episodes, one after another, until what is owed has been run.
+
+use anyhow::Result;
+use environments::Setting;
+use protocol::messages::Lease;
+use protocol::task::Task;
+use protocol::trajectory::{Source, Trajectory};
+
+use crate::episode::{Episode, EpisodeName};
+
+/// A lease at work.
+pub struct Lane {
+    /// What was granted.
+    pub lease: Lease,
+    steps_owed: u64,
+    episodes_owed: u64,
+    name: EpisodeName,
+    /// The episode in progress.
+    pub episode: Episode,
+}
+
+impl Lane {
+    /// Begins the first episode of a lease.
+    pub fn begin(lease: Lease, task: Task, setting: &Setting, run_seed: u64) -> Result<Lane> {
+        let name = EpisodeName {
+            source: Source::try_from(lease.source)?,
+            iteration: lease.iteration,
+            lane: lease.lane,
+            episode: lease.first_episode,
+            policy_version: lease.policy_version,
+            run_seed,
+        };
+        let episode = Episode::begin(environments::create(task, setting)?, name)?;
+        let Lease { steps_owed, episodes_owed, .. } = lease;
+        Ok(Lane { lease, steps_owed, episodes_owed, name, episode })
+    }
+
+    /// Acts. Gives the trajectory an episode ended with; the next one has begun if one is owed.
+    pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
+        let Some(trajectory) = self.episode.step(action, log_prob)? else { return Ok(None) };
+        self.steps_owed = self.steps_owed.saturating_sub(u64::from(trajectory.steps));
+        self.episodes_owed = self.episodes_owed.saturating_sub(1);
+        if !self.is_done() {
+            self.name.episode += 1;
+            self.episode.begin_again(self.name)?;
+        }
+        Ok(Some(trajectory))
+    }
+
+    /// Whether everything owed has been run.
+    pub fn is_done(&self) -> bool {
+        self.steps_owed == 0 && self.episodes_owed == 0
+    }
+}

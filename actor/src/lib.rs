@@ -1,0 +1,12 @@
+//! The actor: acts in environments and publishes trajectories; owns no learning.
+//!
+//! [`rollout`] is the process of a training run, [`demonstrate`] and [`evaluate`] work without a
+//! bus. [`episode`] and [`lane`] turn a lease into trajectories, [`policy`] chooses the actions.
+
+pub mod cli;
+pub mod demonstrate;
+pub mod episode;
+pub mod evaluate;
+pub mod lane;
+pub mod policy;
+pub mod rollout;

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# Builds Goalward and trains: one command from a fresh clone to a policy.
+#
+#   deploy/run_local.sh [TASK] [flags of `goalward train`]
+#
+# Runs from any folder; the run lies in runs/ of the folder it is called from.
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+
+say() { printf 'run_local: %s\n' "$*" >&2; }
+refuse() { say "$*"; exit 2; }
+
+usage() {
+    cat <<'USAGE'
+Builds Goalward (release) and trains on this machine.
+
+Usage: deploy/run_local.sh [TASK] [flags]
+
+TASK is navigation (the default). Without flags: 1,500,000 steps at 50 % coverage.
+Everything is passed on to `goalward train`; its most used flags:
+
+  --preset goalward|paper|authors   values to begin with
+  --steps N                         environment steps to train for
+  --coverage X                      part of starts and goals in the demonstrations
+  --seed N                          seed of every random stream
+  --actors N                        actor processes; never changes the result
+  --run DIR                         folder of the run (default: next free runs/TASK-NUMBER)
+  --resume --run DIR                continue a run
+  --set KEY=VALUE                   change any key of deploy/tasks/TASK.toml
+
+All of them: deploy/run_local.sh --all-flags
+USAGE
+}
+
+check_machine() {
+    command -v cargo >/dev/null || refuse \
+        "expected cargo, found none: install Rust from https://rustup.rs" \
+        "(curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh) and open a new shell"
+    command -v cc >/dev/null || refuse \
+        "expected a C compiler, found no cc: install one (Debian and Ubuntu: apt install build-essential)"
+    [ "$(uname -s)" = Linux ] || refuse "expected Linux, found $(uname -s)"
+    if [ "$(uname -m)" = x86_64 ] && ! grep -qm1 '^flags.*\bavx2\b' /proc/cpuinfo; then
+        refuse "expected a processor with AVX2 and FMA (x86-64-v3, since 2013), found none:" \
+            "remove target-cpu from .cargo/config.toml to build without"
+    fi
+}
+
+# The folder cargo builds into, which users can move.
+target_folder() {
+    cargo metadata --format-version 1 --no-deps --locked |
+        sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p'
+}
+
+build() {
+    if [ -x "$1/release/goalward" ]; then
+        say "bringing the build up to date (release)"
+    else
+        say "building Goalward (release); this takes a few minutes the first time"
+    fi
+    local quiet=()
+    [ -t 2 ] || quiet=(--quiet)
+    cargo build "${quiet[@]}" --release --locked \
+        --bin goalward --bin goalward-actor --bin goalward-learner --bin goalward-proximity-service
+}
+
+for argument in "$@"; do
+    case $argument in
+        -h | --help) usage; exit 0 ;;
+    esac
+done
+
+check_machine
+# Cargo reads its settings (.cargo/config.toml) from the folder it is called in.
+target=$(cd "$root" && target_folder)
+(cd "$root" && build "$target") || { say "the build failed"; exit 1; }
+[ "${1:-}" != --all-flags ] || exec "$target/release/goalward" train --help
+exec "$target/release/goalward" train "$@"

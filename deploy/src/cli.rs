@@ -1,0 +1,91 @@
+//! The command line: the verbs of `goalward`.
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+
+use crate::commands::{demonstrate, evaluate, log, status, train};
+
+/// Trains policies from demonstrations without actions, by goal proximity.
+#[derive(Debug, Parser)]
+#[command(name = "goalward", version, max_term_width = 100)]
+struct CommandLine {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Train a policy: record demonstrations, start all processes, show progress.
+    Train(train::Arguments),
+    /// Say how a run stands, whether it is live, finished or stopped.
+    Status(status::Arguments),
+    /// Let a task's expert record demonstrations.
+    Demonstrate(demonstrate::Arguments),
+    /// Run episodes with a run's newest policy.
+    Evaluate(evaluate::Arguments),
+    /// Look into recorded files, or repair what a crash left.
+    #[command(subcommand)]
+    Log(log::Verb),
+}
+
+/// Reads the command line and does what it says; a command line that says nothing sensible ends
+/// the process with exit code 2.
+pub(crate) fn run() -> Result<ExitCode> {
+    match CommandLine::parse().verb {
+        Verb::Train(arguments) => train::run(arguments),
+        Verb::Status(arguments) => status::run(&arguments),
+        Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
+        Verb::Evaluate(arguments) => evaluate::run(&arguments),
+        Verb::Log(verb) => log::run(&verb),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        CommandLine::command().debug_assert();
+    }
+
+    #[test]
+    fn the_documented_lines_are_understood() {
+        for line in [
+            "goalward train navigation --preset paper --method goal-proximity --seed 3 --steps 9 \
+             --coverage 0.25 --actors 4 --demonstrations d.mcap --run r --set ppo.clip=0.3",
+            "goalward train",
+            "goalward train --resume --run r",
+            "goalward status r",
+            "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
+            "goalward evaluate r --episodes 100",
+            "goalward log info r",
+            "goalward log repair a.mcap b.mcap",
+        ] {
+            CommandLine::try_parse_from(line.split_whitespace()).unwrap();
+        }
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        for line in [
+            "goalward",
+            "goalward fly",
+            "goalward train chess",
+            "goalward train --steps -5",
+            "goalward train --seed one",
+            "goalward train --wings 2",
+            "goalward demonstrate navigation --out d.mcap",
+            "goalward demonstrate navigation --episodes 0 --out d.mcap",
+            "goalward demonstrate navigation --episodes 1 --coverage 0 --out d.mcap",
+            "goalward log info",
+        ] {
+            let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{line}: {error}");
+        }
+    }
+}

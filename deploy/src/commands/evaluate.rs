@@ -1,0 +1,82 @@
+//! `goalward evaluate`: runs episodes with a run's newest policy.
+//!
+//! The actor does it and prints its figures as JSON; this shows them to people.
+
+use std::path::PathBuf;
+use std::process::{ExitCode, Stdio};
+
+use anyhow::{Context, Result};
+use protocol::run::RunFolder;
+use serde::Deserialize;
+
+use crate::figures;
+use crate::programs::{self, Program};
+use crate::progress::print_line;
+
+/// Flags of `goalward evaluate`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Episodes to run; by default as many as at the end of training.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    episodes: Option<u64>,
+}
+
+/// What the actor says.
+#[derive(Debug, Deserialize)]
+struct Evaluation {
+    episodes: u64,
+    success_rate: f64,
+    mean_steps: f64,
+    policy_version: u64,
+    file: PathBuf,
+}
+
+/// Evaluates a run; the exit code is that of the actor.
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let folder = RunFolder::new(&arguments.run);
+    let config = folder.config()?;
+    let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
+    let ended = Program::Actor
+        .command()?
+        .arg("evaluate")
+        .arg("--run")
+        .arg(folder.path())
+        .args(["--episodes", &episodes.to_string()])
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .context("starting the evaluation")?;
+    if ended.status.success() {
+        let evaluation = serde_json::from_slice(&ended.stdout)
+            .context("reading the figures of the evaluation")?;
+        print_line(table(&evaluation).trim_end());
+    }
+    Ok(programs::exit_code(ended.status))
+}
+
+fn table(evaluation: &Evaluation) -> String {
+    let Evaluation { episodes, success_rate, mean_steps, policy_version, file } = evaluation;
+    let success = figures::percent(*success_rate, 1);
+    figures::table(&[
+        ("success", format!("{success} of {} episodes", figures::count(*episodes))),
+        ("steps per episode", figures::loss(*mean_steps)),
+        ("policy", format!("version {policy_version}, {}", file.display())),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_actors_figures_become_a_table() {
+        let text = r#"{"episodes": 200, "success_rate": 0.965, "mean_steps": 14.25,
+            "policy_version": 367, "file": "r/checkpoints/000367/policy.safetensors"}"#;
+        let table = table(&serde_json::from_str(text).unwrap());
+        for part in ["96.5 % of 200 episodes", "14.250", "version 367, r/checkpoints/000367"] {
+            assert!(table.contains(part), "expected {part} in\n{table}");
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! `goalward log info` and `goalward log repair`: what recorded files hold, and sealing those that
+//! a crash left.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Result;
+use protocol::bus::BusAddress;
+use protocol::log::{self, log_files};
+use protocol::run::RunFolder;
+
+use crate::plan;
+use crate::progress::print_line;
+use crate::refusal::{Refusal, wrong_usage};
+
+/// The verbs of `goalward log`.
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum Verb {
+    /// Say what files hold and whether they are whole; exit code 3 if one is damaged.
+    Info(Arguments),
+    /// Seal files that a crash or a bad disk left; exit code 3 if something in them is lost.
+    Repair(Arguments),
+}
+
+/// Flags of both.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// MCAP files, or folders of runs.
+    #[arg(required = true, value_name = "FILE|RUN")]
+    files: Vec<PathBuf>,
+}
+
+/// Does what the verb says to every file.
+pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
+    match verb {
+        Verb::Info(arguments) => each(arguments, info),
+        Verb::Repair(arguments) => each(arguments, repair),
+    }
+}
+
+/// Goes through all files, the damaged ones too, before it says that data is lost.
+fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<ExitCode> {
+    let mut lost = Vec::new();
+    for file in files_of(&arguments.files)? {
+        if treat(&file)? {
+            lost.push(file.display().to_string());
+        }
+    }
+    if lost.is_empty() {
+        return Ok(ExitCode::SUCCESS);
+    }
+    Err(Refusal::DataLost(format!("not all that was recorded can be read: {}", lost.join(", ")))
+        .into())
+}
+
+fn info(file: &Path) -> Result<bool> {
+    let info = log::info(file).map_err(Refusal::usage)?;
+    print_line(&info.to_string());
+    Ok(info.ending.lost())
+}
+
+fn repair(file: &Path) -> Result<bool> {
+    refuse_if_written(file)?;
+    let repair = log::repair(file).map_err(Refusal::usage)?;
+    print_line(&repair.to_string());
+    Ok(!repair.damage.is_empty())
+}
+
+/// The files named, and those of the runs named.
+fn files_of(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in named {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let folder = RunFolder::new(path);
+        let folder = if folder.log().is_dir() { folder.log() } else { path.clone() };
+        let found = log_files(&folder).map_err(Refusal::usage)?;
+        if found.is_empty() {
+            return Err(wrong_usage(format!(
+                "expected files such as trajectories-00000.mcap, found none in {}",
+                folder.display()
+            )));
+        }
+        files.extend(found.into_iter().map(|file| file.path));
+    }
+    Ok(files)
+}
+
+/// A file that is being written must not be sealed under its writer's hands.
+fn refuse_if_written(file: &Path) -> Result<()> {
+    let run = file.parent().and_then(Path::parent).map(|path| match path.as_os_str() {
+        nothing if nothing.is_empty() => RunFolder::new("."),
+        _ => RunFolder::new(path),
+    });
+    let Some(folder) = run.filter(|folder| folder.config_file().exists()) else { return Ok(()) };
+    plan::lock(&folder)?;
+    if BusAddress::of_run(folder.path())?.is_anyone_alive()? {
+        let shown = folder.path().display();
+        return Err(wrong_usage(format!("processes of the run in {shown} are still alive")));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_run_stands_for_its_files() {
+        let directory = tempfile::tempdir().unwrap();
+        let log = RunFolder::new(directory.path()).log();
+        fs::create_dir(&log).unwrap();
+        let run = directory.path().to_owned();
+        assert!(files_of(std::slice::from_ref(&run)).is_err());
+        for name in ["updates-00000.mcap", "trajectories-00000.mcap.active", "notes.txt"] {
+            fs::write(log.join(name), "").unwrap();
+        }
+        let named = [run, PathBuf::from("other.mcap")];
+        let expected = [
+            log.join("trajectories-00000.mcap.active"),
+            log.join("updates-00000.mcap"),
+            PathBuf::from("other.mcap"),
+        ];
+        assert_eq!(files_of(&named).unwrap(), expected);
+    }
+}

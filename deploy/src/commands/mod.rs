@@ -1,0 +1,7 @@
+//! The verbs of `goalward`, one file each.
+
+pub(crate) mod demonstrate;
+pub(crate) mod evaluate;
+pub(crate) mod log;
+pub(crate) mod status;
+pub(crate) mod train;

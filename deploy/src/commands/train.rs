@@ -1,0 +1,197 @@
+//! `goalward train`: a run from its first check to its last table.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use protocol::bus::check_shared_memory_room;
+use protocol::config::RunConfig;
+use protocol::log::require_room;
+use protocol::run::RunFolder;
+use protocol::task::Task;
+
+use crate::plan::{Plan, Wishes};
+use crate::progress::{ProgressView, print_line};
+use crate::summary::Summary;
+use crate::supervisor::{Outcome, supervise};
+use crate::{demonstrations, figures, programs};
+
+/// What a run's folder can grow by, with room to spare.
+const DISK_BYTES: u64 = 500 << 20;
+
+/// What the bus of a run can take of shared memory.
+const SHARED_MEMORY_BYTES: u64 = 300 << 20;
+
+/// Flags of `goalward train`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Task: navigation (the default).
+    task: Option<Task>,
+    /// Values to begin with: goalward (our best, the default), paper (its tables) or authors (what
+    /// produced their curves).
+    #[arg(long)]
+    preset: Option<String>,
+    /// Method: goal-proximity or environment-reward.
+    #[arg(long)]
+    method: Option<String>,
+    /// Seed of every random stream.
+    #[arg(long, allow_negative_numbers = true)]
+    seed: Option<u64>,
+    /// Environment steps to train for.
+    #[arg(long, allow_negative_numbers = true)]
+    steps: Option<u64>,
+    /// Part of starts and goals that demonstrations may use, above 0 and at most 1.
+    #[arg(long, allow_negative_numbers = true)]
+    coverage: Option<f64>,
+    /// Actor processes; their number never changes the result.
+    #[arg(long, allow_negative_numbers = true)]
+    actors: Option<u64>,
+    /// Demonstrations to learn from; without it the task's expert records some.
+    #[arg(long, value_name = "FILE.mcap")]
+    demonstrations: Option<PathBuf>,
+    /// Folder of the run; by default the next free runs/TASK-NUMBER.
+    #[arg(long, value_name = "DIR")]
+    run: Option<PathBuf>,
+    /// Changes any key of the task's file, such as ppo.clip=0.3; can be given again.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Continues the run in --run DIR from its newest checkpoint.
+    #[arg(long)]
+    resume: bool,
+}
+
+impl Arguments {
+    fn wishes(self) -> Wishes {
+        let flags = [
+            self.method.map(|method| format!("method={method}")),
+            self.seed.map(|seed| format!("seed={seed}")),
+            self.steps.map(|steps| format!("steps={steps}")),
+            // The debug form always has a decimal point, as TOML wants it.
+            self.coverage.map(|coverage| format!("demonstrations.coverage={coverage:?}")),
+            self.actors.map(|actors| format!("resources.actors={actors}")),
+            self.demonstrations.map(|file| {
+                format!("demonstrations.file={:?}", file.to_string_lossy().into_owned())
+            }),
+        ];
+        let settings = flags.into_iter().flatten().chain(self.settings).collect();
+        Wishes { task: self.task, preset: self.preset, settings, folder: self.run }
+    }
+}
+
+/// Trains a run to its end, or until the user stops it.
+pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
+    let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
+    let plan = begin(arguments.wishes())?;
+    if let Some(summary) = Summary::of_run(&plan.folder)? {
+        print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
+        print_end(&plan.folder, &summary);
+        return Ok(ExitCode::SUCCESS);
+    }
+    check(&plan)?;
+    let _lock = plan.lay_out()?;
+    print_start(&plan);
+
+    let mut view = ProgressView::new();
+    let outcome = prepare_and_supervise(&plan, &mut view);
+    view.finish();
+    match outcome? {
+        Outcome::Finished => {
+            let summary = Summary::of_run(&plan.folder)?;
+            print_end(&plan.folder, &summary.context("the learner left no summary")?);
+        }
+        Outcome::Stopped => print_how_to_resume(&plan.folder),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Everything that can be known to be wrong before the run has a folder.
+fn check(plan: &Plan) -> Result<()> {
+    programs::check_all()?;
+    if let Some(file) = &plan.config.demonstrations.file {
+        demonstrations::check(file, &plan.config)?;
+    }
+    require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;
+    Ok(check_shared_memory_room(SHARED_MEMORY_BYTES)?)
+}
+
+fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
+    let Plan { folder, config, .. } = plan;
+    if config.demonstrations.file.is_none() && !folder.demonstrations_file().exists() {
+        let episodes = figures::count(config.demonstrations.episodes);
+        view.activity(&format!("recording {episodes} demonstrations"));
+        demonstrations::record_for_run(folder, config)?;
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .context("starting the supervisor")?;
+    runtime.block_on(supervise(folder, config, view))
+}
+
+/// The deepest folder on the way to `path` that exists.
+fn existing_part(path: &Path) -> PathBuf {
+    let existing = path.ancestors().find(|part| part.is_dir());
+    existing.unwrap_or(Path::new(".")).to_owned()
+}
+
+fn print_start(plan: &Plan) {
+    let RunConfig { task, preset, seed, steps, resources, .. } = &plan.config;
+    print_line(&format!(
+        "{} {task} in {}: preset {preset}, seed {seed}, {} steps, {} actors",
+        if plan.resumed { "continuing" } else { "training" },
+        plan.folder.path().display(),
+        figures::count(*steps),
+        resources.actors,
+    ));
+}
+
+fn print_end(folder: &RunFolder, summary: &Summary) {
+    let (goalward, shown) = (programs::own_command(), folder.path().display());
+    print_line(&format!(
+        "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
+         next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
+        summary.table()
+    ));
+}
+
+fn print_how_to_resume(folder: &RunFolder) {
+    let (goalward, shown) = (programs::own_command(), folder.path().display());
+    print_line(&format!(
+        "stopped; the run is in {shown}. Continue it with either of\n  \
+         deploy/run_local.sh --resume --run {shown}\n  {goalward} train --resume --run {shown}"
+    ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_become_settings() {
+        let arguments = Arguments {
+            task: None,
+            preset: None,
+            method: Some("environment-reward".to_owned()),
+            seed: Some(3),
+            steps: Some(10_000),
+            coverage: Some(1.0),
+            actors: Some(4),
+            demonstrations: None,
+            run: None,
+            settings: vec!["ppo.clip=0.3".to_owned()],
+            resume: false,
+        };
+        let settings = arguments.wishes().settings;
+        let text = crate::tasks::file_of(Task::Navigation);
+        let config = RunConfig::assemble(text, "goalward", &settings).unwrap();
+        assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
+        assert_eq!((config.demonstrations.coverage, config.ppo.clip), (1.0, 0.3));
+    }
+
+    #[test]
+    fn room_is_asked_for_where_the_folder_will_be() {
+        let directory = tempfile::tempdir().unwrap();
+        assert_eq!(existing_part(&directory.path().join("a/b")), directory.path());
+        assert_eq!(existing_part(Path::new("surely/not/there")), Path::new("."));
+    }
+}

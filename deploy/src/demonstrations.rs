@@ -1,0 +1,119 @@
+//! The demonstrations of a run: a file of the user's is checked before anything is begun, one that
+//! is not given is recorded by the task's expert.
+
+use std::io;
+use std::path::Path;
+use std::process::{Command, ExitStatus, Stdio};
+
+use anyhow::{Context, Result, bail};
+use protocol::config::RunConfig;
+use protocol::log::{FileReader, Kind, Record};
+use protocol::run::RunFolder;
+use protocol::task::Task;
+use protocol::trajectory::Encoded;
+
+use crate::output::Output;
+use crate::programs::Program;
+use crate::refusal::{Refusal, wrong_usage};
+
+/// Demonstrations to be recorded.
+pub(crate) struct Recording<'a> {
+    pub(crate) task: Task,
+    pub(crate) episodes: u64,
+    pub(crate) coverage: f64,
+    pub(crate) seed: u64,
+    pub(crate) file: &'a Path,
+}
+
+/// Has an actor record demonstrations; `start` says where its output goes.
+///
+/// # Errors
+/// When the actor cannot start. How it ended is the caller's to judge.
+pub(crate) fn record(
+    recording: &Recording<'_>,
+    start: impl FnOnce(&mut Command) -> io::Result<ExitStatus>,
+) -> Result<ExitStatus> {
+    let Recording { task, episodes, coverage, seed, file } = recording;
+    let mut actor = Program::Actor.command()?;
+    actor
+        .args(["demonstrate", task.name()])
+        .args(["--episodes", &episodes.to_string()])
+        .args(["--coverage", &coverage.to_string()])
+        .args(["--seed", &seed.to_string()])
+        .arg("--out")
+        .arg(file)
+        .stdin(Stdio::null());
+    start(&mut actor).context("starting the expert")
+}
+
+/// Has demonstrations recorded into a run's folder.
+///
+/// # Errors
+/// When the expert fails; with its last words.
+pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<()> {
+    let file = folder.demonstrations_file();
+    // What an interrupted start left; a whole file has no such ending.
+    let unfinished = file.with_extension("mcap.active");
+    if unfinished.exists() {
+        std::fs::remove_file(&unfinished)
+            .with_context(|| format!("removing {}", unfinished.display()))?;
+    }
+    let recording = Recording {
+        task: config.task,
+        episodes: config.demonstrations.episodes,
+        coverage: config.demonstrations.coverage,
+        seed: config.seed,
+        file: &file,
+    };
+    let output = Output::of(folder, "demonstrations");
+    let (stdout, stderr) = (output.open()?, output.open()?);
+    let status = record(&recording, |actor| {
+        actor.env("NO_COLOR", "1").stdout(stdout).stderr(stderr).status()
+    })?;
+    if !status.success() {
+        bail!("recording demonstrations failed ({status}); {}", output.last_lines());
+    }
+    Ok(())
+}
+
+/// Checks that a file has the demonstrations a run needs.
+///
+/// # Errors
+/// Of wrong usage, when it is missing, damaged, of another task or shape, or too short.
+pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
+    let shown = file.display();
+    let mut reader = FileReader::open(file).map_err(Refusal::usage)?;
+    let metadata = reader.metadata();
+    if metadata.kind != Kind::Demonstrations {
+        return Err(wrong_usage(format!(
+            "{shown}: expected demonstrations, found the log of a run"
+        )));
+    }
+    let (expected, found) = (config.task.name(), metadata.get("task").unwrap_or("none"));
+    if found != expected {
+        return Err(wrong_usage(format!(
+            "{shown}: expected demonstrations of the task {expected}, found {found}"
+        )));
+    }
+    let spec = config.task.spec();
+    let mut episodes = 0;
+    for entry in reader.by_ref() {
+        let Record::Trajectory(bytes) = entry.map_err(Refusal::usage)?.record else { continue };
+        Encoded::decode(bytes, &spec)
+            .map_err(|error| wrong_usage(format!("{shown}: demonstration {episodes}: {error}")))?;
+        episodes += 1;
+    }
+    if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
+        return Err(wrong_usage(format!(
+            "{shown}: {ending}; `goalward log repair` keeps what is readable"
+        )));
+    }
+    let wanted = config.demonstrations.episodes;
+    if episodes < wanted {
+        return Err(wrong_usage(format!(
+            "{shown}: expected at least {wanted} demonstrations, found {episodes} (fewer are \
+             asked for with --set demonstrations.episodes={episodes})"
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! The command `goalward`: what users type, and what watches over a run's processes.
+//!
+//! It stands beside the data's way, not in it: no trajectory, score or weight passes through here.
+//! It lays out the folder of a run, starts the actors, the learner and the proximity service as
+//! processes of their own, starts again what dies, and shows the progress that the learner
+//! publishes. If it dies, they notice and stop; `goalward train --resume` goes on.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `cli`, `commands` | the verbs, one file each |
+//! | `plan` | which run is trained: a new folder or one that is continued |
+//! | `demonstrations` | checks a file of demonstrations, or has one recorded |
+//! | `supervisor` | the processes of a run, from start to end |
+//! | `progress` | the progress line, on a terminal and in a pipe |
+//! | `output` | what the processes print |
+//! | `summary` | figures of a finished run |
+//! | `figures` | how numbers are written |
+//! | `refusal` | exit codes |
+
+mod cli;
+mod commands;
+mod demonstrations;
+mod figures;
+mod output;
+mod plan;
+mod programs;
+mod progress;
+mod refusal;
+mod summary;
+mod supervisor;
+mod tasks;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+/// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
+/// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
+/// after wrong usage and 3 if it finished but data was lost.
+pub fn main() -> ExitCode {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    match cli::run() {
+        Ok(code) => code,
+        Err(error) => {
+            writeln!(std::io::stderr(), "goalward: {error:#}").ok();
+            refusal::exit_code(&error)
+        }
+    }
+}

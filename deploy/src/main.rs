@@ -1,0 +1,7 @@
+//! The command `goalward`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    deploy::main()
+}

@@ -1,0 +1,83 @@
+//! What the processes of a run print: one file each in the run's `output` folder, appended to.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom};
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use protocol::run::RunFolder;
+
+/// Lines quoted when a process has failed.
+const QUOTED_LINES: usize = 8;
+
+/// How far back they are looked for, bytes.
+const QUOTED_BYTES: u64 = 8 << 10;
+
+/// Where a process prints to.
+#[derive(Clone, Debug)]
+pub(crate) struct Output {
+    path: PathBuf,
+}
+
+impl Output {
+    /// The output of the process called `name`.
+    pub(crate) fn of(folder: &RunFolder, name: &str) -> Self {
+        Output { path: folder.output().join(format!("{name}.log")) }
+    }
+
+    /// Opens the file for appending.
+    ///
+    /// # Errors
+    /// When it cannot be created.
+    pub(crate) fn open(&self) -> Result<File> {
+        let opened = OpenOptions::new().create(true).append(true).open(&self.path);
+        opened.with_context(|| format!("opening {}", self.path.display()))
+    }
+
+    /// The last lines for an error message: where they are, then each on a line of its own.
+    pub(crate) fn last_lines(&self) -> String {
+        let shown = self.path.display();
+        match self.end() {
+            Ok(end) if end.trim().is_empty() => format!("it printed nothing to {shown}"),
+            Ok(end) => {
+                let lines: Vec<_> = end.lines().filter(|line| !line.trim().is_empty()).collect();
+                let quoted = &lines[lines.len().saturating_sub(QUOTED_LINES)..];
+                format!("the end of {shown}:\n    {}", quoted.join("\n    "))
+            }
+            Err(error) => format!("{shown} cannot be read: {error}"),
+        }
+    }
+
+    fn end(&self) -> std::io::Result<String> {
+        let mut file = File::open(&self.path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(QUOTED_BYTES)))?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes)?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    #[test]
+    fn the_last_lines_are_quoted() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::create_dir(folder.output()).unwrap();
+        let output = Output::of(&folder, "learner");
+        assert!(output.last_lines().contains("cannot be read"));
+        let mut file = output.open().unwrap();
+        assert!(output.last_lines().contains("printed nothing"));
+        for number in 0..2000 {
+            writeln!(file, "line {number}").unwrap();
+        }
+        let quoted = output.last_lines();
+        assert!(quoted.ends_with("    line 1998\n    line 1999"), "{quoted}");
+        assert_eq!(quoted.lines().count(), 1 + QUOTED_LINES);
+    }
+}

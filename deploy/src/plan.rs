@@ -1,0 +1,255 @@
+//! Which run is trained: a new one in a folder of its own, or one that is continued.
+//!
+//! Everything is checked before anything is written, so that a refusal leaves no trace.
+
+use std::fs::{self, File, TryLockError};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::run::RunFolder;
+use protocol::task::Task;
+
+use crate::refusal::{Refusal, wrong_usage};
+use crate::tasks;
+
+/// Where runs go that were given no folder.
+const RUNS: &str = "runs";
+
+/// What the command line says about the run.
+pub(crate) struct Wishes {
+    /// The task; the default task where it is not given.
+    pub(crate) task: Option<Task>,
+    /// The preset; the default preset where it is not given.
+    pub(crate) preset: Option<String>,
+    /// Changes to the configuration, each `key=value`.
+    pub(crate) settings: Vec<String>,
+    /// The run's folder; a new one where it is not given.
+    pub(crate) folder: Option<PathBuf>,
+}
+
+/// A run that can start.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    /// Its folder, which need not exist yet.
+    pub(crate) folder: RunFolder,
+    /// Its effective configuration.
+    pub(crate) config: RunConfig,
+    /// Whether the folder holds it already.
+    pub(crate) resumed: bool,
+}
+
+impl Plan {
+    /// A new run.
+    ///
+    /// # Errors
+    /// When the configuration is not sound, or the folder is not free.
+    pub(crate) fn new_run(wishes: Wishes) -> Result<Plan> {
+        let task = wishes.task.unwrap_or(Task::Navigation);
+        let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
+        let config = RunConfig::assemble(tasks::file_of(task), preset, &wishes.settings)?;
+        let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), task));
+        let folder = RunFolder::new(path);
+        refuse_unless_free(&folder)?;
+        Ok(Plan { folder, config: with_absolute_paths(config)?, resumed: false })
+    }
+
+    /// A run that is continued: its configuration is the one in its folder. Only what changes no
+    /// result can be changed.
+    ///
+    /// # Errors
+    /// When the folder holds no run, or a wish would change what comes out.
+    pub(crate) fn resumed_run(wishes: Wishes) -> Result<Plan> {
+        let path = wishes
+            .folder
+            .ok_or_else(|| wrong_usage("expected the run to continue: --resume needs --run DIR"))?;
+        let folder = RunFolder::new(path);
+        let old = folder.config()?;
+        let refuse = |wish: &str| {
+            let shown = folder.path().display();
+            wrong_usage(format!(
+                "{wish} would change the result of the run in {shown}, which can only be \
+                 continued as it began; start a new run instead"
+            ))
+        };
+        if wishes.task.is_some_and(|task| task != old.task) {
+            return Err(refuse("another task"));
+        }
+        if wishes.preset.is_some_and(|preset| preset != old.preset) {
+            return Err(refuse("another preset"));
+        }
+        for setting in &wishes.settings {
+            if !changed(&old, std::slice::from_ref(setting))?.same_result_as(&old) {
+                return Err(refuse(setting));
+            }
+        }
+        let config = changed(&old, &wishes.settings)?;
+        Ok(Plan { folder, config, resumed: true })
+    }
+
+    /// Makes the folder, takes its lock and writes the configuration into it.
+    ///
+    /// # Errors
+    /// When another `goalward train` has the folder, or the disk does not take the files.
+    pub(crate) fn lay_out(&self) -> Result<File> {
+        let failed = || format!("laying out the run in {}", self.folder.path().display());
+        fs::create_dir_all(self.folder.path()).with_context(failed)?;
+        let lock = lock(&self.folder)?;
+        if !self.resumed {
+            // Between the first look and the lock somebody else may have been here.
+            refuse_unless_free(&self.folder)?;
+        }
+        fs::create_dir_all(self.folder.output()).with_context(failed)?;
+        let file = self.folder.config_file();
+        let unfinished = file.with_extension("toml.new");
+        fs::write(&unfinished, self.config.to_text()).with_context(failed)?;
+        fs::rename(&unfinished, &file).with_context(failed)?;
+        Ok(lock)
+    }
+}
+
+/// Keeps every other `goalward train` out of a run's folder for as long as the lock lives.
+///
+/// # Errors
+/// When another one is in it.
+pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
+    let shown = folder.path().display();
+    let lock = File::open(folder.path()).with_context(|| format!("opening {shown}"))?;
+    match lock.try_lock() {
+        Ok(()) => Ok(lock),
+        Err(TryLockError::WouldBlock) => {
+            Err(wrong_usage(format!("the run in {shown} is being trained right now")))
+        }
+        Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("locking {shown}")),
+    }
+}
+
+/// `old` with settings laid over it.
+fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
+    // The preset is laid out in the values already; only its name is to be kept.
+    let mut all = vec![format!("preset={:?}", old.preset)];
+    all.extend_from_slice(settings);
+    let config = RunConfig::assemble(&old.to_text(), DEFAULT_PRESET, &all)?;
+    with_absolute_paths(config)
+}
+
+/// A run can be continued from anywhere, so its configuration names no relative path.
+fn with_absolute_paths(mut config: RunConfig) -> Result<RunConfig> {
+    if let Some(file) = &mut config.demonstrations.file {
+        *file = file
+            .canonicalize()
+            .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
+    }
+    Ok(config)
+}
+
+fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
+    let path = folder.path();
+    let shown = path.display();
+    if folder.config_file().exists() {
+        return Err(wrong_usage(format!(
+            "{shown} already holds a run: continue it with --resume --run {shown}, or give \
+             another folder"
+        )));
+    }
+    match fs::read_dir(path) {
+        Ok(mut entries) => match entries.next() {
+            None => Ok(()),
+            Some(_) => Err(wrong_usage(format!(
+                "expected a new or an empty folder for the run, found files in {shown}"
+            ))),
+        },
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(error) => {
+            Err(Refusal::usage(anyhow::Error::from(error).context(format!("run folder {shown}")))
+                .into())
+        }
+    }
+}
+
+/// `RUNS/TASK-0001`, with the number behind the largest there is.
+fn next_free(runs: &Path, task: Task) -> PathBuf {
+    let entries = fs::read_dir(runs).into_iter().flatten().flatten();
+    let number =
+        |name: &str| name.strip_prefix(task.name())?.strip_prefix('-')?.parse::<u32>().ok();
+    let taken = entries.filter_map(|entry| number(entry.file_name().to_str()?));
+    let next = taken.max().map_or(1, |last| last.saturating_add(1));
+    runs.join(format!("{task}-{next:04}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wishes(folder: &Path, settings: &[&str]) -> Wishes {
+        Wishes {
+            task: None,
+            preset: None,
+            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
+            folder: Some(folder.to_owned()),
+        }
+    }
+
+    #[test]
+    fn run_names_count_up() {
+        let directory = tempfile::tempdir().unwrap();
+        let runs = directory.path().join("runs");
+        assert_eq!(next_free(&runs, Task::Navigation), runs.join("navigation-0001"));
+        for name in ["navigation-0001", "navigation-0007", "navigation-x", "other-0009"] {
+            fs::create_dir_all(runs.join(name)).unwrap();
+        }
+        assert_eq!(next_free(&runs, Task::Navigation), runs.join("navigation-0008"));
+    }
+
+    #[test]
+    fn nothing_is_overwritten() {
+        let directory = tempfile::tempdir().unwrap();
+        let plan = Plan::new_run(wishes(directory.path(), &["seed=3"])).unwrap();
+        plan.lay_out().unwrap();
+        assert_eq!(plan.folder.config().unwrap(), plan.config);
+        let message = Plan::new_run(wishes(directory.path(), &[])).unwrap_err().to_string();
+        assert!(message.contains("--resume"), "{message}");
+
+        let other = tempfile::tempdir().unwrap();
+        fs::write(other.path().join("thesis.txt"), "dear").unwrap();
+        let message = Plan::new_run(wishes(other.path(), &[])).unwrap_err().to_string();
+        assert!(message.contains("found files"), "{message}");
+        let file = other.path().join("thesis.txt");
+        assert!(Plan::new_run(wishes(&file, &[])).is_err());
+    }
+
+    #[test]
+    fn a_resumed_run_keeps_what_makes_its_result() {
+        let directory = tempfile::tempdir().unwrap();
+        let first = Wishes {
+            preset: Some("paper".to_owned()),
+            ..wishes(directory.path(), &["seed=3", "resources.actors=1"])
+        };
+        let first = Plan::new_run(first).unwrap();
+        first.lay_out().unwrap();
+
+        let same = ["seed=3", "resources.actors=4"];
+        let resumed = Plan::resumed_run(wishes(directory.path(), &same)).unwrap();
+        assert_eq!(resumed.config.resources.actors, 4);
+        assert_eq!(resumed.config.preset, "paper");
+        assert!(resumed.config.same_result_as(&first.config));
+
+        let other = Plan::resumed_run(wishes(directory.path(), &["ppo.clip=0.3"])).unwrap_err();
+        assert!(other.to_string().contains("ppo.clip=0.3 would change"), "{other}");
+        let preset = Wishes { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
+        assert!(Plan::resumed_run(preset).is_err());
+    }
+
+    #[test]
+    fn a_run_has_one_trainer() {
+        let directory = tempfile::tempdir().unwrap();
+        let plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        let rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        let held = plan.lay_out().unwrap();
+        assert!(rival.lay_out().unwrap_err().to_string().contains("being trained"));
+        assert!(lock(&plan.folder).unwrap_err().to_string().contains("being trained"));
+        drop(held);
+        lock(&plan.folder).unwrap();
+        assert!(rival.lay_out().unwrap_err().to_string().contains("already holds"));
+    }
+}

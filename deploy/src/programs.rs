@@ -1,0 +1,80 @@
+//! Where the programs of a run are: beside `goalward` itself.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, ExitStatus};
+
+use anyhow::{Context, Result, ensure};
+
+/// A program that `goalward` starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Program {
+    /// Acts: rollouts, demonstrations, evaluation.
+    Actor,
+    /// Learns the policy.
+    Learner,
+    /// Learns the reward.
+    ProximityService,
+}
+
+impl Program {
+    /// Every program.
+    pub(crate) const ALL: [Program; 3] =
+        [Program::Actor, Program::Learner, Program::ProximityService];
+
+    fn file_name(self) -> &'static str {
+        match self {
+            Program::Actor => "goalward-actor",
+            Program::Learner => "goalward-learner",
+            Program::ProximityService => "goalward-proximity-service",
+        }
+    }
+
+    /// A command that runs it, without arguments yet.
+    ///
+    /// # Errors
+    /// When it is not where it should be.
+    pub(crate) fn command(self) -> Result<Command> {
+        Ok(Command::new(self.path()?))
+    }
+
+    fn path(self) -> Result<PathBuf> {
+        let own = std::env::current_exe().context("finding the folder of goalward")?;
+        let path = own.with_file_name(self.file_name());
+        ensure!(
+            path.is_file(),
+            "expected the program {} beside goalward; build all programs with `cargo build \
+             --release`",
+            path.display()
+        );
+        Ok(path)
+    }
+}
+
+/// Checks that every program is there.
+///
+/// # Errors
+/// For the first that is missing.
+pub(crate) fn check_all() -> Result<()> {
+    Program::ALL.into_iter().try_for_each(|program| program.path().map(drop))
+}
+
+/// How the user can call `goalward` again from the same folder.
+pub(crate) fn own_command() -> String {
+    let own = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("goalward"));
+    shortest(&own).display().to_string()
+}
+
+/// A path as seen from the current folder, where that is shorter.
+fn shortest(path: &Path) -> PathBuf {
+    let current = std::env::current_dir();
+    let relative = current.ok().and_then(|current| path.strip_prefix(current).ok());
+    relative.unwrap_or(path).to_owned()
+}
+
+/// The exit code of a finished program, as our own; a program ended by a signal has failed.
+pub(crate) fn exit_code(status: ExitStatus) -> ExitCode {
+    match status.code().and_then(|code| u8::try_from(code).ok()) {
+        Some(code) => code.into(),
+        None => ExitCode::FAILURE,
+    }
+}

@@ -1,0 +1,269 @@
+//! The progress of a run as its user sees it: one line that updates itself on a terminal, plain
+//! lines now and then in a pipe. What it shows is what the learner publishes, see
+//! [`Progress`].
+
+use std::collections::VecDeque;
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use protocol::messages::{Phase, Progress};
+
+use crate::figures;
+
+/// Time between two lines in a pipe.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Wall time over which the pace is measured, seconds: several iterations, for steps arrive only
+/// during rollouts.
+const PACE_WINDOW_S: f64 = 20.0;
+
+/// Shows progress on standard output and remarks on standard error.
+pub(crate) struct ProgressView {
+    sink: Sink,
+    pace: Pace,
+    phase: Option<Phase>,
+}
+
+enum Sink {
+    Terminal(ProgressBar),
+    Pipe { last: Option<(Instant, u64)> },
+}
+
+impl ProgressView {
+    /// For a terminal if standard output is one, for a pipe otherwise.
+    pub(crate) fn new() -> Self {
+        let sink = if std::io::stdout().is_terminal() {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
+            bar.set_style(
+                ProgressStyle::with_template("{spinner} {wide_msg}")
+                    .expect("the template is well formed"),
+            );
+            Sink::Terminal(bar)
+        } else {
+            Sink::Pipe { last: None }
+        };
+        ProgressView { sink, pace: Pace::default(), phase: None }
+    }
+
+    /// Says what is going on while there are no figures yet.
+    pub(crate) fn activity(&mut self, text: &str) {
+        match &self.sink {
+            Sink::Terminal(bar) => bar.set_message(text.to_owned()),
+            Sink::Pipe { .. } => print_line(text),
+        }
+    }
+
+    /// Shows the newest figures; in a pipe only if a line is due.
+    pub(crate) fn show(&mut self, progress: &Progress) {
+        let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
+        let is_new_phase = self.phase.replace(phase) != Some(phase);
+        self.pace.add(progress.wall_s, progress.steps_received);
+        let line = line(progress, self.pace.per_second());
+        if is_new_phase && phase == Phase::DiskFull {
+            self.note("no room on the disk: the run waits and goes on when there is room again");
+        }
+        match &mut self.sink {
+            Sink::Terminal(bar) => bar.set_message(line),
+            Sink::Pipe { last } => {
+                let now = Instant::now();
+                let done = figures::percent_done(progress.steps_received, progress.steps_wanted);
+                let due = last.is_none_or(|(shown, tenth)| {
+                    now.duration_since(shown) >= LINE_EVERY || done / 10 > tenth
+                });
+                if due || is_new_phase {
+                    *last = Some((now, done / 10));
+                    print_line(&line);
+                }
+            }
+        }
+    }
+
+    /// Keeps the line alive between two messages.
+    pub(crate) fn tick(&self) {
+        if let Sink::Terminal(bar) = &self.sink {
+            bar.tick();
+        }
+    }
+
+    /// Prints a remark for people on standard error, above the line.
+    pub(crate) fn note(&self, text: &str) {
+        let print = || writeln!(std::io::stderr(), "goalward: {text}").ok();
+        match &self.sink {
+            Sink::Terminal(bar) => bar.suspend(print),
+            Sink::Pipe { .. } => print(),
+        };
+    }
+
+    /// Removes the line from the terminal.
+    pub(crate) fn finish(&self) {
+        if let Sink::Terminal(bar) = &self.sink {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Prints to standard output; nobody listening any more is no reason to end a run.
+pub(crate) fn print_line(text: &str) {
+    writeln!(std::io::stdout(), "{text}").ok();
+}
+
+/// The figures in one line, the most wanted first, for a narrow terminal cuts off its end.
+pub(crate) fn line(progress: &Progress, per_second: f64) -> String {
+    let received = progress.steps_received;
+    let Some(update) = &progress.update else {
+        return match Phase::try_from(progress.phase) {
+            Ok(Phase::Pretraining) => "training the proximity function offline".to_owned(),
+            _ => format!("first rollout: {} steps received", figures::count(received)),
+        };
+    };
+    let phase = match Phase::try_from(progress.phase) {
+        Ok(Phase::Pretraining) => "waiting for the proximity service  ",
+        Ok(Phase::Evaluating) => "evaluating  ",
+        Ok(Phase::DiskFull) => "WAITING FOR ROOM ON THE DISK  ",
+        Ok(Phase::Training | Phase::Finished) | Err(_) => "",
+    };
+    let wanted = progress.steps_wanted;
+    let seconds_left = wanted.saturating_sub(received) as f64 / per_second;
+    let proximity = progress.reward_update.as_ref().map_or(String::new(), |update| {
+        let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
+        format!("  proximity loss {}+{}", figures::loss(demonstrations), figures::loss(agent))
+    });
+    format!(
+        "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{proximity}  \
+         {} actors  {} leases",
+        figures::count(received),
+        figures::count(wanted),
+        figures::percent_done(received, wanted),
+        figures::percent(update.success_rate, 0),
+        figures::rate(per_second),
+        figures::duration(seconds_left),
+        figures::loss(update.approximate_kl),
+        figures::loss(update.value_loss),
+        progress.actors,
+        progress.leases,
+    )
+}
+
+/// How fast the run has been lately.
+#[derive(Default)]
+struct Pace {
+    /// Wall time in seconds and steps received by then, oldest first.
+    samples: VecDeque<(f64, u64)>,
+}
+
+impl Pace {
+    fn add(&mut self, wall_s: f64, steps: u64) {
+        // A restarted learner goes back to its checkpoint: what was measured before does not count.
+        let goes_on = |&(last_s, last_steps): &(f64, u64)| wall_s >= last_s && steps >= last_steps;
+        if !wall_s.is_finite() || !self.samples.back().is_none_or(goes_on) {
+            self.samples.clear();
+        }
+        if wall_s.is_finite() {
+            self.samples.push_back((wall_s, steps));
+        }
+        while self.samples.get(1).is_some_and(|&(second_s, _)| wall_s - second_s >= PACE_WINDOW_S) {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Steps per second; not a number while too little is known.
+    fn per_second(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.samples.front(), self.samples.back()) else {
+            return f64::NAN;
+        };
+        let elapsed_s = last.0 - first.0;
+        if elapsed_s > 0.0 { (last.1 - first.1) as f64 / elapsed_s } else { f64::NAN }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use protocol::messages::{PolicyUpdate, RewardUpdate};
+
+    use super::*;
+
+    fn progress(received: u64, wanted: u64, number: f64) -> Progress {
+        let update = PolicyUpdate {
+            success_rate: number,
+            approximate_kl: number,
+            value_loss: number,
+            ..PolicyUpdate::default()
+        };
+        let reward_update = RewardUpdate {
+            demonstration_loss: number,
+            agent_loss: number,
+            ..RewardUpdate::default()
+        };
+        Progress {
+            phase: Phase::Training as i32,
+            update: Some(update),
+            reward_update: Some(reward_update),
+            steps_wanted: wanted,
+            steps_received: received,
+            actors: 2,
+            leases: 32,
+            ..Progress::default()
+        }
+    }
+
+    #[test]
+    fn the_line_has_every_figure() {
+        let line = line(&progress(409_600, 1_500_000, 0.5), 5000.0);
+        assert_eq!(
+            line,
+            "409,600/1,500,000 steps  27 %  success 50 %  5,000 steps/s  3 min 38 s left  \
+             KL 0.500  value loss 0.500  proximity loss 0.500+0.500  2 actors  32 leases"
+        );
+    }
+
+    #[test]
+    fn before_the_first_update_it_says_what_is_going_on() {
+        let mut progress = Progress::default();
+        assert_eq!(line(&progress, f64::NAN), "training the proximity function offline");
+        progress.phase = Phase::Training as i32;
+        progress.steps_received = 1024;
+        assert_eq!(line(&progress, f64::NAN), "first rollout: 1,024 steps received");
+    }
+
+    #[test]
+    fn the_pace_is_that_of_the_last_seconds() {
+        let mut pace = Pace::default();
+        assert!(pace.per_second().is_nan());
+        for second in 0..100_u64 {
+            let steps = if second < 50 { second * 10 } else { 500 + (second - 50) * 1000 };
+            pace.add(second as f64, steps);
+        }
+        assert_eq!(pace.per_second(), 1000.0);
+        pace.add(50.0, 900);
+        assert!(pace.per_second().is_nan(), "one sample is no pace");
+    }
+
+    proptest! {
+        #[test]
+        fn no_figure_breaks_the_line(
+            received: u64,
+            wanted: u64,
+            number in proptest::num::f64::ANY,
+            per_second in proptest::num::f64::ANY,
+            phase in -1..7_i32,
+        ) {
+            let progress = Progress { phase, ..progress(received, wanted, number) };
+            let line = line(&progress, per_second);
+            prop_assert!(!line.chars().any(char::is_control));
+        }
+
+        #[test]
+        fn no_sample_breaks_the_pace(
+            samples in proptest::collection::vec((proptest::num::f64::ANY, any::<u64>()), 0..20),
+        ) {
+            let mut pace = Pace::default();
+            for (wall_s, steps) in samples {
+                pace.add(wall_s, steps);
+                let pace = pace.per_second();
+                prop_assert!(pace.is_nan() || pace >= 0.0);
+            }
+        }
+    }
+}

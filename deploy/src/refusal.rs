@@ -1,0 +1,71 @@
+//! Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost.
+
+use std::fmt::Display;
+use std::process::ExitCode;
+
+/// Exit code of wrong usage; clap takes the same for flags it does not know.
+const WRONG_USAGE: u8 = 2;
+
+/// Exit code of a command that finished although data was lost.
+const DATA_LOST: u8 = 3;
+
+/// An error that is not a plain failure.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Refusal {
+    /// The user asked for what cannot be done: nothing was begun, nothing was changed.
+    #[error("{0}")]
+    WrongUsage(String),
+    /// The command finished, but not everything that was recorded is there.
+    #[error("{0}")]
+    DataLost(String),
+}
+
+impl Refusal {
+    /// Makes an error, with its causes, one of wrong usage.
+    pub(crate) fn usage(error: impl Into<anyhow::Error>) -> Refusal {
+        Refusal::WrongUsage(format!("{:#}", error.into()))
+    }
+}
+
+/// Wrong usage, in one line.
+pub(crate) fn wrong_usage(message: impl Display) -> anyhow::Error {
+    Refusal::WrongUsage(message.to_string()).into()
+}
+
+/// The exit code an error asks for.
+pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
+    use protocol::Error::{Configuration, ConfigurationText, NotARun, UnknownTask};
+    for cause in error.chain() {
+        match cause.downcast_ref() {
+            Some(Refusal::WrongUsage(_)) => return WRONG_USAGE.into(),
+            Some(Refusal::DataLost(_)) => return DATA_LOST.into(),
+            None => {}
+        }
+        if let Some(
+            Configuration { .. } | ConfigurationText { .. } | NotARun { .. } | UnknownTask { .. },
+        ) = cause.downcast_ref()
+        {
+            return WRONG_USAGE.into();
+        }
+    }
+    ExitCode::FAILURE
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context;
+
+    use super::*;
+
+    #[test]
+    fn exit_codes_survive_added_context() {
+        let plain = Err::<(), _>(anyhow::anyhow!("the disk is gone")).context("training");
+        assert_eq!(exit_code(&plain.unwrap_err()), ExitCode::FAILURE);
+        let usage = Err::<(), _>(wrong_usage("no such run")).context("training");
+        assert_eq!(exit_code(&usage.unwrap_err()), ExitCode::from(2));
+        let unknown = "fetch".parse::<protocol::task::Task>().context("training");
+        assert_eq!(exit_code(&unknown.unwrap_err()), ExitCode::from(2));
+        let lost = anyhow::Error::from(Refusal::DataLost("2 records".to_owned()));
+        assert_eq!(exit_code(&lost), ExitCode::from(3));
+    }
+}

@@ -1,0 +1,213 @@
+//! Watches over a run: starts its processes, starts again what dies, shows progress, ends it all.
+//!
+//! An actor that dies is started again under its name; its leases are handed out again by the
+//! learner. Learner and proximity service hold one state between them, so if one dies both are
+//! started again, and continue from their last common checkpoint. Neither changes the result.
+
+mod bus_watch;
+mod fleet;
+mod process;
+mod restart;
+mod signals;
+
+use std::process::ExitStatus;
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use protocol::bus::BusAddress;
+use protocol::config::RunConfig;
+use protocol::run::RunFolder;
+
+use crate::progress::ProgressView;
+use bus_watch::BusWatch;
+use fleet::Fleet;
+use restart::{CoreRestarts, MOST_RESTARTS};
+use signals::Signals;
+
+/// How often the processes are looked after if no signal says so.
+const TICK: Duration = Duration::from_millis(250);
+
+/// How long the learner may take to finish its iteration and write a checkpoint.
+const CHECKPOINT_PATIENCE: Duration = Duration::from_secs(60);
+
+/// How long the one of learner and service that lives may take to stop when the other has died.
+const SURVIVOR_PATIENCE: Duration = Duration::from_secs(3);
+
+/// How long processes of a supervisor that died are waited for: their learner may be writing a
+/// checkpoint.
+const PREDECESSOR_PATIENCE: Duration = Duration::from_secs(60);
+
+/// How a run's training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// It is finished.
+    Finished,
+    /// The user stopped it; it can be continued.
+    Stopped,
+}
+
+/// Trains the run in `folder`, which has its configuration and demonstrations, to its end.
+///
+/// # Errors
+/// When a process cannot start or dies too often, or the bus fails. No process is left behind.
+pub(crate) async fn supervise(
+    folder: &RunFolder,
+    config: &RunConfig,
+    view: &mut ProgressView,
+) -> Result<Outcome> {
+    let mut signals = Signals::listen()?;
+    let address = BusAddress::of_run(folder.path())?;
+    if !await_predecessors(&address, &mut signals, view).await? {
+        return Ok(Outcome::Stopped);
+    }
+    address.remove()?;
+    let watch = BusWatch::start(&address)?;
+    let fleet = Fleet::new(folder, config.resources.actors);
+    let restarts = CoreRestarts::default();
+    let mut supervision = Supervision { folder, view, signals, watch, fleet, restarts };
+    let outcome = supervision.run().await;
+    let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
+    let ended = fleet.end(&mut signals).await;
+    watch.end();
+    if let Err(error) = ended.and_then(|()| Ok(address.remove()?)) {
+        view.note(&format!("something of the run is left in shared memory: {error:#}"));
+    }
+    outcome
+}
+
+/// Waits for the processes of a supervisor that died; returns false if the user does not want to.
+async fn await_predecessors(
+    address: &BusAddress,
+    signals: &mut Signals,
+    view: &mut ProgressView,
+) -> Result<bool> {
+    let deadline = tokio::time::Instant::now() + PREDECESSOR_PATIENCE;
+    let mut is_said = false;
+    while address.is_anyone_alive()? {
+        if !std::mem::replace(&mut is_said, true) {
+            view.activity("waiting for processes of an earlier start to end");
+        }
+        tokio::select! {
+            () = signals.stop.next() => return Ok(false),
+            () = tokio::time::sleep_until(deadline) => {
+                bail!(
+                    "processes of an earlier start of this run still live after {} s",
+                    PREDECESSOR_PATIENCE.as_secs()
+                );
+            }
+            () = tokio::time::sleep(TICK) => {}
+        }
+    }
+    Ok(true)
+}
+
+struct Supervision<'a> {
+    folder: &'a RunFolder,
+    view: &'a mut ProgressView,
+    signals: Signals,
+    watch: BusWatch,
+    fleet: Fleet,
+    restarts: CoreRestarts,
+}
+
+impl Supervision<'_> {
+    async fn run(&mut self) -> Result<Outcome> {
+        self.view.activity("starting the processes");
+        self.fleet.start()?;
+        loop {
+            tokio::select! {
+                () = self.signals.stop.next() => return self.stop().await,
+                () = self.signals.child.next() => {}
+                progress = self.watch.next() => self.view.show(&progress?),
+                () = tokio::time::sleep(TICK) => self.view.tick(),
+            }
+            if self.look_after().await? {
+                return Ok(Outcome::Finished);
+            }
+        }
+    }
+
+    /// Notices deaths and starts again what died; returns whether the run is finished.
+    async fn look_after(&mut self) -> Result<bool> {
+        if let Some(status) = self.fleet.learner.reap()? {
+            if status.success() && self.is_finished() {
+                return Ok(true);
+            }
+            return self.restart_core(Core::Learner, status).await;
+        }
+        if let Some(status) = self.fleet.service.reap()? {
+            return self.restart_core(Core::Service, status).await;
+        }
+        self.fleet.look_after_actors(self.view)?;
+        Ok(false)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.folder.summary_file().exists()
+    }
+
+    /// Starts learner and proximity service again, one of which has died; returns whether the run
+    /// is finished instead.
+    async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<bool> {
+        let Fleet { learner, service, .. } = &mut self.fleet;
+        let (dead, survivor) = match dead {
+            Core::Learner => (learner, service),
+            Core::Service => (service, learner),
+        };
+        survivor.ask_to_stop();
+        if survivor.is_running()
+            && survivor.ended(&mut self.signals.child, SURVIVOR_PATIENCE).await?.is_none()
+        {
+            survivor.kill()?;
+        }
+        if self.folder.summary_file().exists() {
+            return Ok(true);
+        }
+        let checkpoint = self.folder.newest_checkpoint().map(|(iteration, _)| iteration);
+        if !self.restarts.allow_restart(checkpoint) {
+            let history = format!("after {MOST_RESTARTS} restarts without a new checkpoint");
+            return Err(dead.give_up(status, &history));
+        }
+        let place = match checkpoint {
+            Some(iteration) => format!("the checkpoint after iteration {iteration}"),
+            None => "the beginning".to_owned(),
+        };
+        self.view.note(&format!(
+            "the {} ended ({status}); learner and proximity service go on from {place}",
+            dead.name()
+        ));
+        self.fleet.start_core()?;
+        Ok(false)
+    }
+
+    /// Ends the learner as the user wishes: with a checkpoint. The other processes are needed for
+    /// it, so they end later.
+    async fn stop(&mut self) -> Result<Outcome> {
+        self.view.note(
+            "stopping: the learner finishes its iteration and writes a checkpoint (Ctrl-C again: \
+             at once)",
+        );
+        let learner = &mut self.fleet.learner;
+        learner.ask_to_stop();
+        let status = tokio::select! {
+            status = learner.ended(&mut self.signals.child, CHECKPOINT_PATIENCE) => status?,
+            () = self.signals.stop.next() => None,
+        };
+        match status {
+            Some(status) if status.success() => {}
+            Some(status) => self.view.note(&format!("the learner ended ({status})")),
+            None => {
+                self.view.note("the learner is killed; what follows its last checkpoint is redone");
+                self.fleet.learner.kill().context("ending the learner")?;
+            }
+        }
+        Ok(if self.is_finished() { Outcome::Finished } else { Outcome::Stopped })
+    }
+}
+
+/// The two processes that share a state.
+#[derive(Clone, Copy)]
+enum Core {
+    Learner,
+    Service,
+}

@@ -1,0 +1,106 @@
+//! The tasks of the paper and their experts, where every trajectory begins.
+//!
+//! An environment is a pure function of its state and an action. It has no clock, no thread, no file
+//! and no randomness but the [`Stream`] handed to `reset`: the same stream and the same actions give
+//! the same bytes on every machine. Observations and actions are bytes laid out as
+//! [`protocol::task`] says; an environment writes them where the caller keeps them, and a step
+//! allocates nothing.
+//!
+//! ```
+//! use environments::{Setting, create};
+//! use protocol::seed::{Purpose, stream};
+//! use protocol::task::Task;
+//!
+//! let mut environment = create(Task::Navigation, &Setting::default())?;
+//! let spec = environment.spec();
+//! let mut observation = vec![0; spec.observation.bytes()];
+//! let mut action = vec![0; spec.action.bytes()];
+//! environment.reset(&mut stream(1, Purpose::Demonstration, 0, 0), &mut observation)?;
+//! let last = loop {
+//!     assert!(environment.expert_action(&mut action));
+//!     let step = environment.step(&action, &mut observation)?;
+//!     if step.ending.is_some() {
+//!         break step;
+//!     }
+//! };
+//! assert!(last.success);
+//! # Ok::<(), environments::EnvironmentError>(())
+//! ```
+
+mod action;
+mod error;
+pub mod navigation;
+mod setting;
+
+pub use error::EnvironmentError;
+pub use setting::Setting;
+
+use protocol::seed::Stream;
+use protocol::task::{Spec, Task};
+use protocol::trajectory::Ending;
+
+/// A task as an agent or an expert acts in it, one episode after another.
+pub trait Environment: Send {
+    /// The shapes of the task.
+    fn spec(&self) -> Spec;
+
+    /// Begins an episode drawn from `stream` and writes its first observation.
+    ///
+    /// Whatever came before leaves no trace: an episode depends on the stream and its actions alone.
+    ///
+    /// # Errors
+    /// When the physics does not settle into a finite first state.
+    ///
+    /// # Panics
+    /// When `observation` is not exactly as long as the spec says.
+    fn reset(
+        &mut self,
+        stream: &mut Stream,
+        observation: &mut [u8],
+    ) -> Result<(), EnvironmentError>;
+
+    /// Takes one action and writes the observation it leads to, the last one of an episode included.
+    ///
+    /// # Errors
+    /// When the action does not fit the spec (its length, a discrete action that does not exist, a
+    /// number that is not finite), when no episode is running, or when the physics leaves the finite
+    /// numbers. A refused action changes nothing.
+    ///
+    /// # Panics
+    /// When `observation` is not exactly as long as the spec says.
+    fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError>;
+
+    /// Writes the action the scripted expert takes in the present state.
+    ///
+    /// Returns false, and writes nothing, where there is no such action: the task has no scripted
+    /// expert, or no episode is running.
+    ///
+    /// # Panics
+    /// When `action` is not exactly as long as the spec says.
+    fn expert_action(&mut self, action: &mut [u8]) -> bool;
+
+    /// The xxh3 hash of the exact state: two environments with the same hash answer the same actions
+    /// with the same bytes. A replay compares it with the recorded one.
+    fn state_hash(&self) -> u64;
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The environment's own reward. Imitation never sees it; it trains experts.
+    pub reward: f32,
+    /// How the episode ended, if this step ended it.
+    pub ending: Option<Ending>,
+    /// Whether the goal has been reached in this episode so far. It does not end every task.
+    pub success: bool,
+}
+
+/// Builds the environment of a task with the starts and goals that `setting` allows.
+///
+/// # Errors
+/// When the task does not have such a setting.
+pub fn create(task: Task, setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
+    match task {
+        Task::Navigation => Ok(Box::new(navigation::Navigation::new(setting)?)),
+    }
+}

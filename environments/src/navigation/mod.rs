@@ -1,0 +1,165 @@
+//! Navigation: walk through four rooms to a goal (paper, Section 4.3 and Table 1).
+//!
+//! The doors, the start and the goal are drawn anew for every episode; the start uniformly from the
+//! room cells that the [`Setting`] keeps, the goal uniformly from the others of them, and neither
+//! ever in a door.
+//!
+//! # Action
+//! One byte. A move against a wall leaves the agent where it is and costs its step all the same.
+//!
+//! | action | meaning | the agent moves to |
+//! |---|---|---|
+//! | 0 | right | (x + 1, y) |
+//! | 1 | down | (x, y + 1) |
+//! | 2 | left | (x - 1, y) |
+//! | 3 | up | (x, y - 1) |
+//!
+//! # Observation
+//! 361 bytes, one class a cell; networks see it as four one-hot channels in the order of the classes.
+//!
+//! | index | meaning | range |
+//! |---|---|---|
+//! | 19 y + x | class of the cell in column x, row y, both 0 to 18 from the upper left | 0 to 3 |
+//!
+//! | class | meaning | how many cells |
+//! |---|---|---|
+//! | 0 [`EMPTY`] | free, doors included | 258, at the goal 259 |
+//! | 1 [`WALL`] | wall | 101 |
+//! | 2 [`GOAL`] | goal | 1, none once the agent stands on it |
+//! | 3 [`AGENT`] | agent | 1 |
+//!
+//! # Ending, success and reward
+//! Entering the goal is success and terminates the episode; otherwise step 100 truncates it. The
+//! environment's own reward is `1 - 0.9 t / 100` for success at step `t` and 0 for every other step.
+
+mod expert;
+mod observation;
+mod rooms;
+mod universe;
+
+pub use observation::{AGENT, EMPTY, GOAL, WALL};
+
+use crate::{Environment, EnvironmentError, Setting, Step, action};
+use expert::Distances;
+use protocol::seed::Stream;
+use protocol::task::{Spec, Task};
+use protocol::trajectory::Ending;
+use rand::RngExt;
+use rooms::{CELL_COUNT, Cell, Rooms};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// The environment of [`Task::Navigation`].
+#[derive(Clone, Debug)]
+pub struct Navigation {
+    /// Cells that starts and goals are drawn from.
+    universe: &'static [Cell],
+    /// Walls and doors of the episode.
+    rooms: Rooms,
+    agent: Cell,
+    goal: Cell,
+    /// Steps taken in the episode.
+    steps: u32,
+    /// Whether the episode has begun and not ended.
+    running: bool,
+    /// What the expert knows, once it has been asked in this episode.
+    distances: Option<Distances>,
+}
+
+impl Navigation {
+    /// Builds the environment; its first episode begins with a reset.
+    ///
+    /// # Errors
+    /// When the coverage is not in (0, 1] or keeps fewer than two cells, and when the setting has
+    /// noise.
+    pub fn new(setting: &Setting) -> Result<Navigation, EnvironmentError> {
+        let universe = universe::universe(setting)?;
+        Ok(Navigation {
+            universe,
+            rooms: Rooms::SHUT,
+            agent: universe[0],
+            goal: universe[1],
+            steps: 0,
+            running: false,
+            distances: None,
+        })
+    }
+
+    /// Draws a start and, from the other cells, a goal.
+    fn draw_start_and_goal(&self, stream: &mut Stream) -> (Cell, Cell) {
+        let count = self.universe.len() as u32;
+        let start = stream.random_range(0..count);
+        let among_others = stream.random_range(0..count - 1);
+        let goal = among_others + u32::from(among_others >= start);
+        (self.universe[start as usize], self.universe[goal as usize])
+    }
+}
+
+impl Environment for Navigation {
+    fn spec(&self) -> Spec {
+        Task::Navigation.spec()
+    }
+
+    fn reset(
+        &mut self,
+        stream: &mut Stream,
+        observation: &mut [u8],
+    ) -> Result<(), EnvironmentError> {
+        self.rooms = Rooms::draw(stream);
+        (self.agent, self.goal) = self.draw_start_and_goal(stream);
+        self.steps = 0;
+        self.running = true;
+        self.distances = None;
+        observation::write(&self.rooms, self.agent, self.goal, observation);
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
+        let spec = self.spec();
+        action::check(&spec, action)?;
+        if !self.running {
+            return Err(EnvironmentError::NotRunning { task: spec.task });
+        }
+        let target = self.agent.neighbor(usize::from(action[0]));
+        if self.rooms.is_free(target) {
+            self.agent = target;
+        }
+        self.steps += 1;
+        observation::write(&self.rooms, self.agent, self.goal, observation);
+
+        let success = self.agent == self.goal;
+        let ending = if success {
+            Some(Ending::Terminated)
+        } else if self.steps == spec.horizon_steps {
+            Some(Ending::Truncated)
+        } else {
+            None
+        };
+        self.running = ending.is_none();
+        let reward =
+            if success { 1.0 - 0.9 * self.steps as f32 / spec.horizon_steps as f32 } else { 0.0 };
+        Ok(Step { reward, ending, success })
+    }
+
+    fn expert_action(&mut self, action: &mut [u8]) -> bool {
+        assert_eq!(action.len(), self.spec().action.bytes(), "the caller sizes the action");
+        if !self.running {
+            return false;
+        }
+        let (rooms, goal) = (&self.rooms, self.goal);
+        let distances = self.distances.get_or_insert_with(|| Distances::search(rooms, goal));
+        let toward_goal = distances.first_move(self.agent);
+        action[0] = toward_goal.expect("a running episode keeps its agent off the goal");
+        true
+    }
+
+    fn state_hash(&self) -> u64 {
+        let mut state = [0; CELL_COUNT + 9];
+        let (classes, rest) = state.split_at_mut(CELL_COUNT);
+        classes.copy_from_slice(&self.rooms.classes);
+        rest[0..2].copy_from_slice(&(self.agent.index() as u16).to_le_bytes());
+        rest[2..4].copy_from_slice(&(self.goal.index() as u16).to_le_bytes());
+        rest[4..8].copy_from_slice(&self.steps.to_le_bytes());
+        rest[8] = u8::from(self.running);
+        xxh3_64(&state)
+    }
+}

@@ -1,0 +1,188 @@
+//! What every environment must keep, whatever its task: the same stream gives the same episode,
+//! observations fit the spec, episodes end by the horizon, refusals change nothing, and steps
+//! allocate nothing.
+
+use environments::{Environment, EnvironmentError, Setting, Step, create};
+use protocol::seed::{Purpose, Stream, stream};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, floats, write_floats};
+use protocol::trajectory::Ending;
+use rand::RngExt;
+
+/// An episode as it is compared: each observation with the state's hash, and each step.
+#[derive(Debug, PartialEq)]
+struct Episode {
+    states: Vec<(Vec<u8>, u64)>,
+    steps: Vec<Step>,
+}
+
+fn open(task: Task) -> Box<dyn Environment> {
+    create(task, &Setting::default()).expect("every task has the default setting")
+}
+
+fn streams(episode: u64) -> (Stream, Stream) {
+    (
+        stream(1, Purpose::TrainingEpisode, 0, episode),
+        stream(1, Purpose::TrainingActions, 0, episode),
+    )
+}
+
+fn draw_action(spec: &Spec, stream: &mut Stream, action: &mut [u8]) {
+    match spec.action {
+        ActionSpec::Discrete { count } => action[0] = stream.random_range(0..count as u32) as u8,
+        ActionSpec::Continuous { len } => {
+            write_floats((0..len).map(|_| stream.random_range(-1.0f32..1.0)), action);
+        }
+    }
+}
+
+/// Runs random actions until the episode ends or `steps_max` are taken.
+fn run(environment: &mut dyn Environment, episode: u64, steps_max: usize) -> Episode {
+    let spec = environment.spec();
+    let (mut starts, mut actions) = streams(episode);
+    let mut observation = vec![0xff; spec.observation.bytes()];
+    let mut action = vec![0; spec.action.bytes()];
+    environment.reset(&mut starts, &mut observation).expect("reset");
+    let mut record =
+        Episode { states: vec![(observation.clone(), environment.state_hash())], steps: vec![] };
+    while record.steps.len() < steps_max {
+        draw_action(&spec, &mut actions, &mut action);
+        observation.fill(0xff);
+        let step = environment.step(&action, &mut observation).expect("a valid action");
+        record.states.push((observation.clone(), environment.state_hash()));
+        record.steps.push(step);
+        if step.ending.is_some() {
+            break;
+        }
+    }
+    record
+}
+
+#[test]
+fn the_spec_is_the_task_s() {
+    for task in Task::ALL {
+        assert_eq!(open(task).spec(), task.spec());
+    }
+}
+
+#[test]
+fn the_same_stream_gives_the_same_episode() {
+    for task in Task::ALL {
+        let (mut one, mut other) = (open(task), open(task));
+        let episodes: Vec<_> = (0..20).map(|episode| run(&mut *one, episode, 1_000)).collect();
+        for (episode, record) in episodes.iter().enumerate().rev() {
+            assert_eq!(*record, run(&mut *other, episode as u64, 1_000), "{task} {episode}");
+        }
+        assert_ne!(episodes[0], episodes[1], "{task}: another stream gives another episode");
+    }
+}
+
+#[test]
+fn a_reset_amid_an_episode_leaves_no_trace() {
+    for task in Task::ALL {
+        let fresh = run(&mut *open(task), 7, 1_000);
+        let mut used = open(task);
+        for steps_max in [0, 1, 5] {
+            run(&mut *used, 3, steps_max);
+            let mut action = vec![0; task.spec().action.bytes()];
+            used.expert_action(&mut action);
+            assert_eq!(fresh, run(&mut *used, 7, 1_000), "{task} after {steps_max} steps");
+        }
+    }
+}
+
+#[test]
+fn observations_fit_the_spec() {
+    for task in Task::ALL {
+        let mut environment = open(task);
+        for (observation, _) in
+            (0..50).flat_map(|episode| run(&mut *environment, episode, 1_000).states)
+        {
+            match task.spec().observation {
+                ObservationSpec::Cells { classes, .. } => {
+                    assert!(
+                        observation.iter().all(|class| usize::from(*class) < classes),
+                        "{task}"
+                    );
+                }
+                ObservationSpec::Vector { .. } => {
+                    assert!(floats(&observation).all(f32::is_finite), "{task}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn episodes_end_by_the_horizon_and_say_how() {
+    for task in Task::ALL {
+        let mut environment = open(task);
+        let horizon_steps = task.spec().horizon_steps as usize;
+        for episode in 0..200 {
+            let steps = run(&mut *environment, episode, usize::MAX).steps;
+            let last = steps[steps.len() - 1];
+            assert!(steps.len() <= horizon_steps, "{task}: {} steps", steps.len());
+            if last.ending == Some(Ending::Truncated) {
+                assert_eq!(steps.len(), horizon_steps, "{task}: only the horizon truncates");
+            }
+            assert!(steps.is_sorted_by_key(|step| step.success), "{task}: success stays");
+            assert!(steps.iter().all(|step| step.reward.is_finite()), "{task}");
+        }
+    }
+}
+
+#[test]
+fn steps_outside_an_episode_are_refused() {
+    for task in Task::ALL {
+        let mut environment = open(task);
+        let mut observation = vec![0; task.spec().observation.bytes()];
+        let mut action = vec![0; task.spec().action.bytes()];
+        let refused = Err(EnvironmentError::NotRunning { task });
+        assert_eq!(environment.step(&action, &mut observation), refused);
+        assert!(
+            !environment.expert_action(&mut action),
+            "{task}: no expert before the first reset"
+        );
+        run(&mut *environment, 0, usize::MAX);
+        assert_eq!(environment.step(&action, &mut observation), refused);
+        assert!(!environment.expert_action(&mut action), "{task}: no expert after the end");
+    }
+}
+
+#[test]
+fn a_refused_action_changes_nothing() {
+    for task in Task::ALL {
+        let mut environment = open(task);
+        let (observation, hash) = run(&mut *environment, 0, 0).states.remove(0);
+        let bad = match task.spec().action {
+            ActionSpec::Discrete { count } => vec![count as u8],
+            ActionSpec::Continuous { len } => f32::NAN.to_le_bytes().repeat(len),
+        };
+        let mut after = observation.clone();
+        assert!(environment.step(&bad, &mut after).is_err(), "{task}");
+        assert!(environment.step(&[], &mut after).is_err(), "{task}");
+        assert_eq!((after, environment.state_hash()), (observation, hash), "{task}");
+    }
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    for task in Task::ALL {
+        let mut environment = open(task);
+        let (mut starts, mut actions) = streams(0);
+        let mut observation = vec![0; task.spec().observation.bytes()];
+        let mut action = vec![0; task.spec().action.bytes()];
+        environment.reset(&mut starts, &mut observation).expect("reset");
+        let allocated = allocation_counter::measure(|| {
+            loop {
+                environment.expert_action(&mut action);
+                draw_action(&task.spec(), &mut actions, &mut action);
+                let step = environment.step(&action, &mut observation).expect("a valid action");
+                if step.ending.is_some() {
+                    break;
+                }
+            }
+            environment.state_hash();
+        });
+        assert_eq!(allocated.count_total, 0, "{task}: allocations in an episode");
+    }
+}

@@ -1,0 +1,92 @@
+//! The batch of one iteration, laid out for the policy update: one row per environment step.
+
+use anyhow::{Result, ensure};
+use protocol::messages::Score;
+use protocol::task::{Spec, floats};
+use protocol::trajectory::{Ending, Encoded};
+
+use crate::reward_scale::{EpisodeRewards, RewardScale};
+
+/// The batch of one iteration: rows in batch order, episodes one after another.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// Observations acted on, each of the spec's length in bytes.
+    pub observations: Vec<u8>,
+    /// Actions taken, each of the spec's length in bytes.
+    pub actions: Vec<u8>,
+    /// Log-probability of each action under the policy that acted.
+    pub log_probs: Vec<f32>,
+    /// Reward of each step, as the policy learns from it.
+    pub rewards: Vec<f32>,
+    /// The episodes, in order.
+    pub episodes: Vec<EpisodeRows>,
+}
+
+/// An episode's place in a [`Batch`].
+#[derive(Clone, Debug)]
+pub struct EpisodeRows {
+    /// Steps, so rows.
+    pub steps: usize,
+    /// The last observation, on which nobody acted.
+    pub last_observation: Vec<u8>,
+    /// Whether the horizon ended the episode.
+    pub truncated: bool,
+}
+
+impl Batch {
+    /// Lays out trajectories and their scores, which come in the same order.
+    pub fn new(trajectories: &[Encoded], scores: &[Score], spec: &Spec) -> Result<Batch> {
+        ensure!(
+            trajectories.len() == scores.len(),
+            "expected {} scores, found {}",
+            trajectories.len(),
+            scores.len()
+        );
+        let mut batch = Batch::default();
+        for (encoded, score) in trajectories.iter().zip(scores) {
+            let trajectory = &encoded.trajectory;
+            let steps = trajectory.steps as usize;
+            ensure!(
+                score.rewards.len() == steps && score.rewards.iter().all(|r| r.is_finite()),
+                "lane {} episode {}: expected {steps} finite rewards, found {:?}",
+                trajectory.lane,
+                trajectory.episode,
+                score.rewards
+            );
+            let observations = trajectory.observations();
+            let (acted_on, last) = observations.split_at(steps * spec.observation.bytes());
+            batch.observations.extend(acted_on);
+            batch.actions.extend(trajectory.actions());
+            batch.log_probs.extend(floats(&trajectory.log_probs));
+            batch.rewards.extend(&score.rewards);
+            batch.episodes.push(EpisodeRows {
+                steps,
+                last_observation: last.to_vec(),
+                truncated: trajectory.ending == Ending::Truncated as i32,
+            });
+        }
+        Ok(batch)
+    }
+
+    /// Divides the rewards by the running deviation of the discounted return.
+    pub fn scale_rewards(&mut self, scale: &mut RewardScale, trajectories: &[Encoded], gamma: f64) {
+        let mut rest = &mut self.rewards[..];
+        let mut episodes = Vec::with_capacity(trajectories.len());
+        for (encoded, episode) in trajectories.iter().zip(&self.episodes) {
+            let (rewards, further) = rest.split_at_mut(episode.steps);
+            episodes.push(EpisodeRewards { lane: encoded.trajectory.lane, rewards });
+            rest = further;
+        }
+        scale.apply(&mut episodes, gamma);
+    }
+
+    /// Rows.
+    pub fn len(&self) -> usize {
+        self.log_probs.len()
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.log_probs.is_empty()
+    }
+}

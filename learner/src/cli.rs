@@ -1,0 +1,24 @@
+//! The command line of `goalward-learner`. People type `goalward train`, which starts it.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use protocol::process::{self, Stop};
+use protocol::run::RunFolder;
+
+/// Turns trajectories and their scores into policy weights.
+#[derive(Debug, Parser)]
+#[command(name = "goalward-learner", version)]
+struct Arguments {
+    /// Folder of the run; a run with a checkpoint is continued.
+    #[arg(long)]
+    run: PathBuf,
+}
+
+/// Runs the process.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let stop = Stop::at_end_of_input();
+    process::run(|| crate::run(&RunFolder::new(arguments.run), &stop))
+}

@@ -1,0 +1,33 @@
+//! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
+//!
+//! [`run`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that
+//! talks to actors and writes the log meanwhile; [`scoring`] talks to the proximity service. All
+//! other modules are pure functions of their arguments.
+
+pub mod advantage;
+pub mod algorithm;
+pub mod batch;
+mod checkpoint;
+pub mod cli;
+pub mod desk;
+pub mod reward_scale;
+pub mod rollout;
+pub mod scoring;
+pub mod state;
+mod summary;
+pub mod trainer;
+
+use anyhow::Result;
+use protocol::process::Stop;
+use protocol::run::RunFolder;
+
+use crate::trainer::Trainer;
+
+/// Trains a run to its end, from its newest checkpoint if it has one.
+///
+/// Returns early, with a checkpoint written, when a stop is requested.
+pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
+    let mut trainer = Trainer::start(folder, stop)?;
+    let finished = trainer.train()?;
+    if finished { trainer.conclude() } else { trainer.leave() }
+}

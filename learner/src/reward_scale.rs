@@ -1,0 +1,142 @@
+//! Rewards divided by the running deviation of the discounted return, between scoring and
+//! advantages. The authors' setting; it makes their "reward scale" (Table 3) have no effect.
+
+/// Running deviation of the discounted return over all lanes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RewardScale {
+    /// Mean of the returns seen.
+    pub mean: f64,
+    /// Variance of the returns seen.
+    pub variance: f64,
+    /// Weight of what was seen.
+    pub count: f64,
+}
+
+impl Default for RewardScale {
+    fn default() -> Self {
+        RewardScale { mean: 0.0, variance: 1.0, count: 1e-4 }
+    }
+}
+
+/// The rewards of one episode, beside the lane it belongs to.
+pub struct EpisodeRewards<'a> {
+    /// Lane of the episode.
+    pub lane: u64,
+    /// One reward per step.
+    pub rewards: &'a mut [f32],
+}
+
+impl RewardScale {
+    /// Scales a batch's rewards in place. Episodes are sorted by lane; the lanes are walked side by
+    /// side, as if they had been stepped together, and each step's returns enter the deviation
+    /// before that step's rewards are divided by it.
+    pub fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
+        let mut lanes = Lane::of(episodes);
+        while lanes.iter().any(|lane| lane.next < lane.end) {
+            let mut returns = Vec::with_capacity(lanes.len());
+            let mut steps = Vec::with_capacity(lanes.len());
+            for lane in &mut lanes {
+                let Some((episode, step)) = lane.take(episodes) else { continue };
+                let reward = f64::from(episodes[episode].rewards[step]);
+                lane.discounted = if step == 0 { reward } else { lane.discounted * gamma + reward };
+                returns.push(lane.discounted);
+                steps.push((episode, step));
+            }
+            self.include(&returns);
+            let scale = (self.variance + 1e-8).sqrt();
+            for (episode, step) in steps {
+                let reward = &mut episodes[episode].rewards[step];
+                *reward = (f64::from(*reward) / scale) as f32;
+            }
+        }
+    }
+
+    /// Chan's parallel update of mean and variance.
+    fn include(&mut self, returns: &[f64]) {
+        let count = returns.len() as f64;
+        let mean = returns.iter().sum::<f64>() / count;
+        let variance = returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+        let total = self.count + count;
+        let shift = mean - self.mean;
+        let squares = self.variance * self.count
+            + variance * count
+            + shift * shift * self.count * count / total;
+        self.mean += shift * count / total;
+        self.variance = squares / total;
+        self.count = total;
+    }
+}
+
+/// A lane's place in its episodes.
+struct Lane {
+    next: usize,
+    end: usize,
+    step: usize,
+    discounted: f64,
+}
+
+impl Lane {
+    fn of(episodes: &[EpisodeRewards<'_>]) -> Vec<Lane> {
+        let mut lanes: Vec<Lane> = Vec::new();
+        for (position, episode) in episodes.iter().enumerate() {
+            match lanes.last_mut() {
+                Some(lane) if episodes[lane.next].lane == episode.lane => lane.end = position + 1,
+                _ => {
+                    lanes.push(Lane { next: position, end: position + 1, step: 0, discounted: 0.0 })
+                }
+            }
+        }
+        lanes
+    }
+
+    /// The next (episode, step) of this lane.
+    fn take(&mut self, episodes: &[EpisodeRewards<'_>]) -> Option<(usize, usize)> {
+        if self.next == self.end {
+            return None;
+        }
+        let taken = (self.next, self.step);
+        self.step += 1;
+        if self.step == episodes[self.next].rewards.len() {
+            (self.next, self.step) = (self.next + 1, 0);
+        }
+        Some(taken)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn constant_returns_leave_only_the_prior_spread() {
+        let mut scale = RewardScale::default();
+        let (mut first, mut second) = ([1.0f32; 3], [1.0f32; 2]);
+        let mut episodes = [
+            EpisodeRewards { lane: 0, rewards: &mut first },
+            EpisodeRewards { lane: 1, rewards: &mut second },
+        ];
+        scale.apply(&mut episodes, 0.0);
+        assert!((scale.mean - 1.0).abs() < 1e-3);
+        assert!(scale.count > 5.0);
+        assert!(first.iter().all(|reward| reward.is_finite() && *reward > 0.0));
+    }
+
+    #[test]
+    fn lanes_are_walked_side_by_side() {
+        let rewards = [[0.5f32, -1.0], [2.0, 0.25]];
+        let mut together = RewardScale::default();
+        let mut copies = rewards;
+        let [first, second] = &mut copies;
+        let mut episodes = [
+            EpisodeRewards { lane: 0, rewards: first },
+            EpisodeRewards { lane: 1, rewards: second },
+        ];
+        together.apply(&mut episodes, 0.9);
+        let mut by_hand = RewardScale::default();
+        by_hand.include(&[0.5, 2.0]);
+        let scale = (by_hand.variance + 1e-8).sqrt();
+        assert_eq!(copies[1][0], (2.0 / scale) as f32);
+        by_hand.include(&[0.5 * 0.9 - 1.0, 2.0 * 0.9 + 0.25]);
+        assert_eq!(together, by_hand);
+    }
+}

@@ -1,0 +1,208 @@
+//! The rollout of one iteration: which lanes are owed what, who holds which lease, what has come in.
+//!
+//! Pure bookkeeping between the desk (which talks to actors) and the trainer (which wants batches).
+//! A lease is a pure function of its fields, so handing one out twice is always safe: whichever
+//! copy of a trajectory arrives first counts and the other has the same bytes.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, ensure};
+use protocol::messages::Lease;
+use protocol::trajectory::{Encoded, Source};
+
+/// What a lane is to run, and from where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LanePlan {
+    /// First episode.
+    pub first_episode: u64,
+    /// Least number of steps.
+    pub steps_owed: u64,
+    /// Least number of episodes.
+    pub episodes_owed: u64,
+}
+
+/// The rollout of one iteration.
+#[derive(Debug)]
+pub struct Rollout {
+    source: Source,
+    iteration: u64,
+    policy_version: u64,
+    lanes: Vec<Lane>,
+}
+
+#[derive(Debug)]
+struct Lane {
+    plan: LanePlan,
+    received: BTreeMap<u64, Encoded>,
+    holder: Option<Holder>,
+}
+
+#[derive(Debug)]
+struct Holder {
+    actor: String,
+    since: Instant,
+}
+
+impl Rollout {
+    /// Opens a rollout of one plan per lane.
+    pub fn open(
+        source: Source,
+        iteration: u64,
+        policy_version: u64,
+        plans: Vec<LanePlan>,
+    ) -> Rollout {
+        let lane = |plan| Lane { plan, received: BTreeMap::new(), holder: None };
+        let lanes = plans.into_iter().map(lane).collect();
+        Rollout { source, iteration, policy_version, lanes }
+    }
+
+    /// Grants up to `capacity` of the leases nobody holds, a share that leaves some for the others.
+    pub fn grant(
+        &mut self,
+        actor: &str,
+        capacity: usize,
+        actors: usize,
+        now: Instant,
+    ) -> Vec<Lease> {
+        let open = self.lanes.iter().filter(|lane| lane.is_open()).count();
+        let share = open.div_ceil(2 * actors.max(1)).min(capacity);
+        let mut leases = Vec::with_capacity(share);
+        for (number, lane) in self.lanes.iter_mut().enumerate() {
+            if leases.len() == share {
+                break;
+            }
+            if !lane.is_open() {
+                continue;
+            }
+            lane.holder = Some(Holder { actor: actor.to_owned(), since: now });
+            let rest = lane.rest();
+            leases.push(Lease {
+                source: self.source as i32,
+                iteration: self.iteration,
+                lane: number as u64,
+                policy_version: self.policy_version,
+                first_episode: rest.first_episode,
+                steps_owed: rest.steps_owed,
+                episodes_owed: rest.episodes_owed,
+            });
+        }
+        leases
+    }
+
+    /// Takes in a trajectory; says whether it is new to this rollout.
+    pub fn receive(&mut self, encoded: Encoded) -> Result<bool> {
+        let trajectory = &encoded.trajectory;
+        if trajectory.source != self.source as i32 || trajectory.iteration != self.iteration {
+            return Ok(false);
+        }
+        ensure!(
+            trajectory.policy_version == self.policy_version,
+            "lane {} episode {}: expected policy version {}, found {}",
+            trajectory.lane,
+            trajectory.episode,
+            self.policy_version,
+            trajectory.policy_version
+        );
+        let lanes = self.lanes.len();
+        let Some(lane) = self.lanes.get_mut(trajectory.lane as usize) else {
+            anyhow::bail!("expected a lane below {lanes}, found {}", trajectory.lane);
+        };
+        if trajectory.episode < lane.plan.first_episode || lane.is_complete() {
+            return Ok(false);
+        }
+        if let Some(known) = lane.received.get(&trajectory.episode) {
+            ensure!(
+                known.key.hash == encoded.key.hash,
+                "lane {} episode {} came twice and differs: {:016x}, {:016x}",
+                trajectory.lane,
+                trajectory.episode,
+                known.key.hash,
+                encoded.key.hash
+            );
+            return Ok(false);
+        }
+        lane.received.insert(trajectory.episode, encoded);
+        Ok(true)
+    }
+
+    /// An actor says it has published everything of a lease: what is missing is open again.
+    pub fn hand_back(&mut self, actor: &str, lease: &Lease) {
+        if lease.iteration != self.iteration || lease.source != self.source as i32 {
+            return;
+        }
+        if let Some(lane) = self.lanes.get_mut(lease.lane as usize)
+            && lane.holder.as_ref().is_some_and(|holder| holder.actor == actor)
+        {
+            lane.holder = None;
+        }
+    }
+
+    /// Opens the leases again whose actor is gone or has held them longer than `timeout`.
+    /// Returns their number.
+    pub fn reopen(&mut self, alive: &[String], timeout: Duration, now: Instant) -> usize {
+        let mut reopened = 0;
+        for lane in self.lanes.iter_mut().filter(|lane| !lane.is_complete()) {
+            let lost = lane.holder.as_ref().is_some_and(|holder| {
+                !alive.contains(&holder.actor) || now.duration_since(holder.since) > timeout
+            });
+            if lost {
+                lane.holder = None;
+                reopened += 1;
+            }
+        }
+        reopened
+    }
+
+    /// Leases handed out and not complete.
+    pub fn held(&self) -> usize {
+        self.lanes.iter().filter(|lane| lane.holder.is_some() && !lane.is_complete()).count()
+    }
+
+    /// Whether some lease is waiting for an actor.
+    pub fn has_open_leases(&self) -> bool {
+        self.lanes.iter().any(Lane::is_open)
+    }
+
+    /// Steps received.
+    pub fn steps(&self) -> u64 {
+        let lane_steps = |lane: &Lane| lane.received.values().map(steps).sum::<u64>();
+        self.lanes.iter().map(lane_steps).sum()
+    }
+
+    /// Whether every lane has run what it owes.
+    pub fn is_complete(&self) -> bool {
+        self.lanes.iter().all(Lane::is_complete)
+    }
+
+    /// The trajectories in batch order: by lane, then by episode.
+    pub fn into_batch(self) -> Vec<Encoded> {
+        self.lanes.into_iter().flat_map(|lane| lane.received.into_values()).collect()
+    }
+}
+
+impl Lane {
+    fn is_open(&self) -> bool {
+        self.holder.is_none() && !self.is_complete()
+    }
+
+    fn is_complete(&self) -> bool {
+        let rest = self.rest();
+        rest.steps_owed == 0 && rest.episodes_owed == 0
+    }
+
+    /// What is still owed after the episodes received without a gap.
+    fn rest(&self) -> LanePlan {
+        let mut rest = self.plan;
+        while let Some(encoded) = self.received.get(&rest.first_episode) {
+            rest.first_episode += 1;
+            rest.steps_owed = rest.steps_owed.saturating_sub(steps(encoded));
+            rest.episodes_owed = rest.episodes_owed.saturating_sub(1);
+        }
+        rest
+    }
+}
+
+fn steps(encoded: &Encoded) -> u64 {
+    u64::from(encoded.trajectory.steps)
+}

@@ -1,0 +1,105 @@
+//! How a run ends: evaluation, last checkpoint, `summary.json`.
+
+use std::fs;
+
+use anyhow::{Context, Result};
+use protocol::messages::Phase;
+use protocol::trajectory::Encoded;
+use protocol::weights;
+use serde::Serialize;
+
+use crate::trainer::Trainer;
+
+/// Figures of a finished run, as `summary.json` holds them.
+#[derive(Debug, Serialize)]
+struct Summary {
+    task: String,
+    method: protocol::config::Method,
+    preset: String,
+    seed: u64,
+    actors: u64,
+    env_steps: u64,
+    episodes: u64,
+    iterations: u64,
+    /// Of the last 100 training episodes.
+    success_rate: f64,
+    evaluation: Evaluation,
+    wall_s: f64,
+    steps_per_s: f64,
+    policy_sha256: String,
+    proximity_sha256: String,
+    log: Log,
+}
+
+#[derive(Debug, Serialize)]
+struct Evaluation {
+    episodes: u64,
+    success_rate: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Log {
+    files: u64,
+    trajectories: u64,
+    bytes: u64,
+}
+
+impl Trainer {
+    /// Ends a run that has been stopped: what it has learned is saved.
+    pub(crate) fn leave(mut self) -> Result<()> {
+        let newest = self.folder.newest_checkpoint().map(|(iteration, _)| iteration);
+        if self.state.iteration > 0 && newest != Some(self.state.iteration) {
+            self.save()?;
+        }
+        self.desk.finish()
+    }
+
+    /// Ends a run that has been trained to its end.
+    pub(crate) fn conclude(mut self) -> Result<()> {
+        let proximity_sha256 = self.save()?;
+        let Some(evaluation) = self.evaluate()? else { return self.desk.finish() };
+        self.tell(Phase::Finished, None, None)?;
+        let mut summary = self.summary(&evaluation, proximity_sha256);
+        let folder = self.folder.clone();
+        self.desk.finish()?;
+        for file in protocol::log::log_files(&folder.log())? {
+            summary.log.files += 1;
+            summary.log.bytes += fs::metadata(&file.path)?.len();
+        }
+        let text = serde_json::to_string_pretty(&summary)? + "\n";
+        let (path, unfinished) =
+            (folder.summary_file(), folder.summary_file().with_extension("unfinished"));
+        fs::write(&unfinished, text)
+            .and_then(|()| fs::rename(&unfinished, &path))
+            .with_context(|| format!("summary {}", path.display()))
+    }
+
+    fn summary(&self, evaluation: &[Encoded], proximity_sha256: String) -> Summary {
+        let state = &self.state;
+        let reached = evaluation.iter().filter(|encoded| encoded.trajectory.success).count();
+        Summary {
+            task: self.config.task.name().to_owned(),
+            method: self.config.method,
+            preset: self.config.preset.clone(),
+            seed: self.config.seed,
+            actors: self.config.resources.actors,
+            env_steps: state.environment_steps,
+            episodes: state.episodes,
+            iterations: state.iteration,
+            success_rate: state.success_rate(),
+            evaluation: Evaluation {
+                episodes: evaluation.len() as u64,
+                success_rate: reached as f64 / evaluation.len().max(1) as f64,
+            },
+            wall_s: state.wall_s,
+            steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
+            policy_sha256: weights::sha256([&state.parameters[..]]),
+            proximity_sha256,
+            log: Log {
+                files: 0,
+                trajectories: state.episodes + evaluation.len() as u64,
+                bytes: 0,
+            },
+        }
+    }
+}

@@ -1,0 +1,347 @@
+//! The loop of Algorithm 1, lines 6 to 11.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use networks::{ActorCritic, Adam, PolicyArchitecture};
+use prost::Message;
+use protocol::bus::{Bus, BusAddress};
+use protocol::config::{RunConfig, UpdateOrder};
+use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
+use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
+use protocol::process::Stop;
+use protocol::run::{LEARNER_FILE, PROXIMITY_FILE, RunFolder};
+use protocol::seed::{self, Purpose};
+use protocol::task::Spec;
+use protocol::trajectory::{Encoded, Source};
+use protocol::weights::{self, Weights};
+
+use crate::algorithm::Figures;
+use crate::algorithm::ppo::{Ppo, Schedule};
+use crate::batch::Batch;
+use crate::desk::{DeskHandle, Entry, Order, Setup};
+use crate::rollout::{LanePlan, Rollout};
+use crate::scoring::Scoring;
+use crate::state::State;
+
+/// How often a waiting trainer looks whether it is to stop.
+const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
+
+/// A training run at work.
+pub struct Trainer {
+    pub(crate) folder: RunFolder,
+    pub(crate) config: RunConfig,
+    pub(crate) state: State,
+    pub(crate) scoring: Scoring,
+    pub(crate) desk: DeskHandle,
+    pub(crate) progress: Progress,
+    spec: Spec,
+    ppo: Ppo,
+    stop: Stop,
+    started: Instant,
+    earlier_s: f64,
+    opened: Instant,
+}
+
+/// Wall time of an iteration's parts, seconds.
+#[derive(Clone, Copy, Debug, Default)]
+struct Times {
+    rollout_s: f64,
+    scoring_s: f64,
+    update_s: f64,
+}
+
+impl Trainer {
+    /// Opens everything: the newest checkpoint or a fresh state, the log, the ports, the service.
+    pub fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
+        let config = folder.config()?;
+        let spec = config.task.spec();
+        let architecture = PolicyArchitecture::from(&config.policy);
+        let network = ActorCritic::new(spec.observation, spec.action, &architecture);
+        let state = initial_state(folder, &config, &network)?;
+        let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(config.resources.learner_threads)
+            .thread_name(|number| format!("update-{number}"))
+            .build()?;
+        let address = BusAddress::of_run(folder.path())?;
+        let bus = Bus::open(&address, "learner-trainer")?;
+        let setup = Setup {
+            address,
+            spec,
+            weights_bytes: Weights::new(u64::MAX, &state.parameters).encoded_len(),
+            lease_timeout: Duration::from_millis(config.resources.lease_timeout_ms),
+            log: open_log(folder, &config)?,
+        };
+        let mut desk = DeskHandle::start(setup, &bus)?;
+        let progress = Progress { steps_wanted: config.steps, ..Progress::default() };
+        desk.order(Order::Tell(progress.clone()))?;
+        Ok(Trainer {
+            folder: folder.clone(),
+            scoring: Scoring::open(bus)?,
+            desk,
+            progress,
+            spec,
+            ppo: Ppo::new(spec, config.ppo.clone(), network, threads),
+            stop: stop.clone(),
+            started: Instant::now(),
+            earlier_s: state.wall_s,
+            opened: Instant::now(),
+            state,
+            config,
+        })
+    }
+
+    /// Trains to the end; false if a stop came before it.
+    pub fn train(&mut self) -> Result<bool> {
+        self.begin_scoring()?;
+        let iterations = self.config.iterations();
+        self.publish_weights()?;
+        if self.state.iteration < iterations {
+            self.open_rollout(self.state.iteration)?;
+        }
+        while self.state.iteration < iterations {
+            let Some(trajectories) = self.collect()? else { return Ok(false) };
+            let rollout_s = self.opened.elapsed().as_secs_f64();
+            self.state.count(&trajectories);
+            let next = self.state.iteration + 1;
+            if self.config.rollout.lag == 1 && next < iterations {
+                self.open_rollout(next)?;
+            }
+            self.learn(&trajectories, rollout_s)?;
+            self.publish_weights()?;
+            if self.config.rollout.lag == 0 && next < iterations {
+                self.open_rollout(next)?;
+            }
+            if next.is_multiple_of(self.config.checkpoint.iterations) {
+                self.save()?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn begin_scoring(&mut self) -> Result<()> {
+        let iteration = self.state.iteration;
+        let file = match iteration {
+            0 => String::new(),
+            _ => self.folder.checkpoint_folder(iteration).join(PROXIMITY_FILE).display().to_string(),
+        };
+        let update = self.scoring.begin(iteration, &file).context("start of the service")?;
+        if iteration == 0 {
+            self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
+        }
+        self.tell(Phase::Training, None, Some(update))
+    }
+
+    /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
+    fn open_rollout(&mut self, iteration: u64) -> Result<()> {
+        let version = iteration.saturating_sub(self.config.rollout.lag);
+        let plans = self.state.plans(iteration, self.config.rollout.lane_steps);
+        self.opened = Instant::now();
+        self.desk.order(Order::Open(Rollout::open(Source::Training, iteration, version, plans)))
+    }
+
+    /// The complete batch of the open rollout; none if a stop comes before it.
+    fn collect(&mut self) -> Result<Option<Vec<Encoded>>> {
+        while !self.stop.is_requested() {
+            if let Some(batch) = self.desk.batch(LOOK_FOR_STOP)? {
+                return Ok(Some(batch));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Lines 8 to 10: score, update the policy, improve the proximity function. The last two depend
+    /// only on the batch, so they run at the same time.
+    fn learn(&mut self, trajectories: &[Encoded], rollout_s: f64) -> Result<()> {
+        let iteration = self.state.iteration;
+        let begun = Instant::now();
+        self.scoring.announce(iteration, trajectories)?;
+        let mut reward_update = None;
+        let mut improvement = None;
+        if self.config.reward.order == UpdateOrder::ImproveFirst {
+            let under_way = self.scoring.start_improving(iteration)?;
+            reward_update = Some(self.scoring.improved(under_way)?);
+        }
+        let scores = self.scoring.scores(iteration, trajectories)?;
+        if self.config.reward.order == UpdateOrder::ScoreFirst {
+            improvement = Some(self.scoring.start_improving(iteration)?);
+        }
+        let scoring_s = begun.elapsed().as_secs_f64();
+        let begun = Instant::now();
+        let learning_rate = self.learning_rate();
+        let figures = self.update_policy(trajectories, &scores, learning_rate)?;
+        let update_s = begun.elapsed().as_secs_f64();
+        if let Some(under_way) = improvement {
+            reward_update = Some(self.scoring.improved(under_way)?);
+        }
+        self.state.iteration += 1;
+        self.state.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
+        let times = Times { rollout_s, scoring_s, update_s };
+        let update = self.policy_update(trajectories, &scores, &figures, learning_rate, times);
+        self.record(scores, update, reward_update)
+    }
+
+    /// Line 9.
+    fn update_policy(
+        &mut self,
+        trajectories: &[Encoded],
+        scores: &[Score],
+        learning_rate: f64,
+    ) -> Result<Figures> {
+        let mut batch = Batch::new(trajectories, scores, &self.spec)?;
+        if self.config.ppo.normalize_rewards {
+            let gamma = self.config.ppo.gamma;
+            batch.scale_rewards(&mut self.state.reward_scale, trajectories, gamma);
+        }
+        let schedule = Schedule {
+            run_seed: self.config.seed,
+            iteration: self.state.iteration,
+            learning_rate,
+        };
+        let State { parameters, previous_parameters, optimizer, .. } = &mut self.state;
+        previous_parameters.clone_from(parameters);
+        Ok(self.ppo.update(parameters, optimizer, &batch, &schedule))
+    }
+
+    /// Falls linearly to 0 over `decay_steps`, or over the run.
+    fn learning_rate(&self) -> f64 {
+        let ppo = &self.config.ppo;
+        if !ppo.learning_rate_decay {
+            return ppo.learning_rate;
+        }
+        let steps = if ppo.decay_steps == 0 { self.config.steps } else { ppo.decay_steps };
+        let iterations = steps.div_ceil(self.config.iteration_steps());
+        let past = self.state.iteration as f64 / iterations as f64;
+        ppo.learning_rate * (1.0 - past).max(0.0)
+    }
+
+    fn policy_update(
+        &self,
+        trajectories: &[Encoded],
+        scores: &[Score],
+        figures: &Figures,
+        learning_rate: f64,
+        times: Times,
+    ) -> PolicyUpdate {
+        let steps: u64 = trajectories.iter().map(|one| u64::from(one.trajectory.steps)).sum();
+        PolicyUpdate {
+            iteration: self.state.iteration - 1,
+            policy_version: self.state.iteration,
+            environment_steps: self.state.environment_steps,
+            episodes: self.state.episodes,
+            consumed: trajectories.iter().map(|encoded| encoded.key).collect(),
+            minibatch_seed: self.state.iteration - 1,
+            learning_rate,
+            policy_loss: figures.policy_loss,
+            value_loss: figures.value_loss,
+            entropy: figures.entropy,
+            approximate_kl: figures.approximate_kl,
+            clip_fraction: figures.clip_fraction,
+            gradient_norm: figures.gradient_norm,
+            success_rate: self.state.success_rate(),
+            mean_reward: mean(scores, |score| &score.rewards),
+            mean_proximity: mean(scores, |score| &score.proximity),
+            mean_uncertainty: mean(scores, |score| &score.uncertainty),
+            mean_episode_steps: steps as f64 / trajectories.len() as f64,
+            weights_sha256: weights::sha256([&self.state.parameters[..]]),
+            rollout_s: times.rollout_s,
+            scoring_s: times.scoring_s,
+            update_s: times.update_s,
+        }
+    }
+
+    fn record(
+        &mut self,
+        scores: Vec<Score>,
+        update: PolicyUpdate,
+        reward_update: Option<RewardUpdate>,
+    ) -> Result<()> {
+        self.desk.order(Order::Record(Entry::Scores(scores)))?;
+        self.desk.order(Order::Record(Entry::PolicyUpdate(update.clone())))?;
+        if let Some(update) = &reward_update {
+            self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
+        }
+        let shown = PolicyUpdate { consumed: Vec::new(), ..update };
+        self.tell(Phase::Training, Some(shown), reward_update)
+    }
+
+    /// Publishes how the run stands.
+    pub(crate) fn tell(
+        &mut self,
+        phase: Phase,
+        update: Option<PolicyUpdate>,
+        reward_update: Option<RewardUpdate>,
+    ) -> Result<()> {
+        let progress = &mut self.progress;
+        progress.phase = phase as i32;
+        progress.update = update.or(progress.update.take());
+        progress.reward_update = reward_update.or(progress.reward_update.take());
+        progress.steps_received = self.state.environment_steps;
+        progress.lag = self.config.rollout.lag as u32;
+        progress.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
+        let order = Order::Tell(progress.clone());
+        self.desk.order(order)
+    }
+
+    /// Publishes the policies that may act: the newest, and with lag 1 the one before.
+    fn publish_weights(&mut self) -> Result<()> {
+        let version = self.state.iteration;
+        if self.config.rollout.lag == 1 && version > 0 {
+            let previous = Weights::new(version - 1, &self.state.previous_parameters);
+            self.desk.order(Order::Publish(previous))?;
+        }
+        self.desk.order(Order::Publish(Weights::new(version, &self.state.parameters)))
+    }
+
+    /// Runs evaluation episodes with the final policy; none if a stop comes before their end.
+    pub(crate) fn evaluate(&mut self) -> Result<Option<Vec<Encoded>>> {
+        self.tell(Phase::Evaluating, None, None)?;
+        let episodes = self.config.evaluation.episodes;
+        if episodes == 0 {
+            return Ok(Some(Vec::new()));
+        }
+        let plans = evaluation_plans(episodes, self.config.rollout.lanes);
+        let version = self.state.iteration;
+        let rollout = Rollout::open(Source::Evaluation, version, version, plans);
+        self.desk.order(Order::Open(rollout))?;
+        self.collect()
+    }
+}
+
+/// Evaluation episodes spread evenly over the lanes.
+fn evaluation_plans(episodes: u64, lanes: u64) -> Vec<LanePlan> {
+    let lanes = lanes.min(episodes);
+    let plan = |lane| {
+        let episodes_owed = episodes / lanes + u64::from(lane < episodes % lanes);
+        LanePlan { first_episode: 0, steps_owed: 0, episodes_owed }
+    };
+    (0..lanes).map(plan).collect()
+}
+
+fn initial_state(folder: &RunFolder, config: &RunConfig, network: &ActorCritic) -> Result<State> {
+    let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
+    let parameters = network.initial_parameters(&mut stream);
+    let optimizer = Adam::new(parameters.len(), config.ppo.adam_epsilon);
+    let fresh = State::fresh(parameters, optimizer, config.rollout.lanes);
+    match folder.newest_checkpoint() {
+        None => Ok(fresh),
+        Some((iteration, checkpoint)) => {
+            tracing::info!("continuing after iteration {iteration}");
+            State::load(&checkpoint.join(LEARNER_FILE), fresh)
+        }
+    }
+}
+
+fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
+    let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed)
+        .with("config", config.to_text());
+    let options = LogOptions { rotate_bytes: config.log.file_mib << 20 };
+    Ok(LogWriter::create(&folder.log(), &metadata, options)?)
+}
+
+fn mean(scores: &[Score], numbers: impl Fn(&Score) -> &Vec<f32>) -> f64 {
+    let numbers = scores.iter().flat_map(numbers);
+    let (count, sum) =
+        numbers.fold((0_u64, 0.0), |(count, sum), &number| (count + 1, sum + f64::from(number)));
+    sum / count.max(1) as f64
+}

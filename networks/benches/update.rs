@@ -1,0 +1,116 @@
+//! What one evaluation and one update of the paper's networks cost on one core.
+//!
+//! `cargo bench -p networks -- --quick`. Budgets: 30 us a row for the forward half over cells, 100 us
+//! with the backward half; a kernel that left the vector registers shows as five times as much.
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::DMatrix;
+use networks::{
+    ActorCritic, Adam, Batch, Ensemble, Network, PolicyArchitecture, PolicyWorkspace,
+    RewardArchitecture, Workspace, clip_global_norm,
+};
+use protocol::seed::{Purpose, stream};
+use protocol::task::{ActionSpec, ObservationSpec};
+use rand::RngExt;
+
+const CELLS: ObservationSpec = ObservationSpec::Cells { height: 19, width: 19, classes: 4 };
+const VECTOR: ObservationSpec = ObservationSpec::Vector { len: 16 };
+
+fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
+    let mut stream = stream(1, Purpose::TrainingEpisode, 0, 0);
+    match spec {
+        ObservationSpec::Cells { height, width, classes } => {
+            (0..rows * height * width).map(|_| stream.random_range(0..classes as u8)).collect()
+        }
+        ObservationSpec::Vector { len } => {
+            (0..rows * len).flat_map(|_| stream.random::<f32>().to_le_bytes()).collect()
+        }
+    }
+}
+
+/// Forward and backward of a policy on `rows`, with and without preparation, clipping and Adam.
+fn policy(
+    criterion: &mut Criterion,
+    name: &str,
+    spec: ObservationSpec,
+    action: ActionSpec,
+    rows: usize,
+) {
+    let policy = ActorCritic::new(spec, action, &PolicyArchitecture::default());
+    let mut parameters = policy.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
+    let bytes = observations(spec, rows);
+    let batch = Batch::new(&bytes);
+    let mut workspace = PolicyWorkspace::default();
+    let mut prepared = policy.prepare(&parameters);
+    let mut gradient = vec![0.0; parameters.len()];
+    let mut adam = Adam::new(parameters.len(), 1e-5);
+    let slopes = DMatrix::from_element(policy.distribution().parameter_count(), rows, 1e-3);
+    let value_slopes = DMatrix::from_element(1, rows, 1e-3);
+    let mut group = criterion.benchmark_group(name);
+    group.throughput(Throughput::Elements(rows as u64));
+    group.bench_function("act", |bencher| {
+        bencher.iter(|| black_box(policy.act(&prepared, batch, &mut workspace)[0]));
+    });
+    group.bench_function("forward and backward", |bencher| {
+        bencher.iter(|| {
+            policy.forward(&prepared, batch, &mut workspace);
+            policy.backward(
+                &prepared,
+                batch,
+                &mut workspace,
+                &slopes,
+                &value_slopes,
+                &mut gradient,
+            );
+        });
+    });
+    group.bench_function("prepare, clip and Adam", |bencher| {
+        bencher.iter(|| {
+            clip_global_norm(&mut gradient, 0.5);
+            adam.update(&mut parameters, &gradient, 1e-4);
+            policy.prepare_into(&parameters, &mut prepared);
+        });
+    });
+    group.finish();
+}
+
+fn policies(criterion: &mut Criterion) {
+    let discrete = ActionSpec::Discrete { count: 4 };
+    policy(criterion, "cells policy, 32 rows", CELLS, discrete, 32);
+    policy(criterion, "cells policy, 64 rows", CELLS, discrete, 64);
+    policy(criterion, "vector policy, 128 rows", VECTOR, ActionSpec::Continuous { len: 4 }, 128);
+}
+
+fn ensembles(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("proximity ensemble of five");
+    for (name, spec, rows) in [("cells", CELLS, 64), ("vector", VECTOR, 128)] {
+        let network = Network::new(RewardArchitecture::default().network_shape(spec));
+        let streams = (0..5).map(|member| stream(1, Purpose::RewardWeights, member, 0));
+        let ensemble = Ensemble::new(network, streams);
+        let prepared = ensemble.prepare();
+        let bytes = observations(spec, rows);
+        let batch = Batch::new(&bytes);
+        let mut workspace = Workspace::default();
+        let (mut outputs, mut scores) = (Vec::new(), Vec::new());
+        group.throughput(Throughput::Elements(rows as u64));
+        group.bench_function(format!("{name}: score"), |bencher| {
+            bencher.iter(|| {
+                ensemble.score(&prepared, batch, &mut workspace, &mut outputs, &mut scores);
+            });
+        });
+        let slopes = DMatrix::from_element(1, rows, 1e-3);
+        let mut gradient = vec![0.0; ensemble.network.parameter_count()];
+        group.bench_function(format!("{name}: one member, forward and backward"), |bencher| {
+            bencher.iter(|| {
+                ensemble.network.forward(&prepared[0], batch, &mut workspace);
+                let network = &ensemble.network;
+                network.backward(&prepared[0], batch, &mut workspace, &slopes, &mut gradient);
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, policies, ensembles);
+criterion_main!(benches);

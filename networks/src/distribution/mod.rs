@@ -1,0 +1,120 @@
+//! From a network's outputs to actions and their log-probabilities, and back to gradients.
+//!
+//! A row of parameters is what the actor gives for one observation; an action is its bytes as
+//! [`ActionSpec`] lays them out. Exponentials and logarithms come from the `libm` crate, so they are
+//! the same bits everywhere.
+mod categorical;
+mod gaussian;
+
+use protocol::seed::Stream;
+use protocol::task::ActionSpec;
+
+/// How actions are drawn, given the parameters of one observation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distribution {
+    /// One of `count` actions; the parameters are as many unnormalized log-probabilities.
+    Categorical {
+        /// Number of actions.
+        count: usize,
+    },
+    /// Independent normal numbers; the parameters are `len` means, then `len` logarithms of standard
+    /// deviations.
+    Gaussian {
+        /// How many numbers.
+        len: usize,
+    },
+}
+
+impl Distribution {
+    /// The distribution for a kind of action.
+    pub fn new(action: ActionSpec) -> Self {
+        match action {
+            ActionSpec::Discrete { count } => Distribution::Categorical { count },
+            ActionSpec::Continuous { len } => Distribution::Gaussian { len },
+        }
+    }
+
+    /// Numbers in a row of parameters.
+    pub fn parameter_count(self) -> usize {
+        match self {
+            Distribution::Categorical { count } => count,
+            Distribution::Gaussian { len } => 2 * len,
+        }
+    }
+
+    /// Checks a row of parameters.
+    fn check(self, parameters: &[f32]) {
+        assert_eq!(parameters.len(), self.parameter_count(), "one row of {self:?}");
+    }
+
+    /// Draws an action and returns its log-probability.
+    ///
+    /// # Panics
+    /// If the row or the action has another length than this distribution's.
+    pub fn sample(self, parameters: &[f32], stream: &mut Stream, action: &mut [u8]) -> f32 {
+        self.check(parameters);
+        match self {
+            Distribution::Categorical { .. } => categorical::sample(parameters, stream, action),
+            Distribution::Gaussian { .. } => gaussian::sample(parameters, stream, action),
+        }
+        self.log_probability(parameters, action)
+    }
+
+    /// Writes the most probable action; of equals, the first.
+    ///
+    /// # Panics
+    /// If the row or the action has another length than this distribution's.
+    pub fn mode(self, parameters: &[f32], action: &mut [u8]) {
+        self.check(parameters);
+        match self {
+            Distribution::Categorical { .. } => categorical::mode(parameters, action),
+            Distribution::Gaussian { .. } => gaussian::mode(parameters, action),
+        }
+    }
+
+    /// The logarithm of an action's probability or density.
+    ///
+    /// # Panics
+    /// If the row or the action has another length than this distribution's.
+    pub fn log_probability(self, parameters: &[f32], action: &[u8]) -> f32 {
+        self.check(parameters);
+        match self {
+            Distribution::Categorical { .. } => categorical::log_probability(parameters, action),
+            Distribution::Gaussian { .. } => gaussian::log_probability(parameters, action),
+        }
+    }
+
+    /// The entropy, in nats.
+    ///
+    /// # Panics
+    /// If the row has another length than this distribution's.
+    pub fn entropy(self, parameters: &[f32]) -> f32 {
+        self.check(parameters);
+        match self {
+            Distribution::Categorical { .. } => categorical::entropy(parameters),
+            Distribution::Gaussian { .. } => gaussian::entropy(parameters),
+        }
+    }
+
+    /// Writes the gradient of a loss with respect to the parameters, given its derivatives with
+    /// respect to the log-probability of `action` and to the entropy.
+    ///
+    /// # Panics
+    /// If a row or the action has another length than this distribution's.
+    pub fn gradient(
+        self,
+        parameters: &[f32],
+        action: &[u8],
+        log_probability_slope: f32,
+        entropy_slope: f32,
+        gradient: &mut [f32],
+    ) {
+        self.check(parameters);
+        self.check(gradient);
+        let of = match self {
+            Distribution::Categorical { .. } => categorical::gradient,
+            Distribution::Gaussian { .. } => gaussian::gradient,
+        };
+        of(parameters, action, log_probability_slope, entropy_slope, gradient);
+    }
+}

@@ -1,0 +1,93 @@
+//! The ensemble whose mean is the proximity and whose spread is the uncertainty (Section 3.2).
+
+use protocol::seed::Stream;
+
+use crate::network::{Batch, Network, Prepared, Workspace};
+
+/// Independently drawn copies of one network with a single output.
+#[derive(Clone, Debug)]
+pub struct Ensemble {
+    /// What every member is.
+    pub network: Network,
+    /// The parameters of each member.
+    pub members: Vec<Vec<f32>>,
+}
+
+/// What an ensemble says about one observation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Score {
+    /// Mean of the members, clamped to [0, 1] after averaging.
+    pub proximity: f32,
+    /// Standard deviation of the members' unclamped outputs, over one less than their number.
+    pub uncertainty: f32,
+}
+
+impl Score {
+    /// The score of one observation, from each member's output. A single member is never uncertain.
+    pub fn of(outputs: impl ExactSizeIterator<Item = f32> + Clone) -> Self {
+        let count = outputs.len();
+        let mean = outputs.clone().map(f64::from).sum::<f64>() / count as f64;
+        let square = |output: f32| (f64::from(output) - mean) * (f64::from(output) - mean);
+        let variance = outputs.map(square).sum::<f64>() / count.saturating_sub(1).max(1) as f64;
+        Self { proximity: mean.clamp(0.0, 1.0) as f32, uncertainty: variance.sqrt() as f32 }
+    }
+}
+
+impl Ensemble {
+    /// Draws one member from each stream.
+    ///
+    /// # Panics
+    /// If the network has not exactly one output.
+    pub fn new(network: Network, streams: impl IntoIterator<Item = Stream>) -> Self {
+        assert_eq!(network.outputs(), 1, "outputs of a member of an ensemble");
+        let streams = streams.into_iter();
+        let members = streams.map(|mut stream| network.initial_parameters(&mut stream)).collect();
+        Self { network, members }
+    }
+
+    /// Packs the parameters of every member for evaluation.
+    pub fn prepare(&self) -> Vec<Prepared> {
+        self.members.iter().map(|member| self.network.prepare(member)).collect()
+    }
+
+    /// Scores every row of a batch; `outputs` is reused memory, `members x rows` afterwards.
+    ///
+    /// # Panics
+    /// As [`Network::forward`].
+    pub fn score(
+        &self,
+        prepared: &[Prepared],
+        batch: Batch<'_>,
+        workspace: &mut Workspace,
+        outputs: &mut Vec<f32>,
+        scores: &mut Vec<Score>,
+    ) {
+        outputs.clear();
+        for prepared in prepared {
+            let own = self.network.forward(prepared, batch, workspace);
+            outputs.extend_from_slice(own.as_slice());
+        }
+        let rows = outputs.len() / prepared.len();
+        let row = |row: usize| {
+            let members = 0..prepared.len();
+            Score::of(members.map(|member| outputs[member * rows + row]))
+        };
+        scores.clear();
+        scores.extend((0..rows).map(row));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_clamped_and_the_deviation_is_not() {
+        let score = Score::of([0.5, 1.5, 2.5].into_iter());
+        assert_eq!(score, Score { proximity: 1.0, uncertainty: 1.0 });
+        let score = Score::of([-3.0, -3.0].into_iter());
+        assert_eq!(score, Score { proximity: 0.0, uncertainty: 0.0 });
+        let score = Score::of([0.25].into_iter());
+        assert_eq!(score, Score { proximity: 0.25, uncertainty: 0.0 });
+    }
+}

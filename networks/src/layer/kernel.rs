@@ -1,0 +1,123 @@
+//! The multiplication kernel under every layer.
+//!
+//! A tile is up to six rows by sixteen columns of sums that stay in registers while the inner index
+//! runs. Each sum is one chain of fused multiply-adds in ascending order of that index, whatever the
+//! tile it lands in; so a number depends on its own row and column only, and not on the size of the
+//! batch, the place of the row in it, or the machine. The loops are plain arrays written so that the
+//! compiler keeps them in vector registers; `benches/update.rs` notices when it stops doing so.
+
+/// Columns of a tile: two registers of eight numbers.
+pub(crate) const LANE: usize = 16;
+
+/// Sixteen neighboring columns of a matrix row, zero where the matrix has fewer. It fills a cache line
+/// exactly: loads that straddle two lines cost a fifth of the speed.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(crate) struct Lane(pub(crate) [f32; LANE]);
+
+impl Lane {
+    /// All zeros.
+    pub(crate) const ZERO: Lane = Lane([0.0; LANE]);
+
+    /// Copies up to sixteen numbers and fills the rest with zeros.
+    #[inline(always)]
+    pub(crate) fn of(numbers: &[f32]) -> Self {
+        if let Ok(full) = <[f32; LANE]>::try_from(numbers) {
+            return Lane(full);
+        }
+        let mut lane = Lane::ZERO;
+        lane.0[..numbers.len()].copy_from_slice(numbers);
+        lane
+    }
+
+    /// Adds the first columns to `target`, as many as it has.
+    #[inline(always)]
+    pub(crate) fn add_to(&self, target: &mut [f32]) {
+        if let Ok(full) = <&mut [f32; LANE]>::try_from(&mut *target) {
+            full.iter_mut().zip(self.0).for_each(|(target, sum)| *target += sum);
+        } else {
+            target.iter_mut().zip(self.0).for_each(|(target, sum)| *target += sum);
+        }
+    }
+}
+
+/// Rows of a full tile: twelve registers of sums, leaving four for what is multiplied.
+const TILE: usize = 6;
+
+/// How many steps of the inner index are taken between two bounds checks.
+const UNROLL: usize = 8;
+
+/// Work that is done tile by tile.
+pub(crate) trait Tile {
+    /// Does the `R` rows from `first` on.
+    fn run<const R: usize>(&mut self, first: usize);
+}
+
+/// Covers `0..rows` by full tiles and one smaller tile for what remains.
+pub(crate) fn tiles(rows: usize, tile: &mut impl Tile) {
+    let full = rows / TILE * TILE;
+    for first in (0..full).step_by(TILE) {
+        tile.run::<TILE>(first);
+    }
+    match rows - full {
+        0 => {}
+        1 => tile.run::<1>(full),
+        2 => tile.run::<2>(full),
+        3 => tile.run::<3>(full),
+        4 => tile.run::<4>(full),
+        _ => tile.run::<5>(full),
+    }
+}
+
+/// Adds `factor * lane` to `sums`.
+#[inline(always)]
+fn multiply_add(sums: &mut Lane, factor: f32, lane: &Lane) {
+    for (sum, number) in sums.0.iter_mut().zip(&lane.0) {
+        *sum = factor.mul_add(*number, *sum);
+    }
+}
+
+/// Adds to `sums[r]` the products `rows[r][k] * panel[k]` for ascending `k`. Every row is as long as
+/// the panel.
+#[inline(always)]
+pub(crate) fn inner<const R: usize>(
+    mut sums: [Lane; R],
+    rows: [&[f32]; R],
+    panel: &[Lane],
+) -> [Lane; R] {
+    let (panel_chunks, panel_rest) = panel.as_chunks::<UNROLL>();
+    let chunks = rows.map(|row| row.as_chunks::<UNROLL>().0);
+    for (chunk, lanes) in panel_chunks.iter().enumerate() {
+        let factors = chunks.map(|row| &row[chunk]);
+        for (step, lane) in lanes.iter().enumerate() {
+            for (sums, factors) in sums.iter_mut().zip(&factors) {
+                multiply_add(sums, factors[step], lane);
+            }
+        }
+    }
+    let done = panel_chunks.len() * UNROLL;
+    for (step, lane) in panel_rest.iter().enumerate() {
+        for (sums, row) in sums.iter_mut().zip(&rows) {
+            multiply_add(sums, row[done + step], lane);
+        }
+    }
+    sums
+}
+
+/// The sums over ascending `m` of `numbers[starts[m] + r] * lanes[m]`.
+#[inline(always)]
+pub(crate) fn outer<const R: usize>(
+    numbers: &[f32],
+    starts: &[usize],
+    lanes: &[Lane],
+) -> [Lane; R] {
+    let mut sums = [Lane::ZERO; R];
+    for (&start, lane) in starts.iter().zip(lanes) {
+        let factors: &[f32; R] =
+            numbers[start..].first_chunk().expect("windows lie inside the input");
+        for (sums, factor) in sums.iter_mut().zip(factors) {
+            multiply_add(sums, *factor, lane);
+        }
+    }
+    sums
+}

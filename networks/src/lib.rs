@@ -1,0 +1,32 @@
+//! The small neural networks of the paper (Appendix G.2), their losses and their optimizer, with
+//! explicit back-propagation.
+//!
+//! Observation bytes come in as the environments wrote them; action parameters, values and
+//! proximities go out as `features x rows` matrices, so that a row of a batch is one contiguous
+//! column. All parameters of a network are one flat slice: what is optimized, clipped, hashed,
+//! published and checkpointed is that slice, and a network itself holds only shapes.
+//!
+//! There is no clock, no thread, no file and no randomness here but the stream handed in. Every sum
+//! has one fixed order, so the bits of a row never depend on the rows beside it, and the bits of a
+//! gradient never depend on who computed it.
+mod distribution;
+mod ensemble;
+mod initialization;
+mod layer;
+mod loss;
+mod network;
+mod normalization;
+mod optimizer;
+mod policy;
+mod shape;
+
+pub use distribution::Distribution;
+pub use ensemble::{Ensemble, Score};
+pub use initialization::Initialization;
+pub use layer::activation::{Activation, tanh};
+pub use loss::squared_error;
+pub use network::{Batch, Network, Prepared, Workspace};
+pub use normalization::{RunningMoments, RunningNormalizer};
+pub use optimizer::{Adam, add, clip_global_norm};
+pub use policy::{ActorCritic, Evaluation, PolicyWorkspace, PreparedPolicy};
+pub use shape::{CellsArchitecture, Head, NetworkShape, PolicyArchitecture, RewardArchitecture};

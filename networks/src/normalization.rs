@@ -1,0 +1,133 @@
+//! Running mean and variance, for observations the policy sees and for returns (Table 2).
+//!
+//! Batches are merged by Chan's parallel update in double precision, in the order they are given.
+
+use protocol::task::{floats, write_floats};
+use serde::{Deserialize, Serialize};
+
+/// What is added to a variance before its root is taken.
+const EPSILON: f64 = 1e-8;
+
+/// Normalized observations are cut off at this many standard deviations.
+const CLIP: f64 = 10.0;
+
+/// Mean and variance of a stream of numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunningMoments {
+    /// Mean of the numbers so far.
+    pub mean: f64,
+    /// Their variance, over their number.
+    pub variance: f64,
+    /// How many, plus the little weight of the beginning.
+    pub count: f64,
+}
+
+impl Default for RunningMoments {
+    fn default() -> Self {
+        Self { mean: 0.0, variance: 1.0, count: 1e-4 }
+    }
+}
+
+impl RunningMoments {
+    /// Takes in a batch.
+    pub fn update(&mut self, batch: impl ExactSizeIterator<Item = f64> + Clone) {
+        if batch.len() == 0 {
+            return;
+        }
+        let count = batch.len() as f64;
+        let mean = batch.clone().sum::<f64>() / count;
+        let squares = batch.map(|number| (number - mean) * (number - mean)).sum::<f64>();
+        let (distance, total) = (mean - self.mean, self.count + count);
+        let between = distance * distance * self.count * count / total;
+        self.variance = (self.variance * self.count + squares + between) / total;
+        self.mean += distance * count / total;
+        self.count = total;
+    }
+
+    /// The standard deviation, never zero: what returns are divided by.
+    pub fn deviation(&self) -> f64 {
+        (self.variance + EPSILON).sqrt()
+    }
+}
+
+/// Normalizes vector observations number by number.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunningNormalizer {
+    /// The moments of each number of the observation.
+    pub moments: Vec<RunningMoments>,
+}
+
+impl RunningNormalizer {
+    /// A normalizer of observations of `len` numbers that has seen none.
+    pub fn new(len: usize) -> Self {
+        Self { moments: vec![RunningMoments::default(); len] }
+    }
+
+    /// Takes in observations, given as their bytes one after another.
+    ///
+    /// # Panics
+    /// If they are not whole observations.
+    pub fn update(&mut self, observations: &[u8]) {
+        let len = self.moments.len();
+        assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
+        let rows = observations.len() / (4 * len);
+        for (index, moments) in self.moments.iter_mut().enumerate() {
+            let number = |row: usize| {
+                let at = 4 * (row * len + index);
+                floats(&observations[at..at + 4]).map(f64::from).sum()
+            };
+            moments.update((0..rows).map(number));
+        }
+    }
+
+    /// Writes normalized observations, given and written as bytes one after another.
+    ///
+    /// # Panics
+    /// If they are not whole observations, or the lengths differ.
+    pub fn normalize(&self, observations: &[u8], normalized: &mut [u8]) {
+        let len = self.moments.len();
+        assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
+        assert_eq!(observations.len(), normalized.len(), "as many observations out as in");
+        let rows = observations.chunks_exact(4 * len).zip(normalized.chunks_exact_mut(4 * len));
+        for (row, normalized) in rows {
+            let numbers = floats(row).zip(&self.moments).map(|(number, moments)| {
+                let distance = (f64::from(number) - moments.mean) / moments.deviation();
+                distance.clamp(-CLIP, CLIP) as f32
+            });
+            write_floats(numbers, normalized);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_of_batches_are_those_of_the_whole() {
+        let numbers: Vec<f64> = (0..1000).map(|index| f64::from(index * 37 % 101) / 7.0).collect();
+        let mut moments = RunningMoments::default();
+        for batch in numbers.chunks(33) {
+            moments.update(batch.iter().copied());
+        }
+        let mean = numbers.iter().sum::<f64>() / 1000.0;
+        let variance = numbers.iter().map(|number| (number - mean).powi(2)).sum::<f64>() / 1000.0;
+        assert!((moments.mean - mean).abs() < 1e-5);
+        assert!((moments.variance - variance).abs() < 1e-4);
+        assert_eq!(moments.count, 1000.0 + 1e-4);
+    }
+
+    #[test]
+    fn observations_are_centered_scaled_and_clipped() {
+        let bytes = |numbers: &[f32]| -> Vec<u8> {
+            numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+        };
+        let mut normalizer = RunningNormalizer::new(2);
+        normalizer.update(&bytes(&[1.0, 5.0, 3.0, 5.0]));
+        let mut normalized = vec![0; 16];
+        normalizer.normalize(&bytes(&[3.0, 5.0, 1e9, -1e9]), &mut normalized);
+        let numbers: Vec<f32> = floats(&normalized).collect();
+        assert!((numbers[0] - 1.0).abs() < 1e-3 && numbers[1].abs() < 0.1);
+        assert_eq!(numbers[2..], [10.0, -10.0]);
+    }
+}

@@ -1,0 +1,108 @@
+//! What turns a gradient into new parameters: clipping by the global norm, and Adam.
+
+use serde::{Deserialize, Serialize};
+
+/// Adam over a flat slice of parameters; all of it is state to be checkpointed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Adam {
+    /// Running mean of the gradient.
+    pub first_moment: Vec<f32>,
+    /// Running mean of its square.
+    pub second_moment: Vec<f32>,
+    /// Updates so far.
+    pub step: u64,
+    /// How fast the first moment follows, 0.9 unless changed.
+    pub beta1: f64,
+    /// How fast the second moment follows, 0.999 unless changed.
+    pub beta2: f64,
+    /// What is added to the root of the second moment.
+    pub epsilon: f64,
+}
+
+impl Adam {
+    /// A fresh optimizer for as many parameters.
+    pub fn new(parameter_count: usize, epsilon: f64) -> Self {
+        let [first_moment, second_moment] = [(); 2].map(|()| vec![0.0; parameter_count]);
+        Self { first_moment, second_moment, step: 0, beta1: 0.9, beta2: 0.999, epsilon }
+    }
+
+    /// Takes one step down the gradient.
+    ///
+    /// # Panics
+    /// If the lengths are not those of the moments.
+    pub fn update(&mut self, parameters: &mut [f32], gradient: &[f32], learning_rate: f64) {
+        assert_eq!(parameters.len(), self.first_moment.len(), "parameters of this optimizer");
+        assert_eq!(gradient.len(), self.first_moment.len(), "parameters of this optimizer");
+        self.step += 1;
+        let remaining = |beta: f64| 1.0 - libm::pow(beta, self.step as f64);
+        let rate = (learning_rate / remaining(self.beta1)) as f32;
+        let scale = (1.0 / remaining(self.beta2).sqrt()) as f32;
+        let (follow1, follow2) = ((1.0 - self.beta1) as f32, (1.0 - self.beta2) as f32);
+        let (keep2, epsilon) = (self.beta2 as f32, self.epsilon as f32);
+        let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
+        for ((parameter, slope), (first, second)) in
+            parameters.iter_mut().zip(gradient).zip(moments)
+        {
+            *first += follow1 * (slope - *first);
+            *second = keep2 * *second + follow2 * slope * slope;
+            *parameter -= rate * *first / (second.sqrt() * scale + epsilon);
+        }
+    }
+}
+
+/// Scales a gradient so that its norm is at most `largest`, and returns the norm it had.
+pub fn clip_global_norm(gradient: &mut [f32], largest: f64) -> f64 {
+    let norm = square_sum(gradient).sqrt();
+    // The small number is PyTorch's; it keeps a zero gradient zero.
+    let factor = largest / (norm + 1e-6);
+    if factor < 1.0 {
+        let factor = factor as f32;
+        gradient.iter_mut().for_each(|slope| *slope *= factor);
+    }
+    norm
+}
+
+/// The sum of squares, in sixteen interleaved sums that are then added in order.
+fn square_sum(numbers: &[f32]) -> f64 {
+    let mut sums = [0.0; 16];
+    let (chunks, rest) = numbers.as_chunks::<16>();
+    let square = |number: f32| f64::from(number) * f64::from(number);
+    for chunk in chunks {
+        sums.iter_mut().zip(chunk).for_each(|(sum, number)| *sum += square(*number));
+    }
+    sums.iter_mut().zip(rest).for_each(|(sum, number)| *sum += square(*number));
+    sums.iter().sum()
+}
+
+/// Adds a shard's gradient to the sum of those before it. Adding shards in a fixed order gives the
+/// same bits whichever threads computed them.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn add(sum: &mut [f32], shard: &[f32]) {
+    assert_eq!(sum.len(), shard.len(), "gradients of the same parameters");
+    sum.iter_mut().zip(shard).for_each(|(sum, slope)| *sum += slope);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clipping_scales_only_what_is_too_long() {
+        let mut gradient = vec![3.0, 0.0, 4.0];
+        assert_eq!(clip_global_norm(&mut gradient, 5.1), 5.0);
+        assert_eq!(gradient, [3.0, 0.0, 4.0]);
+        assert_eq!(clip_global_norm(&mut gradient, 0.5), 5.0);
+        assert!((square_sum(&gradient).sqrt() - 0.5).abs() < 1e-6);
+        assert_eq!(clip_global_norm(&mut [0.0; 11], 0.5), 0.0);
+    }
+
+    #[test]
+    fn the_first_step_is_as_long_as_the_learning_rate() {
+        let mut adam = Adam::new(2, 1e-8);
+        let mut parameters = [1.0, -1.0];
+        adam.update(&mut parameters, &[0.3, -20.0], 0.1);
+        assert!((parameters[0] - 0.9).abs() < 1e-6 && (parameters[1] + 0.9).abs() < 1e-6);
+    }
+}

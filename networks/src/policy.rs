@@ -1,0 +1,233 @@
+//! Actor and critic for a task (Appendix G.2): what PPO trains and actors sample from.
+//!
+//! Over cells, actor and critic are two heads of one network; over vectors they are two networks. A
+//! continuous policy has one further parameter for each action number, the logarithm of its standard
+//! deviation, which does not depend on the observation.
+
+use nalgebra::DMatrix;
+use protocol::seed::Stream;
+use protocol::task::{ActionSpec, ObservationSpec};
+
+use crate::distribution::Distribution;
+use crate::initialization::Initialization;
+use crate::network::{Batch, Network, Prepared, Workspace, reshape};
+use crate::shape::{Head, NetworkShape, PolicyArchitecture};
+
+/// A policy and its value function; their parameters are one flat slice kept elsewhere.
+#[derive(Clone, Debug)]
+pub struct ActorCritic {
+    /// One network with both heads, or the actor and the critic.
+    networks: Vec<Network>,
+    distribution: Distribution,
+    /// Outputs of the actor's head.
+    actor_outputs: usize,
+    /// Logarithms of standard deviations at the end of the parameters.
+    log_deviations: usize,
+}
+
+/// One version of an [`ActorCritic`]'s parameters, packed for evaluation and shared by threads.
+#[derive(Clone, Debug, Default)]
+pub struct PreparedPolicy {
+    networks: Vec<Prepared>,
+    log_deviations: Vec<f32>,
+}
+
+/// What a thread needs to evaluate an [`ActorCritic`]; reused from batch to batch.
+#[derive(Clone, Debug)]
+pub struct PolicyWorkspace {
+    networks: [Workspace; 2],
+    parameters: DMatrix<f32>,
+    values: DMatrix<f32>,
+    slopes: DMatrix<f32>,
+}
+
+impl Default for PolicyWorkspace {
+    fn default() -> Self {
+        let [parameters, values, slopes] = [(); 3].map(|()| DMatrix::zeros(0, 0));
+        Self { networks: Default::default(), parameters, values, slopes }
+    }
+}
+
+/// What an [`ActorCritic`] says about a batch.
+#[derive(Clone, Copy, Debug)]
+pub struct Evaluation<'w> {
+    /// Parameters of the action distribution, `parameter_count x rows` (see [`Distribution`]).
+    pub parameters: &'w DMatrix<f32>,
+    /// Values of the observations, `1 x rows`.
+    pub values: &'w DMatrix<f32>,
+}
+
+impl ActorCritic {
+    /// Lays the networks out for a task's observations and actions.
+    pub fn new(
+        observation: ObservationSpec,
+        action: ActionSpec,
+        architecture: &PolicyArchitecture,
+    ) -> Self {
+        let (actor_outputs, actor_gain, log_deviations) = match action {
+            ActionSpec::Discrete { count } => (count, 0.01, 0),
+            ActionSpec::Continuous { len } => (len, 1.0, len),
+        };
+        let head = |outputs, gain| {
+            let initialization = Initialization::Orthogonal(gain);
+            Head { outputs, initialization }
+        };
+        let actor = head(actor_outputs, actor_gain);
+        let critic = head(1, std::f64::consts::SQRT_2);
+        let (shared, hidden) = match observation {
+            ObservationSpec::Cells { .. } => (architecture.shared_trunk, Vec::new()),
+            ObservationSpec::Vector { .. } => (false, architecture.hidden.clone()),
+        };
+        let network = |heads: Vec<Head>| {
+            Network::new(NetworkShape {
+                observation,
+                frames: 1,
+                beside: 0,
+                cells: architecture.cells.clone(),
+                hidden: hidden.clone(),
+                activation: architecture.activation,
+                hidden_initialization: Initialization::Orthogonal(std::f64::consts::SQRT_2),
+                heads,
+            })
+        };
+        let networks = if shared {
+            vec![network(vec![actor, critic])]
+        } else {
+            vec![network(vec![actor]), network(vec![critic])]
+        };
+        let distribution = Distribution::new(action);
+        Self { networks, distribution, actor_outputs, log_deviations }
+    }
+
+    /// How actions are drawn from the parameters that the actor gives.
+    pub fn distribution(&self) -> Distribution {
+        self.distribution
+    }
+
+    /// Length of the flat parameters: networks in order, then logarithms of standard deviations.
+    pub fn parameter_count(&self) -> usize {
+        let counts = self.networks.iter().map(Network::parameter_count);
+        counts.sum::<usize>() + self.log_deviations
+    }
+
+    /// Draws first parameters; standard deviations begin at one.
+    pub fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
+        let networks = self.networks.iter();
+        let mut parameters: Vec<f32> =
+            networks.flat_map(|network| network.initial_parameters(stream)).collect();
+        parameters.resize(self.parameter_count(), 0.0);
+        parameters
+    }
+
+    /// Packs a version of the parameters for evaluation.
+    ///
+    /// # Panics
+    /// If there are not [`ActorCritic::parameter_count`] of them.
+    pub fn prepare(&self, parameters: &[f32]) -> PreparedPolicy {
+        let mut prepared = PreparedPolicy::default();
+        self.prepare_into(parameters, &mut prepared);
+        prepared
+    }
+
+    /// Packs a version of the parameters into the memory of an earlier one.
+    ///
+    /// # Panics
+    /// If there are not [`ActorCritic::parameter_count`] of them.
+    pub fn prepare_into(&self, parameters: &[f32], prepared: &mut PreparedPolicy) {
+        assert_eq!(parameters.len(), self.parameter_count(), "parameters of this policy");
+        prepared.networks.resize_with(self.networks.len(), Prepared::default);
+        let mut rest = parameters;
+        for (network, prepared) in self.networks.iter().zip(&mut prepared.networks) {
+            let (own, further) = rest.split_at(network.parameter_count());
+            network.prepare_into(own, prepared);
+            rest = further;
+        }
+        prepared.log_deviations.clear();
+        prepared.log_deviations.extend_from_slice(rest);
+    }
+
+    /// Action parameters only, `parameter_count x rows`: the half that acting needs.
+    ///
+    /// # Panics
+    /// As [`Network::forward`].
+    pub fn act<'w>(
+        &self,
+        prepared: &PreparedPolicy,
+        batch: Batch<'_>,
+        workspace: &'w mut PolicyWorkspace,
+    ) -> &'w DMatrix<f32> {
+        let PolicyWorkspace { networks, parameters, .. } = workspace;
+        let outputs = self.networks[0].forward(&prepared.networks[0], batch, &mut networks[0]);
+        reshape(parameters, self.actor_outputs + self.log_deviations, outputs.ncols());
+        for (mut to, from) in parameters.column_iter_mut().zip(outputs.column_iter()) {
+            to.iter_mut()
+                .zip(from.iter().take(self.actor_outputs))
+                .for_each(|(to, from)| *to = *from);
+            let log_deviations = to.iter_mut().skip(self.actor_outputs);
+            log_deviations.zip(&prepared.log_deviations).for_each(|(to, from)| *to = *from);
+        }
+        parameters
+    }
+
+    /// Action parameters and values of a batch.
+    ///
+    /// # Panics
+    /// As [`Network::forward`].
+    pub fn forward<'w>(
+        &self,
+        prepared: &PreparedPolicy,
+        batch: Batch<'_>,
+        workspace: &'w mut PolicyWorkspace,
+    ) -> Evaluation<'w> {
+        self.act(prepared, batch, workspace);
+        let PolicyWorkspace { networks: [first, second], parameters, values, .. } = workspace;
+        reshape(values, 1, parameters.ncols());
+        let source = match (&self.networks[..], &prepared.networks[..]) {
+            ([_, critic], [_, prepared]) => critic.forward(prepared, batch, second),
+            _ => first.outputs(),
+        };
+        let value_row = source.nrows() - 1;
+        values.row_mut(0).copy_from(&source.row(value_row));
+        Evaluation { parameters, values }
+    }
+
+    /// Adds to `gradient` the gradient of all parameters, for the gradients of what the last
+    /// [`ActorCritic::forward`] in this workspace gave on the same batch and parameters.
+    ///
+    /// # Panics
+    /// If a shape is not that of the forward half.
+    pub fn backward(
+        &self,
+        prepared: &PreparedPolicy,
+        batch: Batch<'_>,
+        workspace: &mut PolicyWorkspace,
+        parameter_slopes: &DMatrix<f32>,
+        value_slopes: &DMatrix<f32>,
+        gradient: &mut [f32],
+    ) {
+        let PolicyWorkspace { networks: [first, second], slopes, .. } = workspace;
+        assert_eq!(gradient.len(), self.parameter_count(), "parameters of this policy");
+        let width = self.actor_outputs + self.log_deviations;
+        assert_eq!(parameter_slopes.nrows(), width, "parameters of the action distribution");
+        let actor_slopes = parameter_slopes.rows(0, self.actor_outputs);
+        let (own, rest) = gradient.split_at_mut(self.networks[0].parameter_count());
+        reshape(slopes, self.networks[0].outputs(), parameter_slopes.ncols());
+        slopes.rows_mut(0, self.actor_outputs).copy_from(&actor_slopes);
+        let log_deviations = match &self.networks[..] {
+            [_, critic] => {
+                let (critic_own, rest) = rest.split_at_mut(critic.parameter_count());
+                critic.backward(&prepared.networks[1], batch, second, value_slopes, critic_own);
+                rest
+            }
+            _ => {
+                slopes.row_mut(self.actor_outputs).copy_from(&value_slopes.row(0));
+                rest
+            }
+        };
+        self.networks[0].backward(&prepared.networks[0], batch, first, slopes, own);
+        for row in parameter_slopes.column_iter() {
+            let own = row.iter().skip(self.actor_outputs);
+            log_deviations.iter_mut().zip(own).for_each(|(sum, slope)| *sum += slope);
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! What a network looks like, as a configuration states it (paper, Appendix G.2).
+
+use protocol::config::{PolicyConfig, RewardConfig};
+use protocol::task::ObservationSpec;
+use serde::{Deserialize, Serialize};
+
+use crate::initialization::Initialization;
+use crate::layer::activation::Activation;
+
+/// The convolutional encoder of cell observations. The default is the one the authors ran; the
+/// paper's own text gives sizes that would not fit a 19 x 19 grid.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CellsArchitecture {
+    /// Channels of the convolutions, in order; each has stride one and a rectifier.
+    pub channels: Vec<usize>,
+    /// Side of every convolution's window.
+    pub kernel: usize,
+    /// Side of the squares pooled behind the first convolution.
+    pub pool: usize,
+    /// Outputs of the dense, rectified layer that ends the encoder.
+    pub features: usize,
+}
+
+impl Default for CellsArchitecture {
+    fn default() -> Self {
+        Self { channels: vec![16, 32, 64], kernel: 2, pool: 2, features: 64 }
+    }
+}
+
+/// The policy and its value function.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PolicyArchitecture {
+    /// Encoder of cell observations.
+    pub cells: CellsArchitecture,
+    /// Hidden layers over vector observations.
+    pub hidden: Vec<usize>,
+    /// What follows each hidden layer.
+    pub activation: Activation,
+    /// Whether actor and critic share the encoder of cell observations.
+    pub shared_trunk: bool,
+}
+
+impl Default for PolicyArchitecture {
+    fn default() -> Self {
+        let cells = CellsArchitecture::default();
+        let activation = Activation::Tanh;
+        Self { cells, hidden: vec![256, 256], activation, shared_trunk: true }
+    }
+}
+
+/// A proximity function or a discriminator.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RewardArchitecture {
+    /// Encoder of cell observations.
+    pub cells: CellsArchitecture,
+    /// Hidden layers, behind the encoder or over the vector.
+    pub hidden: Vec<usize>,
+    /// What follows each hidden layer.
+    pub activation: Activation,
+}
+
+impl Default for RewardArchitecture {
+    fn default() -> Self {
+        let cells = CellsArchitecture::default();
+        Self { cells, hidden: vec![64, 64], activation: Activation::Tanh }
+    }
+}
+
+impl RewardArchitecture {
+    /// The network of this architecture with one output, over a single observation.
+    pub fn network_shape(&self, observation: ObservationSpec) -> NetworkShape {
+        NetworkShape {
+            observation,
+            frames: 1,
+            beside: 0,
+            cells: self.cells.clone(),
+            hidden: self.hidden.clone(),
+            activation: self.activation,
+            hidden_initialization: Initialization::FanIn,
+            heads: vec![Head { outputs: 1, initialization: Initialization::FanIn }],
+        }
+    }
+}
+
+/// Everything that determines a network but its parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkShape {
+    /// What one observation is.
+    pub observation: ObservationSpec,
+    /// How many observations a row holds, one after another: one, or two for a transition.
+    pub frames: usize,
+    /// How many further numbers a row has beside its observations, such as an action.
+    pub beside: usize,
+    /// Encoder of cell observations; unused for vectors.
+    pub cells: CellsArchitecture,
+    /// Hidden layers, behind the encoder or over the vector.
+    pub hidden: Vec<usize>,
+    /// What follows each hidden layer.
+    pub activation: Activation,
+    /// First weights of the hidden layers. Those of the encoder are always drawn by fan-in.
+    pub hidden_initialization: Initialization,
+    /// The linear outputs, one head after another.
+    pub heads: Vec<Head>,
+}
+
+/// A linear output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Head {
+    /// How many numbers.
+    pub outputs: usize,
+    /// First weights.
+    pub initialization: Initialization,
+}
+
+impl From<&PolicyConfig> for PolicyArchitecture {
+    fn from(config: &PolicyConfig) -> Self {
+        PolicyArchitecture {
+            cells: CellsArchitecture {
+                channels: config.convolution_channels.to_vec(),
+                features: config.features,
+                ..CellsArchitecture::default()
+            },
+            hidden: config.hidden.clone(),
+            shared_trunk: config.shared_trunk,
+            ..PolicyArchitecture::default()
+        }
+    }
+}
+
+impl From<&RewardConfig> for RewardArchitecture {
+    fn from(config: &RewardConfig) -> Self {
+        RewardArchitecture {
+            cells: CellsArchitecture {
+                channels: config.convolution_channels.to_vec(),
+                features: config.features,
+                ..CellsArchitecture::default()
+            },
+            hidden: config.hidden.clone(),
+            ..RewardArchitecture::default()
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! Back-propagation, distributions and losses against finite differences.
+//!
+//! Networks compute in single precision, so the differences do too: a relative error of a percent of
+//! a layer's gradient is their noise, while a wrong term in a derivative shows as tens of percent.
+use nalgebra::DMatrix;
+use networks::{
+    Activation, ActorCritic, Batch, CellsArchitecture, Distribution, Head, Initialization, Network,
+    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, squared_error,
+};
+use protocol::seed::{Purpose, Stream, stream};
+use protocol::task::{ActionSpec, ObservationSpec};
+use rand::RngExt;
+
+const ROWS: usize = 7;
+
+fn random() -> Stream {
+    stream(7, Purpose::PolicyWeights, 0, 0)
+}
+
+fn normal(stream: &mut Stream) -> f32 {
+    (0..12).map(|_| stream.random::<f32>()).sum::<f32>() - 6.0
+}
+
+fn observations(spec: ObservationSpec, frames: usize, stream: &mut Stream) -> Vec<u8> {
+    match spec {
+        ObservationSpec::Cells { height, width, classes } => (0..ROWS * frames * height * width)
+            .map(|_| stream.random_range(0..classes as u8))
+            .collect(),
+        ObservationSpec::Vector { len } => {
+            (0..ROWS * frames * len).flat_map(|_| normal(stream).to_le_bytes()).collect()
+        }
+    }
+}
+
+/// The derivatives of `loss` with respect to each of `numbers`, above and below its place.
+fn differences(numbers: &[f32], step: f32, mut loss: impl FnMut(&[f32]) -> f64) -> Vec<[f64; 2]> {
+    let mut moved = numbers.to_vec();
+    let here = loss(numbers);
+    (0..numbers.len())
+        .map(|index| {
+            [step, -step].map(|step| {
+                moved[index] = numbers[index] + step;
+                let slope = (loss(&moved) - here) / f64::from(moved[index] - numbers[index]);
+                moved[index] = numbers[index];
+                slope
+            })
+        })
+        .collect()
+}
+
+/// Compares a gradient with differences. Where a rectifier or a maximum switches within the step the
+/// two sides differ and nothing can be said; that must be rare.
+fn assert_close(what: &str, found: &[f32], differences: &[[f64; 2]], tolerance: f64) {
+    let center = |[above, below]: [f64; 2]| 0.5 * (above + below);
+    let norm = differences.iter().map(|pair| center(*pair) * center(*pair)).sum::<f64>().sqrt();
+    assert!(norm > 1e-3, "{what}: the gradient is too small to say anything: {norm:e}");
+    let scale = norm / (differences.len() as f64).sqrt();
+    let (mut error, mut compared) = (0.0, 0);
+    for (found, pair) in found.iter().zip(differences) {
+        if (pair[0] - pair[1]).abs() < 0.04 * scale.max(center(*pair).abs()) {
+            error += (f64::from(*found) - center(*pair)).powi(2);
+            compared += 1;
+        }
+    }
+    let error = error.sqrt();
+    assert!(error < tolerance * norm, "{what}: error {error:e} of {norm:e}");
+    assert!(10 * compared > 7 * found.len(), "{what}: {compared} of {} compared", found.len());
+}
+
+fn shape(observation: ObservationSpec) -> NetworkShape {
+    NetworkShape {
+        observation,
+        frames: 1,
+        beside: 0,
+        cells: CellsArchitecture { channels: vec![6, 5, 17], kernel: 2, pool: 2, features: 11 },
+        hidden: vec![19, 7],
+        activation: Activation::Tanh,
+        hidden_initialization: Initialization::FanIn,
+        heads: vec![Head { outputs: 3, initialization: Initialization::FanIn }],
+    }
+}
+
+/// Checks the gradient of a random linear function of the outputs, layer by layer.
+fn check_network(shape: NetworkShape) {
+    let mut stream = random();
+    let (frames, beside_count) = (shape.frames, shape.beside);
+    let observations = observations(shape.observation, frames, &mut stream);
+    let beside: Vec<f32> = (0..ROWS * beside_count).map(|_| normal(&mut stream)).collect();
+    let batch = Batch { observations: &observations, beside: &beside };
+    let network = Network::new(shape);
+    let count = network.parameter_count();
+    let parameters: Vec<f32> = (0..count).map(|_| 0.4 * normal(&mut stream)).collect();
+    let slopes = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
+    let mut workspace = Workspace::default();
+    let mut loss = |parameters: &[f32]| {
+        let outputs = network.forward(&network.prepare(parameters), batch, &mut workspace);
+        let each = outputs.iter().zip(&slopes);
+        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+    };
+    let expected = differences(&parameters, 5e-4, &mut loss);
+    loss(&parameters);
+    let mut gradient = vec![1.0; network.parameter_count()];
+    let prepared = network.prepare(&parameters);
+    network.backward(&prepared, batch, &mut workspace, &slopes, &mut gradient);
+    gradient.iter_mut().for_each(|slope| *slope -= 1.0);
+    for (layer, range) in network.parameter_ranges().iter().cloned().enumerate() {
+        let what = format!("layer {layer}");
+        assert_close(&what, &gradient[range.clone()], &expected[range], 0.01);
+    }
+}
+
+#[test]
+fn vector_networks() {
+    check_network(shape(ObservationSpec::Vector { len: 5 }));
+    check_network(NetworkShape {
+        frames: 2,
+        beside: 3,
+        activation: Activation::Relu,
+        ..shape(ObservationSpec::Vector { len: 4 })
+    });
+}
+
+#[test]
+fn cells_networks() {
+    let observation = ObservationSpec::Cells { height: 10, width: 11, classes: 3 };
+    check_network(shape(observation));
+    check_network(NetworkShape { frames: 2, beside: 2, ..shape(observation) });
+    check_network(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
+    let cells = CellsArchitecture { channels: vec![18, 3], kernel: 3, pool: 1, features: 5 };
+    check_network(NetworkShape { cells, ..shape(observation) });
+}
+
+fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: bool) {
+    let mut stream = random();
+    let architecture = PolicyArchitecture {
+        cells: CellsArchitecture { channels: vec![4, 6], kernel: 2, pool: 2, features: 8 },
+        hidden: vec![9, 8],
+        shared_trunk,
+        ..PolicyArchitecture::default()
+    };
+    let policy = ActorCritic::new(observation, action, &architecture);
+    let observations = observations(observation, 1, &mut stream);
+    let batch = Batch::new(&observations);
+    let count = policy.parameter_count();
+    let parameters: Vec<f32> = (0..count).map(|_| 0.4 * normal(&mut stream)).collect();
+    let width = policy.distribution().parameter_count();
+    let slopes = DMatrix::from_fn(width, ROWS, |_, _| normal(&mut stream));
+    let value_slopes = DMatrix::from_fn(1, ROWS, |_, _| normal(&mut stream));
+    let mut workspace = PolicyWorkspace::default();
+    let mut loss = |parameters: &[f32]| {
+        let found = policy.forward(&policy.prepare(parameters), batch, &mut workspace);
+        let each =
+            found.parameters.iter().zip(&slopes).chain(found.values.iter().zip(&value_slopes));
+        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+    };
+    let expected = differences(&parameters, 5e-4, &mut loss);
+    loss(&parameters);
+    let mut gradient = vec![0.0; count];
+    let prepared = policy.prepare(&parameters);
+    policy.backward(&prepared, batch, &mut workspace, &slopes, &value_slopes, &mut gradient);
+    assert_close("policy", &gradient, &expected, 0.01);
+    let tail = count.saturating_sub(3);
+    assert_close("last parameters", &gradient[tail..], &expected[tail..], 0.01);
+}
+
+#[test]
+fn policies() {
+    let cells = ObservationSpec::Cells { height: 8, width: 8, classes: 4 };
+    let vector = ObservationSpec::Vector { len: 6 };
+    for action in [ActionSpec::Discrete { count: 4 }, ActionSpec::Continuous { len: 3 }] {
+        check_policy(cells, action, true);
+        check_policy(cells, action, false);
+        check_policy(vector, action, true);
+    }
+}
+
+#[test]
+fn distributions() {
+    let mut stream = random();
+    for action in [ActionSpec::Discrete { count: 5 }, ActionSpec::Continuous { len: 3 }] {
+        let distribution = Distribution::new(action);
+        let count = distribution.parameter_count();
+        let parameters: Vec<f32> = (0..count).map(|_| 0.5 * normal(&mut stream)).collect();
+        let mut bytes = vec![0; action.bytes()];
+        for _ in 0..20 {
+            let sampled = distribution.sample(&parameters, &mut stream, &mut bytes);
+            assert_eq!(sampled, distribution.log_probability(&parameters, &bytes));
+            let expected = differences(&parameters, 5e-3, |parameters| {
+                let log_probability = distribution.log_probability(parameters, &bytes);
+                1.5 * f64::from(log_probability) - 0.7 * f64::from(distribution.entropy(parameters))
+            });
+            let mut gradient = vec![0.0; count];
+            distribution.gradient(&parameters, &bytes, 1.5, -0.7, &mut gradient);
+            assert_close(&format!("{distribution:?}"), &gradient, &expected, 0.01);
+        }
+    }
+}
+
+#[test]
+fn samples_follow_the_distribution() {
+    let mut stream = random();
+    let draws = 40_000;
+    let categorical = Distribution::Categorical { count: 3 };
+    let logits = [0.2_f32.ln(), 0.5_f32.ln() + 0.0, 0.3_f32.ln()];
+    let mut counts = [0; 3];
+    for _ in 0..draws {
+        let mut action = [0];
+        categorical.sample(&logits, &mut stream, &mut action);
+        counts[usize::from(action[0])] += 1;
+    }
+    for (count, probability) in counts.into_iter().zip([0.2, 0.5, 0.3]) {
+        assert!((f64::from(count) / f64::from(draws) - probability).abs() < 0.01, "{counts:?}");
+    }
+    let gaussian = Distribution::Gaussian { len: 1 };
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for _ in 0..draws {
+        let mut action = [0; 4];
+        gaussian.sample(&[2.0, 0.5_f32.ln()], &mut stream, &mut action);
+        let number = f64::from(f32::from_le_bytes(action));
+        (sum, squares) = (sum + number, squares + (number - 2.0) * (number - 2.0));
+    }
+    assert!((sum / f64::from(draws) - 2.0).abs() < 0.02);
+    assert!((squares / f64::from(draws) - 0.25).abs() < 0.01);
+    let mut action = [0];
+    categorical.mode(&[1.0, 3.0, 3.0], &mut action);
+    assert_eq!(action, [1]);
+}
+
+#[test]
+fn losses() {
+    let targets = [0.5, -1.0, 2.0];
+    let predictions = [0.1, 0.3, 2.5];
+    let mut gradient = [0.0; 3];
+    let expected = differences(&predictions, 1e-3, |predictions| {
+        squared_error(predictions, &targets, 0.25, &mut [0.0; 3])
+    });
+    squared_error(&predictions, &targets, 0.25, &mut gradient);
+    assert_close("squared error", &gradient, &expected, 1e-3);
+}

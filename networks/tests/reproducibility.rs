@@ -1,0 +1,114 @@
+//! The same row gives the same bits in any batch, and the same shards the same gradient on any number
+//! of threads.
+use nalgebra::DMatrix;
+use networks::{
+    ActorCritic, Batch, CellsArchitecture, Network, PolicyArchitecture, PolicyWorkspace,
+    RewardArchitecture, Workspace, add,
+};
+use protocol::seed::{Purpose, Stream, stream};
+use protocol::task::{ActionSpec, ObservationSpec};
+use rand::RngExt;
+
+const CELLS: ObservationSpec = ObservationSpec::Cells { height: 19, width: 19, classes: 4 };
+const VECTOR: ObservationSpec = ObservationSpec::Vector { len: 13 };
+
+fn random() -> Stream {
+    stream(3, Purpose::RewardWeights, 0, 0)
+}
+
+fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
+    let mut stream = random();
+    match spec {
+        ObservationSpec::Cells { height, width, classes } => {
+            (0..rows * height * width).map(|_| stream.random_range(0..classes as u8)).collect()
+        }
+        ObservationSpec::Vector { len } => {
+            (0..rows * len).flat_map(|_| (stream.random::<f32>() - 0.5).to_le_bytes()).collect()
+        }
+    }
+}
+
+#[test]
+fn a_rows_bits_do_not_depend_on_its_batch() {
+    for spec in [CELLS, VECTOR] {
+        let network = Network::new(RewardArchitecture::default().network_shape(spec));
+        let prepared = network.prepare(&network.initial_parameters(&mut random()));
+        let mut workspace = Workspace::default();
+        let bytes = observations(spec, 40);
+        let mut alone = Vec::new();
+        for row in bytes.chunks(spec.bytes()) {
+            alone.push(network.forward(&prepared, Batch::new(row), &mut workspace)[0].to_bits());
+        }
+        for size in 1..=40 {
+            for first in [0, (40 - size) / 2, 40 - size] {
+                let rows = &bytes[first * spec.bytes()..(first + size) * spec.bytes()];
+                let found = network.forward(&prepared, Batch::new(rows), &mut workspace);
+                let found: Vec<_> = found.iter().map(|output| output.to_bits()).collect();
+                assert_eq!(found, alone[first..first + size], "{size} rows of {spec:?}");
+            }
+        }
+    }
+}
+
+/// The gradient of 48 rows in shards of eight, the shards dealt to `threads`.
+fn sharded_gradient(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> Vec<u32> {
+    let parameters = policy.initial_parameters(&mut random());
+    let prepared = policy.prepare(&parameters);
+    let bytes = observations(spec, 48);
+    let shards: Vec<&[u8]> = bytes.chunks(8 * spec.bytes()).collect();
+    let shard_gradient = |shard: &[u8], workspace: &mut PolicyWorkspace| {
+        let batch = Batch::new(shard);
+        let found = policy.forward(&prepared, batch, workspace);
+        let (slopes, value_slopes): (DMatrix<f32>, DMatrix<f32>) =
+            (found.parameters.map(|number| number - 0.3), found.values.map(|value| value - 1.0));
+        let mut gradient = vec![0.0; parameters.len()];
+        policy.backward(&prepared, batch, workspace, &slopes, &value_slopes, &mut gradient);
+        gradient
+    };
+    let mut gradients = vec![Vec::new(); shards.len()];
+    std::thread::scope(|scope| {
+        let share = shards.len().div_ceil(threads);
+        for (shards, gradients) in shards.chunks(share).zip(gradients.chunks_mut(share)) {
+            scope.spawn(|| {
+                let mut workspace = PolicyWorkspace::default();
+                for (shard, gradient) in shards.iter().zip(gradients) {
+                    *gradient = shard_gradient(shard, &mut workspace);
+                }
+            });
+        }
+    });
+    let mut sum = vec![0.0; parameters.len()];
+    gradients.iter().for_each(|gradient| add(&mut sum, gradient));
+    sum.iter().map(|slope| slope.to_bits()).collect()
+}
+
+#[test]
+fn a_sharded_gradients_bits_do_not_depend_on_threads() {
+    let architecture = PolicyArchitecture {
+        cells: CellsArchitecture { channels: vec![7, 9, 20], ..CellsArchitecture::default() },
+        ..PolicyArchitecture::default()
+    };
+    for (spec, action) in
+        [(CELLS, ActionSpec::Discrete { count: 4 }), (VECTOR, ActionSpec::Continuous { len: 3 })]
+    {
+        let policy = ActorCritic::new(spec, action, &architecture);
+        let alone = sharded_gradient(&policy, spec, 1);
+        for threads in [2, 3, 6] {
+            assert_eq!(sharded_gradient(&policy, spec, threads), alone, "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn acting_gives_the_bits_of_the_full_evaluation() {
+    for spec in [CELLS, VECTOR] {
+        let action = ActionSpec::Discrete { count: 4 };
+        let policy = ActorCritic::new(spec, action, &PolicyArchitecture::default());
+        let prepared = policy.prepare(&policy.initial_parameters(&mut random()));
+        let bytes = observations(spec, 5);
+        let mut workspace = PolicyWorkspace::default();
+        let acted = policy.act(&prepared, Batch::new(&bytes), &mut workspace).clone();
+        let found = policy.forward(&prepared, Batch::new(&bytes), &mut workspace);
+        assert_eq!(&acted, found.parameters);
+    }
+}

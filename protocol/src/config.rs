@@ -1,0 +1,449 @@
+//! What a run is: the effective configuration, complete, checked once, recorded first in its log.
+//!
+//! A task's file (`deploy/tasks/*.toml`) holds the default preset and, under `[preset.NAME]`, what
+//! other presets change. Flags of the command line change single keys. Everything after
+//! [`RunConfig::assemble`] reads checked values only.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::Error;
+use crate::task::Task;
+
+/// The preset a task's file holds without a table of its own.
+pub const DEFAULT_PRESET: &str = "goalward";
+
+/// The effective configuration of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// The task.
+    pub task: Task,
+    /// The method: a policy learner with a reward model.
+    pub method: Method,
+    /// Name of the preset it came from.
+    pub preset: String,
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Environment steps to train for; the run ends with the iteration that reaches them.
+    pub steps: u64,
+    /// Which demonstrations the run learns from.
+    pub demonstrations: DemonstrationConfig,
+    /// How the policy is rolled out.
+    pub rollout: RolloutConfig,
+    /// Shape of the policy (paper, Appendix G.2).
+    pub policy: PolicyConfig,
+    /// Proximal policy optimization (Table 2).
+    pub ppo: PpoConfig,
+    /// The reward model and the reward made from it (Table 3).
+    pub reward: RewardConfig,
+    /// Episodes run when training ends.
+    pub evaluation: EvaluationConfig,
+    /// When the run is saved.
+    pub checkpoint: CheckpointConfig,
+    /// How the run is recorded.
+    pub log: LogConfig,
+    /// Processes and threads. They never change a result.
+    pub resources: ResourceConfig,
+}
+
+/// A policy learner with a reward model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// PPO on the goal-proximity reward: the paper's method.
+    GoalProximity,
+    /// PPO on the environment's own reward: an upper reference.
+    EnvironmentReward,
+}
+
+/// Demonstrations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DemonstrationConfig {
+    /// MCAP file; where it is not given, the expert records one for the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// How many are learned from.
+    pub episodes: u64,
+    /// Part of starts and goals they may use, in (0, 1].
+    pub coverage: f64,
+}
+
+/// Lanes and their steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RolloutConfig {
+    /// Environment streams.
+    pub lanes: u64,
+    /// Steps of a lane per iteration, on average; a lane ends at an episode's end.
+    pub lane_steps: u64,
+    /// Iterations that actors may be ahead of the policy update: 0 or 1.
+    pub lag: u64,
+}
+
+/// Shape of the policy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyConfig {
+    /// Output channels of the convolutions, for grid tasks.
+    pub convolution_channels: [usize; 3],
+    /// Numbers the encoder makes of a grid.
+    pub features: usize,
+    /// Hidden layers of actor and critic, for vector tasks.
+    pub hidden: Vec<usize>,
+    /// Whether actor and critic share the encoder, for grid tasks.
+    pub shared_trunk: bool,
+}
+
+/// Proximal policy optimization.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PpoConfig {
+    /// Learning rate of the first iteration.
+    pub learning_rate: f64,
+    /// Whether it falls linearly to 0.
+    pub learning_rate_decay: bool,
+    /// Environment steps over which it falls; 0 takes the run's own.
+    pub decay_steps: u64,
+    /// Adam's epsilon.
+    pub adam_epsilon: f64,
+    /// Discount factor.
+    pub gamma: f64,
+    /// Lambda of generalized advantage estimation.
+    pub gae_lambda: f64,
+    /// Clip range of the probability ratio.
+    pub clip: f64,
+    /// Clip range of the value; 0 leaves values unclipped.
+    pub value_clip: f64,
+    /// Weight of the value loss (which itself has the factor 1/2).
+    pub value_coefficient: f64,
+    /// Weight of the entropy bonus.
+    pub entropy_coefficient: f64,
+    /// Passes over a batch.
+    pub epochs: u64,
+    /// Minibatches per pass.
+    pub minibatches: u64,
+    /// Largest norm of a gradient.
+    pub max_gradient_norm: f64,
+    /// Whether an episode cut by the horizon is bootstrapped with the value of its last state.
+    pub bootstrap_truncated: bool,
+    /// Whether rewards are divided by the running deviation of the discounted return.
+    pub normalize_rewards: bool,
+}
+
+/// The reward model and the reward made from it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RewardConfig {
+    /// Reward per step.
+    pub form: RewardForm,
+    /// Whether the final proximity is added at the end of an episode (Eq. 5).
+    pub final_bonus: bool,
+    /// Lambda: weight of the uncertainty penalty (Eq. 5); 0 switches it off.
+    pub uncertainty: f64,
+    /// Discounting of proximity with the steps to the goal.
+    pub discounting: Discounting,
+    /// Delta of the discounting: per step if linear (Eq. 1), base if exponential.
+    pub delta: f64,
+    /// Members of the ensemble.
+    pub ensemble: usize,
+    /// Output channels of the convolutions, for grid tasks.
+    pub convolution_channels: [usize; 3],
+    /// Numbers the encoder makes of a grid.
+    pub features: usize,
+    /// Hidden tanh layers.
+    pub hidden: Vec<usize>,
+    /// Adam's learning rate.
+    pub learning_rate: f64,
+    /// Passes over the demonstrations before training; 0 switches offline training off.
+    pub pretraining_epochs: u64,
+    /// Observations of each kind in a batch.
+    pub batch: usize,
+    /// Observations of each kind drawn for an online update; 0 switches online training off.
+    pub samples: usize,
+    /// Agent observations kept, newest first.
+    pub experience: usize,
+    /// Order within an iteration.
+    pub order: UpdateOrder,
+}
+
+/// Reward per step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RewardForm {
+    /// Increase of proximity (Eq. 5).
+    Difference,
+    /// Proximity itself (ablation, Figure 6).
+    Absolute,
+}
+
+/// How proximity falls with the steps to the goal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Discounting {
+    /// `1 - delta * steps`, not below 0 (Eq. 1).
+    Linear,
+    /// `delta ^ steps` (ablation, Figure 5b).
+    Exponential,
+}
+
+/// Order within an iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UpdateOrder {
+    /// Score, then update policy and reward model at once (Algorithm 1).
+    ScoreFirst,
+    /// Update the reward model, then score with it (the authors' code).
+    ImproveFirst,
+}
+
+/// Episodes run when training ends.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// How many.
+    pub episodes: u64,
+    /// How actions are chosen.
+    pub actions: ActionChoice,
+}
+
+/// How a policy's actions are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActionChoice {
+    /// Drawn from the policy, as in training and in the paper's curves.
+    Sample,
+    /// The most probable action, or the mean.
+    Mode,
+}
+
+/// When a run is saved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Iterations between checkpoints.
+    pub iterations: u64,
+    /// How many are kept.
+    pub keep: usize,
+}
+
+/// How a run is recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogConfig {
+    /// A file is sealed and the next one opened at this size, MiB.
+    pub file_mib: u64,
+}
+
+/// Processes and threads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResourceConfig {
+    /// Actor processes.
+    pub actors: u64,
+    /// Threads of the learner; 0 takes one per core.
+    pub learner_threads: usize,
+    /// Threads of the proximity service; 0 takes one per core.
+    pub service_threads: usize,
+    /// A lease not finished after this long is handed out again, milliseconds.
+    pub lease_timeout_ms: u64,
+}
+
+impl RunConfig {
+    /// Puts a configuration together: a task's file, a preset of it, then `key=value` settings.
+    pub fn assemble(file: &str, preset: &str, settings: &[String]) -> Result<Self, Error> {
+        let text_error = |origin: &str, message: String| Error::ConfigurationText {
+            origin: origin.to_owned(),
+            message: message.trim().to_owned(),
+        };
+        let mut table: Table =
+            file.parse().map_err(|error: toml::de::Error| text_error("file", error.to_string()))?;
+        let presets = match table.remove("preset") {
+            Some(Value::Table(presets)) => presets,
+            _ => Table::new(),
+        };
+        if preset != DEFAULT_PRESET {
+            let Some(Value::Table(changes)) = presets.get(preset) else {
+                let known: Vec<_> = presets.keys().map(String::as_str).collect();
+                let known = format!("one of {DEFAULT_PRESET}, {}", known.join(", "));
+                return Err(out_of_range("preset", &known, preset));
+            };
+            merge(&mut table, changes.clone());
+        }
+        table.insert("preset".to_owned(), Value::String(preset.to_owned()));
+        for setting in settings {
+            let change = parse_setting(setting)
+                .map_err(|message| text_error(&format!("--set {setting}"), message))?;
+            merge(&mut table, change);
+        }
+        Self::from_table(table)
+    }
+
+    /// Reads a complete configuration, as a run's `config.toml` holds it.
+    pub fn from_text(text: &str, origin: &str) -> Result<Self, Error> {
+        let table = text.parse::<Table>().map_err(|error| Error::ConfigurationText {
+            origin: origin.to_owned(),
+            message: error.to_string().trim().to_owned(),
+        })?;
+        Self::from_table(table)
+    }
+
+    fn from_table(table: Table) -> Result<Self, Error> {
+        let config: RunConfig =
+            Value::Table(table).try_into().map_err(|error: toml::de::Error| {
+                Error::ConfigurationText {
+                    origin: "values".to_owned(),
+                    message: error.to_string().trim().replace('\n', " "),
+                }
+            })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The configuration as a complete TOML text.
+    pub fn to_text(&self) -> String {
+        toml::to_string(self).expect("a configuration has only tables, numbers and texts")
+    }
+
+    /// Whether another configuration gives the same weights, bit for bit.
+    pub fn same_result_as(&self, other: &Self) -> bool {
+        let stripped = |config: &Self| {
+            let mut config = config.clone();
+            config.resources = other.resources.clone();
+            config.checkpoint = other.checkpoint.clone();
+            config.log = other.log.clone();
+            config
+        };
+        stripped(self) == stripped(other)
+    }
+
+    /// Environment steps of one iteration, on average.
+    pub fn iteration_steps(&self) -> u64 {
+        self.rollout.lanes * self.rollout.lane_steps
+    }
+
+    /// Iterations the run takes.
+    pub fn iterations(&self) -> u64 {
+        self.steps.div_ceil(self.iteration_steps())
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let at_least_one = [
+            ("steps", self.steps),
+            ("demonstrations.episodes", self.demonstrations.episodes),
+            ("rollout.lanes", self.rollout.lanes),
+            ("rollout.lane_steps", self.rollout.lane_steps),
+            ("policy.features", self.policy.features as u64),
+            ("ppo.epochs", self.ppo.epochs),
+            ("ppo.minibatches", self.ppo.minibatches),
+            ("reward.batch", self.reward.batch as u64),
+            ("reward.experience", self.reward.experience as u64),
+            ("checkpoint.iterations", self.checkpoint.iterations),
+            ("checkpoint.keep", self.checkpoint.keep as u64),
+            ("log.file_mib", self.log.file_mib),
+            ("resources.actors", self.resources.actors),
+            ("resources.lease_timeout_ms", self.resources.lease_timeout_ms),
+        ];
+        for (key, number) in at_least_one {
+            within(key, number >= 1, "at least 1", number)?;
+        }
+        self.check_limits()?;
+        self.check_fractions()
+    }
+
+    fn check_limits(&self) -> Result<(), Error> {
+        let seed = self.seed;
+        within("seed", seed <= i64::MAX as u64, "below 2^63", seed)?;
+        within("rollout.lag", self.rollout.lag <= 1, "0 or 1", self.rollout.lag)?;
+        within("rollout.lanes", self.rollout.lanes <= 4096, "at most 4096", self.rollout.lanes)?;
+        let actors = self.resources.actors;
+        within("resources.actors", actors <= 64, "at most 64", actors)?;
+        let ensemble = self.reward.ensemble;
+        within("reward.ensemble", (1..=32).contains(&ensemble), "1 to 32", ensemble)?;
+        let needs_two = self.reward.uncertainty > 0.0;
+        within("reward.ensemble", ensemble >= 2 || !needs_two, "2 for uncertainty", ensemble)?;
+        let (samples, batch) = (self.reward.samples, self.reward.batch);
+        within(
+            "reward.samples",
+            samples == 0 || samples >= batch,
+            "0 or at least a batch",
+            samples,
+        )?;
+        let (minibatches, steps) = (self.ppo.minibatches, self.iteration_steps());
+        within("ppo.minibatches", minibatches <= steps / 2, "at most half the steps", minibatches)
+    }
+
+    fn check_fractions(&self) -> Result<(), Error> {
+        let positive = [
+            ("ppo.learning_rate", self.ppo.learning_rate),
+            ("ppo.adam_epsilon", self.ppo.adam_epsilon),
+            ("ppo.clip", self.ppo.clip),
+            ("ppo.max_gradient_norm", self.ppo.max_gradient_norm),
+            ("reward.learning_rate", self.reward.learning_rate),
+        ];
+        for (key, number) in positive {
+            within(key, number.is_finite() && number > 0.0, "above 0", number)?;
+        }
+        let not_negative = [
+            ("ppo.value_clip", self.ppo.value_clip),
+            ("ppo.value_coefficient", self.ppo.value_coefficient),
+            ("ppo.entropy_coefficient", self.ppo.entropy_coefficient),
+            ("reward.uncertainty", self.reward.uncertainty),
+        ];
+        for (key, number) in not_negative {
+            within(key, number.is_finite() && number >= 0.0, "0 or above", number)?;
+        }
+        let unit = [
+            ("demonstrations.coverage", self.demonstrations.coverage),
+            ("ppo.gamma", self.ppo.gamma),
+            ("ppo.gae_lambda", self.ppo.gae_lambda),
+            ("reward.delta", self.reward.delta),
+        ];
+        for (key, number) in unit {
+            within(key, number > 0.0 && number <= 1.0, "above 0 and at most 1", number)?;
+        }
+        Ok(())
+    }
+}
+
+/// Lays `changes` over `table`, table by table.
+fn merge(table: &mut Table, changes: Table) {
+    for (key, change) in changes {
+        match (table.get_mut(&key), change) {
+            (Some(Value::Table(old)), Value::Table(new)) => merge(old, new),
+            (_, change) => {
+                table.insert(key, change);
+            }
+        }
+    }
+}
+
+/// Reads `a.b.c=value`; a value that is no TOML is taken as text.
+fn parse_setting(setting: &str) -> Result<Table, String> {
+    let (key, value) = setting.split_once('=').ok_or("expected key=value, found no `=`")?;
+    let line = format!("{key} = {value}");
+    let quoted = || format!("{key} = {value:?}");
+    line.parse::<Table>()
+        .or_else(|_| quoted().parse::<Table>())
+        .map_err(|error| error.message().to_owned())
+}
+
+fn within(
+    key: &str,
+    holds: bool,
+    expected: &str,
+    found: impl std::fmt::Display,
+) -> Result<(), Error> {
+    if holds { Ok(()) } else { Err(out_of_range(key, expected, found)) }
+}
+
+fn out_of_range(key: &str, expected: &str, found: impl std::fmt::Display) -> Error {
+    Error::Configuration {
+        key: key.to_owned(),
+        expected: expected.to_owned(),
+        found: found.to_string(),
+    }
+}

@@ -1,0 +1,94 @@
+//! The one error type of this crate; every message says what was expected and what was found.
+
+use std::path::PathBuf;
+
+/// What can go wrong while processes talk, record or read a configuration.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A task name that is none of ours.
+    #[error("unknown task `{found}`; known tasks: {known}")]
+    UnknownTask {
+        /// The name given.
+        found: String,
+        /// The names there are.
+        known: String,
+    },
+    /// Bytes that are not the message they should be.
+    #[error("undecodable {what}")]
+    Undecodable {
+        /// The message expected.
+        what: &'static str,
+        /// What the decoder met.
+        source: prost::DecodeError,
+    },
+    /// A trajectory that does not fit its task.
+    #[error("trajectory: expected {what} {expected}, found {found}")]
+    Trajectory {
+        /// The part that does not fit.
+        what: &'static str,
+        /// What the task's shapes ask for.
+        expected: String,
+        /// What the trajectory has.
+        found: String,
+    },
+    /// A configuration value outside its range.
+    #[error("configuration: `{key}` must be {expected}, found {found}")]
+    Configuration {
+        /// The dotted key.
+        key: String,
+        /// The values allowed.
+        expected: String,
+        /// The value found.
+        found: String,
+    },
+    /// Text that is no configuration of ours.
+    #[error("configuration {origin}: {message}")]
+    ConfigurationText {
+        /// File, preset or flag it comes from.
+        origin: String,
+        /// What the parser met, with the key.
+        message: String,
+    },
+    /// The transport failed.
+    #[error("bus: {operation} of service `{service}` failed: {message}")]
+    Bus {
+        /// What was tried.
+        operation: &'static str,
+        /// The service's name.
+        service: String,
+        /// iceoryx2's own words.
+        message: String,
+    },
+    /// A log file that cannot be written.
+    #[error("log {}: {message}", path.display())]
+    LogWrite {
+        /// The file.
+        path: PathBuf,
+        /// What the writer met.
+        message: String,
+    },
+    /// A log file that cannot be read.
+    #[error("log {}: {message}", path.display())]
+    LogRead {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was met.
+        message: String,
+    },
+    /// A folder that holds no run.
+    #[error("{} is not a run: {message}", path.display())]
+    NotARun {
+        /// The folder.
+        path: PathBuf,
+        /// What was expected.
+        message: String,
+    },
+    /// A checkpoint file that cannot be written or read.
+    #[error("checkpoint {}: {message}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was met.
+        message: String,
+    },
+}

@@ -1,0 +1,61 @@
+//! The log: how a run is kept, and where demonstrations and replays come from.
+//!
+//! Everything a run did is in MCAP files that any MCAP tool opens: the learner appends the bytes
+//! that the actors published before it uses them. This is the only module that names mcap.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`topic`] | topics, their schemas, which file they go to |
+//! | [`metadata`] | the first record of every file: whose it is |
+//! | [`file`](mod@file) | [`FileWriter`]: one file, from creation to sealing |
+//! | [`writer`] | [`LogWriter`]: a run's folder; rotation and numbering |
+//! | [`folder`] | names of a folder's files, room on the disk |
+//! | [`scan`] | bytes of a file to blocks of messages, whatever state the file is in |
+//! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
+//! | [`run`] | [`read_run`]: all files of a run in order, each record once |
+//! | [`mod@info`] | what a file holds, for `goalward log info` |
+//! | [`mod@repair`] | seals a file that a crash or a bad disk left, for `goalward log repair` |
+//!
+//! What a crash can lose: messages since the last [`LogWriter::flush`], at most one chunk (1 MiB)
+//! and the message after it. What was flushed survives the death of the process; what was synced
+//! survives the death of the machine. A full disk loses nothing: see [`FileWriter`].
+
+pub mod file;
+pub mod folder;
+pub mod info;
+pub mod metadata;
+pub mod reader;
+pub mod repair;
+pub mod run;
+mod scan;
+pub mod topic;
+pub mod writer;
+
+pub use file::FileWriter;
+pub use folder::{LogFile, log_files, require_room};
+pub use info::{FileInfo, info};
+pub use metadata::{Kind, Metadata};
+pub use reader::{Ending, Entry, FileReader, Record};
+pub use repair::{Repair, repair};
+pub use run::{RunReader, read_contents, read_run};
+pub use topic::{Contents, Topic};
+pub use writer::{LogOptions, LogWriter};
+
+use std::io;
+use std::path::Path;
+
+use crate::Error;
+
+/// A failed write, in words that say what to do about it.
+fn write_error(path: &Path, attempt: &str, cause: &io::Error) -> Error {
+    use io::ErrorKind::{QuotaExceeded, StorageFull};
+    let message = match cause.kind() {
+        StorageFull | QuotaExceeded => format!("no room on the disk: cannot {attempt}: {cause}"),
+        _ => format!("cannot {attempt}: {cause}"),
+    };
+    Error::LogWrite { path: path.to_owned(), message }
+}
+
+fn read_error(path: &Path, message: impl Into<String>) -> Error {
+    Error::LogRead { path: path.to_owned(), message: message.into() }
+}

@@ -1,0 +1,145 @@
+//! The tasks and the shape of what flows between their environments and the networks (Table 1).
+//!
+//! An observation and an action are each a fixed number of bytes, laid out as [`ObservationSpec`]
+//! and [`ActionSpec`] say. The same bytes are written by the environment, sent through shared
+//! memory, kept in the log and read by the networks; nothing in between converts them.
+
+use serde::{Deserialize, Serialize};
+
+/// A task of the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Task {
+    /// Four rooms on a 19 x 19 grid (paper, Section 4.3).
+    Navigation,
+}
+
+impl Task {
+    /// Every task, in the order of the paper.
+    pub const ALL: [Task; 1] = [Task::Navigation];
+
+    /// The name users type and the log carries.
+    pub fn name(self) -> &'static str {
+        match self {
+            Task::Navigation => "navigation",
+        }
+    }
+
+    /// The shapes of the task (Table 1).
+    pub fn spec(self) -> Spec {
+        match self {
+            Task::Navigation => Spec {
+                task: self,
+                observation: ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
+                action: ActionSpec::Discrete { count: 4 },
+                horizon_steps: 100,
+            },
+        }
+    }
+}
+
+impl std::str::FromStr for Task {
+    type Err = crate::Error;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Task::ALL.into_iter().find(|task| task.name() == name).ok_or_else(|| {
+            let known: Vec<_> = Task::ALL.iter().map(|task| task.name()).collect();
+            crate::Error::UnknownTask { found: name.to_owned(), known: known.join(", ") }
+        })
+    }
+}
+
+impl std::fmt::Display for Task {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(self.name())
+    }
+}
+
+/// What a task looks like from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spec {
+    /// The task described.
+    pub task: Task,
+    /// Shape of one observation.
+    pub observation: ObservationSpec,
+    /// Shape of one action.
+    pub action: ActionSpec,
+    /// Longest episode, in environment steps.
+    pub horizon_steps: u32,
+}
+
+/// Shape and layout of one observation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObservationSpec {
+    /// A grid of cell classes, one byte a cell, row by row. Networks see it as one-hot channels.
+    Cells {
+        /// Rows of the grid.
+        height: usize,
+        /// Columns of the grid.
+        width: usize,
+        /// Number of classes; each byte is below it.
+        classes: usize,
+    },
+    /// Numbers, each a little-endian `f32`.
+    Vector {
+        /// How many numbers.
+        len: usize,
+    },
+}
+
+impl ObservationSpec {
+    /// Length of one observation in bytes.
+    pub fn bytes(&self) -> usize {
+        match *self {
+            ObservationSpec::Cells { height, width, .. } => height * width,
+            ObservationSpec::Vector { len } => 4 * len,
+        }
+    }
+
+    /// Shape as the log states it: `[height, width]` or `[len]`.
+    pub fn shape(&self) -> Vec<u32> {
+        match *self {
+            ObservationSpec::Cells { height, width, .. } => vec![height as u32, width as u32],
+            ObservationSpec::Vector { len } => vec![len as u32],
+        }
+    }
+}
+
+/// Shape and layout of one action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ActionSpec {
+    /// One byte, below `count`.
+    Discrete {
+        /// Number of actions.
+        count: usize,
+    },
+    /// Numbers, each a little-endian `f32`; the environment clips them to [-1, 1].
+    Continuous {
+        /// How many numbers.
+        len: usize,
+    },
+}
+
+impl ActionSpec {
+    /// Length of one action in bytes.
+    pub fn bytes(&self) -> usize {
+        match *self {
+            ActionSpec::Discrete { .. } => 1,
+            ActionSpec::Continuous { len } => 4 * len,
+        }
+    }
+}
+
+/// Reads little-endian `f32` numbers out of observation or action bytes.
+pub fn floats(bytes: &[u8]) -> impl ExactSizeIterator<Item = f32> + '_ {
+    bytes.chunks_exact(4).map(|chunk| f32::from_le_bytes([chunk[0], chunk[1], chunk[2], chunk[3]]))
+}
+
+/// Writes `f32` numbers little-endian into observation or action bytes of exactly their length.
+pub fn write_floats(numbers: impl IntoIterator<Item = f32>, bytes: &mut [u8]) {
+    let mut chunks = bytes.chunks_exact_mut(4);
+    for number in numbers {
+        let chunk = chunks.next().expect("the caller sized the bytes by the spec");
+        chunk.copy_from_slice(&number.to_le_bytes());
+    }
+}

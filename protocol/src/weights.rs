@@ -1,0 +1,68 @@
+//! One version of the policy: on the bus for actors, in a checkpoint for everybody else.
+
+use std::path::Path;
+
+use bytes::Bytes;
+use prost::Message;
+use sha2::{Digest, Sha256};
+
+use crate::tensors::Tensors;
+use crate::{Error, task};
+
+/// One version of the policy.
+#[derive(Clone, PartialEq, Message)]
+pub struct Weights {
+    /// Updates the policy has had.
+    #[prost(uint64, tag = "1")]
+    pub version: u64,
+    /// Little-endian `f32` parameters, in the order of `networks::ActorCritic`.
+    #[prost(bytes = "bytes", tag = "2")]
+    pub parameters: Bytes,
+}
+
+impl Weights {
+    /// A version of the policy with these parameters.
+    pub fn new(version: u64, parameters: &[f32]) -> Weights {
+        Weights { version, parameters: to_bytes(parameters) }
+    }
+
+    /// The parameters as numbers.
+    pub fn numbers(&self) -> Vec<f32> {
+        task::floats(&self.parameters).collect()
+    }
+
+    /// Writes a safetensors file.
+    pub fn save(&self, path: &Path) -> Result<(), Error> {
+        let mut tensors = Tensors::default();
+        tensors.put_u64("version", [self.version]);
+        tensors.put_f32("parameters", self.numbers());
+        tensors.save(path)
+    }
+
+    /// Reads what [`Weights::save`] wrote.
+    pub fn load(path: &Path) -> Result<Weights, Error> {
+        let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
+        let tensors = Tensors::load(path)?;
+        let parameters = tensors.f32("parameters").map_err(failed)?;
+        match tensors.u64("version").map_err(failed)?[..] {
+            [version] => Ok(Weights::new(version, &parameters)),
+            _ => Err(failed("expected one version".to_owned())),
+        }
+    }
+}
+
+/// Numbers as little-endian bytes.
+pub fn to_bytes(numbers: &[f32]) -> Bytes {
+    let mut bytes = vec![0; 4 * numbers.len()];
+    task::write_floats(numbers.iter().copied(), &mut bytes);
+    bytes.into()
+}
+
+/// SHA-256 of numbers as little-endian bytes, in lower-case hexadecimal.
+pub fn sha256<'a>(parts: impl IntoIterator<Item = &'a [f32]>) -> String {
+    let mut hasher = Sha256::new();
+    for part in parts {
+        hasher.update(to_bytes(part));
+    }
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
