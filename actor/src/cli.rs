@@ -74,8 +74,7 @@ fn run(command: Command) -> Result<()> {
         Command::Demonstrate { task, episodes, coverage, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             let setting = Setting { coverage, ..Setting::default() };
-            let request =
-                crate::demonstrate::Request { task, episodes, setting, seed, file: &out };
+            let request = crate::demonstrate::Request { task, episodes, setting, seed, file: &out };
             let steps = crate::demonstrate::demonstrate(&request)?;
             let out = out.display();
             tracing::info!("{episodes} demonstrations with {steps} steps in {out}");

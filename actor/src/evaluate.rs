@@ -89,8 +89,8 @@ fn record(
     if file.exists() {
         std::fs::remove_file(&file)?;
     }
-    let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed)
-        .with("config", config.to_text());
+    let metadata =
+        Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
     let mut writer = FileWriter::create(&file, &metadata, &[Topic::EvaluationTrajectory])?;
     for (number, trajectory) in trajectories.iter().enumerate() {
         writer.trajectory(&Encoded::encode(trajectory.clone()), number as u64)?;

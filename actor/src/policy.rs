@@ -1,8 +1,11 @@
 //! A policy that acts: one version of the weights, and actions for several lanes at once.
 
+use std::time::Instant;
+
 use anyhow::{Result, ensure};
 use networks::{ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy};
 use protocol::config::{ActionChoice, RunConfig};
+use protocol::messages::ActorSeconds;
 use protocol::task::Spec;
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
@@ -15,7 +18,10 @@ pub struct Policy {
     network: ActorCritic,
     workspace: PolicyWorkspace,
     observations: Vec<u8>,
-    action: Vec<u8>,
+    actions: Vec<u8>,
+    log_probs: Vec<f32>,
+    /// Where time went since this was last taken.
+    pub seconds: ActorSeconds,
 }
 
 /// One version of a policy, ready to act.
@@ -35,7 +41,9 @@ impl Policy {
             network: ActorCritic::new(spec.observation, spec.action, &architecture),
             workspace: PolicyWorkspace::default(),
             observations: Vec::new(),
-            action: vec![0; spec.action.bytes()],
+            actions: Vec::new(),
+            log_probs: Vec::new(),
+            seconds: ActorSeconds::default(),
         }
     }
 
@@ -60,6 +68,21 @@ impl Policy {
         lanes: &mut [Lane],
         choice: ActionChoice,
     ) -> Result<Vec<Trajectory>> {
+        let begun = Instant::now();
+        self.choose(version, lanes, choice);
+        let chosen = Instant::now();
+        let actions = self.actions.chunks_exact(self.spec.action.bytes());
+        let mut trajectories = Vec::new();
+        for ((lane, action), log_prob) in lanes.iter_mut().zip(actions).zip(&self.log_probs) {
+            trajectories.extend(lane.step(action, Some(*log_prob))?);
+        }
+        self.seconds.inference += (chosen - begun).as_secs_f64();
+        self.seconds.environment += chosen.elapsed().as_secs_f64();
+        Ok(trajectories)
+    }
+
+    /// Chooses an action for every lane.
+    fn choose(&mut self, version: &Version, lanes: &mut [Lane], choice: ActionChoice) {
         self.observations.clear();
         for lane in &*lanes {
             self.observations.extend(lane.episode.observation());
@@ -68,11 +91,12 @@ impl Policy {
         let outputs = self.network.act(&version.prepared, batch, &mut self.workspace);
         let distribution = self.network.distribution();
         let rows = outputs.as_slice().chunks_exact(outputs.nrows());
-        let mut trajectories = Vec::new();
-        for (lane, parameters) in lanes.iter_mut().zip(rows) {
-            let action = &mut self.action;
-            debug_assert_eq!(action.len(), self.spec.action.bytes());
-            let log_prob = match choice {
+        let bytes = self.spec.action.bytes();
+        self.actions.resize(lanes.len() * bytes, 0);
+        self.log_probs.clear();
+        let actions = self.actions.chunks_exact_mut(bytes);
+        for ((lane, parameters), action) in lanes.iter_mut().zip(rows).zip(actions) {
+            self.log_probs.push(match choice {
                 ActionChoice::Sample => {
                     distribution.sample(parameters, lane.episode.action_stream(), action)
                 }
@@ -80,9 +104,7 @@ impl Policy {
                     distribution.mode(parameters, action);
                     distribution.log_probability(parameters, action)
                 }
-            };
-            trajectories.extend(lane.step(action, Some(log_prob))?);
+            });
         }
-        Ok(trajectories)
     }
 }

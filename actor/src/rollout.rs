@@ -14,7 +14,7 @@ use protocol::bus::{
     TrajectoryHeader, TrajectoryPublisher,
 };
 use protocol::config::{ActionChoice, RunConfig};
-use protocol::messages::{Lease, LeaseReply, LeaseRequest};
+use protocol::messages::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source, Trajectory};
@@ -92,8 +92,7 @@ impl Actor {
             return Ok(());
         };
         let evaluates = self.lanes[0].lease.source == Source::Evaluation as i32;
-        let choice =
-            if evaluates { self.config.evaluation.actions } else { ActionChoice::Sample };
+        let choice = if evaluates { self.config.evaluation.actions } else { ActionChoice::Sample };
         let trajectories = self.policy.step(version, &mut self.lanes, choice)?;
         for trajectory in trajectories {
             self.publish(trajectory)?;
@@ -128,12 +127,14 @@ impl Actor {
             actor: self.name.clone(),
             capacity: free as u32,
             finished: self.finished.clone(),
+            seconds: Some(self.policy.seconds),
         };
         self.asked = Instant::now();
         match self.leases.send(&request.encode_to_vec()) {
             Ok(pending) => {
                 self.pending = Some((pending, Instant::now()));
                 self.finished.clear();
+                self.policy.seconds = ActorSeconds::default();
             }
             Err(error) => tracing::debug!("no lease yet: {error}"),
         }
@@ -168,7 +169,8 @@ impl Actor {
         Ok(())
     }
 
-    fn publish(&self, trajectory: Trajectory) -> Result<()> {
+    fn publish(&mut self, trajectory: Trajectory) -> Result<()> {
+        let begun = Instant::now();
         let iteration = trajectory.iteration;
         let encoded = Encoded::encode(trajectory);
         let header = TrajectoryHeader {
@@ -179,6 +181,7 @@ impl Actor {
         };
         // What a reader misses it asks for: the learner by leasing again, the service by name.
         self.trajectories.publish(&encoded.bytes, header)?;
+        self.policy.seconds.transport += begun.elapsed().as_secs_f64();
         Ok(())
     }
 }

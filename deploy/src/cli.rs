@@ -3,9 +3,11 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
+use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{demonstrate, evaluate, log, status, train};
+use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
 #[derive(Debug, Parser)]
@@ -30,16 +32,30 @@ enum Verb {
     Log(log::Verb),
 }
 
-/// Reads the command line and does what it says; a command line that says nothing sensible ends
-/// the process with exit code 2.
+/// Reads the command line and does what it says.
 pub(crate) fn run() -> Result<ExitCode> {
-    match CommandLine::parse().verb {
+    let line = CommandLine::try_parse().or_else(|error| match error.kind() {
+        ErrorKind::DisplayHelp
+        | ErrorKind::DisplayVersion
+        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
+        _ => Err(wrong_usage(in_one_line(&error.to_string()))),
+    })?;
+    match line.verb {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
         Verb::Log(verb) => log::run(&verb),
     }
+}
+
+/// What clap says about a wrong command line, with its tips, without its usage.
+fn in_one_line(text: &str) -> String {
+    let text = text.strip_prefix("error: ").unwrap_or(text);
+    let said = text.split("\n\n").filter(|part| !part.starts_with("Usage:"));
+    let said = said.filter(|part| !part.starts_with("For more information"));
+    let lines = said.map(|part| part.split_whitespace().collect::<Vec<_>>().join(" "));
+    lines.collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]
@@ -73,7 +89,6 @@ mod tests {
     #[test]
     fn nonsense_is_refused() {
         for line in [
-            "goalward",
             "goalward fly",
             "goalward train chess",
             "goalward train --steps -5",
@@ -85,7 +100,16 @@ mod tests {
             "goalward log info",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();
-            assert_eq!(error.exit_code(), 2, "{line}: {error}");
+            let text = in_one_line(&error.to_string());
+            assert!(!text.contains('\n') && !text.contains("Usage"), "{line}: {text}");
         }
+    }
+    #[test]
+    fn a_wrong_line_is_explained_in_one() {
+        let error = CommandLine::try_parse_from(["goalward", "train", "--step", "5"]).unwrap_err();
+        assert_eq!(
+            in_one_line(&error.to_string()),
+            "unexpected argument '--step' found; tip: a similar argument exists: '--steps'"
+        );
     }
 }

@@ -62,13 +62,14 @@ pub(crate) fn bytes(bytes: u64) -> String {
     format!("{amount:.decimals$} {unit}")
 }
 
-/// A loss, with three significant digits or so.
-pub(crate) fn loss(loss: f64) -> String {
-    known(loss, |loss| match loss.abs() {
+/// A loss or a mean, with three significant digits or so.
+pub(crate) fn number(number: f64) -> String {
+    known(number, |number| match number.abs() {
         0.0 => "0".to_owned(),
-        size if !(1e-4..1e4).contains(&size) => format!("{loss:.1e}"),
-        size if size < 0.1 => format!("{loss:.4}"),
-        _ => format!("{loss:.3}"),
+        size if !(1e-4..1e4).contains(&size) => format!("{number:.1e}"),
+        size if size < 0.1 => format!("{number:.4}"),
+        size if size < 10.0 => format!("{number:.3}"),
+        _ => format!("{number:.1}"),
     })
 }
 
@@ -119,15 +120,16 @@ mod tests {
     }
 
     #[test]
-    fn sizes_and_losses() {
+    fn sizes_and_numbers() {
         assert_eq!(bytes(812), "812 B");
         assert_eq!(bytes(3500), "3.4 KiB");
         assert_eq!(bytes(117 << 20), "117.0 MiB");
-        assert_eq!(loss(0.0), "0");
-        assert_eq!(loss(0.01234), "0.0123");
-        assert_eq!(loss(1.5), "1.500");
-        assert_eq!(loss(-2.5e-7), "-2.5e-7");
-        assert_eq!(loss(f64::NAN), "-");
+        assert_eq!(number(0.0), "0");
+        assert_eq!(number(0.01234), "0.0123");
+        assert_eq!(number(1.5), "1.500");
+        assert_eq!(number(-2.5e-7), "-2.5e-7");
+        assert_eq!(number(14.25), "14.2");
+        assert_eq!(number(f64::NAN), "-");
     }
 
     #[test]

@@ -30,7 +30,7 @@ mod summary;
 mod supervisor;
 mod tasks;
 
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 /// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
@@ -39,7 +39,11 @@ use std::process::ExitCode;
 pub fn main() -> ExitCode {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr)
+        .init();
     match cli::run() {
         Ok(code) => code,
         Err(error) => {

@@ -61,14 +61,17 @@ pub(crate) fn check_all() -> Result<()> {
 /// How the user can call `goalward` again from the same folder.
 pub(crate) fn own_command() -> String {
     let own = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("goalward"));
-    shortest(&own).display().to_string()
+    let current = std::env::current_dir().unwrap_or_default();
+    callable_from(&current, &own).display().to_string()
 }
 
-/// A path as seen from the current folder, where that is shorter.
-fn shortest(path: &Path) -> PathBuf {
-    let current = std::env::current_dir();
-    let relative = current.ok().and_then(|current| path.strip_prefix(current).ok());
-    relative.unwrap_or(path).to_owned()
+/// A program as a shell in the folder `current` takes it, relative where that is shorter.
+fn callable_from(current: &Path, program: &Path) -> PathBuf {
+    match program.strip_prefix(current) {
+        Ok(inside) if inside.components().count() > 1 => inside.to_owned(),
+        Ok(inside) => Path::new(".").join(inside),
+        Err(_) => program.to_owned(),
+    }
 }
 
 /// The exit code of a finished program, as our own; a program ended by a signal has failed.
@@ -76,5 +79,19 @@ pub(crate) fn exit_code(status: ExitStatus) -> ExitCode {
     match status.code().and_then(|code| u8::try_from(code).ok()) {
         Some(code) => code.into(),
         None => ExitCode::FAILURE,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_are_named_as_a_shell_takes_them() {
+        let program = Path::new("/work/target/release/goalward");
+        let from = |current| callable_from(Path::new(current), program);
+        assert_eq!(from("/work"), Path::new("target/release/goalward"));
+        assert_eq!(from("/work/target/release"), Path::new("./goalward"));
+        assert_eq!(from("/home"), program);
     }
 }

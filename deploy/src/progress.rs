@@ -14,8 +14,10 @@ use crate::figures;
 /// Time between two lines in a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Wall time over which the pace is measured, seconds: several iterations, for steps arrive only
-/// during rollouts.
+/// The same if there is nothing new to say.
+const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
+
+/// Wall time over which the pace is measured, seconds: several iterations at the usual pace.
 const PACE_WINDOW_S: f64 = 20.0;
 
 /// Shows progress on standard output and remarks on standard error.
@@ -27,7 +29,31 @@ pub(crate) struct ProgressView {
 
 enum Sink {
     Terminal(ProgressBar),
-    Pipe { last: Option<(Instant, u64)> },
+    Pipe(Printed),
+}
+
+/// What has been printed to a pipe.
+#[derive(Default)]
+struct Printed {
+    last: Option<(Instant, String)>,
+    /// Tenths of the run that were done by then.
+    tenth: u64,
+}
+
+impl Printed {
+    /// Whether a line is to be printed; it is noted as printed then.
+    fn is_due(&mut self, now: Instant, tenth: u64, is_new_phase: bool, line: &str) -> bool {
+        let is_due = self.last.as_ref().is_none_or(|(at, last)| {
+            let every = if last == line { SAME_LINE_EVERY } else { LINE_EVERY };
+            now.duration_since(*at) >= every || (last != line && is_new_phase)
+        });
+        if !is_due && tenth <= self.tenth {
+            return false;
+        }
+        self.tenth = self.tenth.max(tenth);
+        self.last = Some((now, line.to_owned()));
+        true
+    }
 }
 
 impl ProgressView {
@@ -41,7 +67,7 @@ impl ProgressView {
             );
             Sink::Terminal(bar)
         } else {
-            Sink::Pipe { last: None }
+            Sink::Pipe(Printed::default())
         };
         ProgressView { sink, pace: Pace::default(), phase: None }
     }
@@ -50,7 +76,7 @@ impl ProgressView {
     pub(crate) fn activity(&mut self, text: &str) {
         match &self.sink {
             Sink::Terminal(bar) => bar.set_message(text.to_owned()),
-            Sink::Pipe { .. } => print_line(text),
+            Sink::Pipe(_) => print_line(text),
         }
     }
 
@@ -58,21 +84,25 @@ impl ProgressView {
     pub(crate) fn show(&mut self, progress: &Progress) {
         let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
         let is_new_phase = self.phase.replace(phase) != Some(phase);
-        self.pace.add(progress.wall_s, progress.steps_received);
-        let line = line(progress, self.pace.per_second());
         if is_new_phase && phase == Phase::DiskFull {
             self.note("no room on the disk: the run waits and goes on when there is room again");
         }
+        let steps = match &progress.update {
+            Some(update) => update.environment_steps,
+            None => progress.steps_received,
+        };
+        if phase != Phase::Pretraining {
+            self.pace.add(progress.wall_s, steps);
+        }
+        let line = line(progress, self.pace.per_second());
         match &mut self.sink {
-            Sink::Terminal(bar) => bar.set_message(line),
-            Sink::Pipe { last } => {
-                let now = Instant::now();
-                let done = figures::percent_done(progress.steps_received, progress.steps_wanted);
-                let due = last.is_none_or(|(shown, tenth)| {
-                    now.duration_since(shown) >= LINE_EVERY || done / 10 > tenth
-                });
-                if due || is_new_phase {
-                    *last = Some((now, done / 10));
+            Sink::Terminal(bar) => {
+                bar.set_message(line);
+                bar.tick();
+            }
+            Sink::Pipe(printed) => {
+                let tenth = figures::percent_done(steps, progress.steps_wanted) / 10;
+                if printed.is_due(Instant::now(), tenth, is_new_phase, &line) {
                     print_line(&line);
                 }
             }
@@ -91,7 +121,7 @@ impl ProgressView {
         let print = || writeln!(std::io::stderr(), "goalward: {text}").ok();
         match &self.sink {
             Sink::Terminal(bar) => bar.suspend(print),
-            Sink::Pipe { .. } => print(),
+            Sink::Pipe(_) => print(),
         };
     }
 
@@ -108,38 +138,40 @@ pub(crate) fn print_line(text: &str) {
     writeln!(std::io::stdout(), "{text}").ok();
 }
 
-/// The figures in one line, the most wanted first, for a narrow terminal cuts off its end.
-pub(crate) fn line(progress: &Progress, per_second: f64) -> String {
-    let received = progress.steps_received;
+/// The figures in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are
+/// those learned from.
+fn line(progress: &Progress, per_second: f64) -> String {
+    let phase = Phase::try_from(progress.phase);
     let Some(update) = &progress.update else {
-        return match Phase::try_from(progress.phase) {
+        let received = figures::count(progress.steps_received);
+        return match phase {
             Ok(Phase::Pretraining) => "training the proximity function offline".to_owned(),
-            _ => format!("first rollout: {} steps received", figures::count(received)),
+            _ => format!("first rollout: {received} steps received"),
         };
     };
-    let phase = match Phase::try_from(progress.phase) {
+    let phase = match phase {
         Ok(Phase::Pretraining) => "waiting for the proximity service  ",
         Ok(Phase::Evaluating) => "evaluating  ",
         Ok(Phase::DiskFull) => "WAITING FOR ROOM ON THE DISK  ",
         Ok(Phase::Training | Phase::Finished) | Err(_) => "",
     };
-    let wanted = progress.steps_wanted;
-    let seconds_left = wanted.saturating_sub(received) as f64 / per_second;
+    let (done, wanted) = (update.environment_steps, progress.steps_wanted);
+    let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
     let proximity = progress.reward_update.as_ref().map_or(String::new(), |update| {
         let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
-        format!("  proximity loss {}+{}", figures::loss(demonstrations), figures::loss(agent))
+        format!("  proximity loss {}+{}", figures::number(demonstrations), figures::number(agent))
     });
     format!(
         "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{proximity}  \
-         {} actors  {} leases",
-        figures::count(received),
+         actors {}  leases {}",
+        figures::count(done),
         figures::count(wanted),
-        figures::percent_done(received, wanted),
+        figures::percent_done(done, wanted),
         figures::percent(update.success_rate, 0),
         figures::rate(per_second),
         figures::duration(seconds_left),
-        figures::loss(update.approximate_kl),
-        figures::loss(update.value_loss),
+        figures::number(update.approximate_kl),
+        figures::number(update.value_loss),
         progress.actors,
         progress.leases,
     )
@@ -148,20 +180,27 @@ pub(crate) fn line(progress: &Progress, per_second: f64) -> String {
 /// How fast the run has been lately.
 #[derive(Default)]
 struct Pace {
-    /// Wall time in seconds and steps received by then, oldest first.
+    /// Wall time in seconds of each new number of steps, oldest first.
     samples: VecDeque<(f64, u64)>,
 }
 
 impl Pace {
     fn add(&mut self, wall_s: f64, steps: u64) {
+        let Some(&(last_s, last_steps)) = self.samples.back() else {
+            if wall_s.is_finite() {
+                self.samples.push_back((wall_s, steps));
+            }
+            return;
+        };
+        if steps == last_steps {
+            return;
+        }
         // A restarted learner goes back to its checkpoint: what was measured before does not count.
-        let goes_on = |&(last_s, last_steps): &(f64, u64)| wall_s >= last_s && steps >= last_steps;
-        if !wall_s.is_finite() || !self.samples.back().is_none_or(goes_on) {
+        if steps < last_steps || !(wall_s.is_finite() && wall_s >= last_s) {
             self.samples.clear();
+            return self.add(wall_s, steps);
         }
-        if wall_s.is_finite() {
-            self.samples.push_back((wall_s, steps));
-        }
+        self.samples.push_back((wall_s, steps));
         while self.samples.get(1).is_some_and(|&(second_s, _)| wall_s - second_s >= PACE_WINDOW_S) {
             self.samples.pop_front();
         }
@@ -184,8 +223,9 @@ mod tests {
 
     use super::*;
 
-    fn progress(received: u64, wanted: u64, number: f64) -> Progress {
+    fn progress(done: u64, wanted: u64, number: f64) -> Progress {
         let update = PolicyUpdate {
+            environment_steps: done,
             success_rate: number,
             approximate_kl: number,
             value_loss: number,
@@ -201,7 +241,6 @@ mod tests {
             update: Some(update),
             reward_update: Some(reward_update),
             steps_wanted: wanted,
-            steps_received: received,
             actors: 2,
             leases: 32,
             ..Progress::default()
@@ -214,7 +253,7 @@ mod tests {
         assert_eq!(
             line,
             "409,600/1,500,000 steps  27 %  success 50 %  5,000 steps/s  3 min 38 s left  \
-             KL 0.500  value loss 0.500  proximity loss 0.500+0.500  2 actors  32 leases"
+             KL 0.500  value loss 0.500  proximity loss 0.500+0.500  actors 2  leases 32"
         );
     }
 
@@ -240,16 +279,32 @@ mod tests {
         assert!(pace.per_second().is_nan(), "one sample is no pace");
     }
 
+    #[test]
+    fn a_pipe_gets_a_line_now_and_then() {
+        let start = Instant::now();
+        let mut printed = Printed::default();
+        let mut is_due = |second, tenth, line| {
+            printed.is_due(start + Duration::from_secs(second), tenth, false, line)
+        };
+        assert!(is_due(0, 0, "a"));
+        assert!(!is_due(9, 0, "b"));
+        assert!(is_due(10, 0, "b"));
+        assert!(is_due(11, 1, "c"), "a tenth is done");
+        assert!(!is_due(12, 0, "d"), "going back is no news");
+        assert!(!is_due(30, 1, "c"), "nothing new");
+        assert!(is_due(71, 1, "c"));
+    }
+
     proptest! {
         #[test]
         fn no_figure_breaks_the_line(
-            received: u64,
+            done: u64,
             wanted: u64,
             number in proptest::num::f64::ANY,
             per_second in proptest::num::f64::ANY,
             phase in -1..7_i32,
         ) {
-            let progress = Progress { phase, ..progress(received, wanted, number) };
+            let progress = Progress { phase, ..progress(done, wanted, number) };
             let line = line(&progress, per_second);
             prop_assert!(!line.chars().any(char::is_control));
         }

@@ -73,7 +73,7 @@ impl Summary {
             figures::count(self.iterations)
         );
         let time = format!(
-            "{}, {}, {} actors",
+            "{}, {}, actors: {}",
             figures::duration(self.wall_s),
             figures::rate(self.steps_per_s),
             self.actors

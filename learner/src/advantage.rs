@@ -44,7 +44,13 @@ mod tests {
     use proptest::prelude::*;
 
     /// The definition: A_t is the sum over k of (gamma lambda)^k times the error at t + k.
-    fn by_definition(rewards: &[f32], values: &[f32], last: f32, gamma: f32, lambda: f32) -> Vec<f64> {
+    fn by_definition(
+        rewards: &[f32],
+        values: &[f32],
+        last: f32,
+        gamma: f32,
+        lambda: f32,
+    ) -> Vec<f64> {
         let value = |step: usize| f64::from(*values.get(step).unwrap_or(&last));
         let error = |step: usize| {
             f64::from(rewards[step]) + f64::from(gamma) * value(step + 1) - value(step)

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use protocol::messages::Score;
 use protocol::task::{Spec, floats};
-use protocol::trajectory::{Ending, Encoded};
+use protocol::trajectory::{Encoded, Ending};
 
 use crate::reward_scale::{EpisodeRewards, RewardScale};
 

@@ -10,13 +10,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use prost::Message;
+use protocol::Error;
 use protocol::bus::{
     Bus, BusAddress, Doorbell, NewestPublisher, Ringer, Role, Server, SharedMemory,
     TrajectorySubscriber,
 };
 use protocol::log::LogWriter;
 use protocol::messages::{
-    Checkpoint, LeaseReply, LeaseRequest, PolicyUpdate, Progress, RewardUpdate, Score,
+    ActorSeconds, Checkpoint, LeaseReply, LeaseRequest, Phase, PolicyUpdate, Progress,
+    RewardUpdate, Score,
 };
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
@@ -35,6 +37,9 @@ const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
 
 /// How often the open log chunks are closed, so that a crash takes little.
 const FLUSH_LOG: Duration = Duration::from_secs(1);
+
+/// How long a refusing disk is left alone before it is tried again.
+const DISK_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Room for a progress message.
 const PROGRESS_BYTES: usize = 64 << 10;
@@ -67,6 +72,15 @@ pub enum Entry {
     Checkpoint(Checkpoint),
 }
 
+/// Where the time of actors and log went in one sitting, seconds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DeskSeconds {
+    /// Of all actors together.
+    pub actors: ActorSeconds,
+    /// In appending to the log.
+    pub log: f64,
+}
+
 /// What the desk needs to open.
 pub struct Setup {
     /// The run's bus.
@@ -86,7 +100,7 @@ pub struct DeskHandle {
     orders: SyncSender<Order>,
     batches: Receiver<Vec<Encoded>>,
     ringer: std::rc::Rc<Ringer<SharedMemory>>,
-    thread: Option<JoinHandle<Result<()>>>,
+    thread: Option<JoinHandle<Result<DeskSeconds>>>,
 }
 
 impl DeskHandle {
@@ -138,8 +152,8 @@ impl DeskHandle {
         Ok(())
     }
 
-    /// Ends the desk and waits for it.
-    pub fn finish(mut self) -> Result<()> {
+    /// Ends the desk and waits for it; says where the time went.
+    pub fn finish(mut self) -> Result<DeskSeconds> {
         self.order(Order::Finish)?;
         self.join()
     }
@@ -148,9 +162,10 @@ impl DeskHandle {
         self.join().err().unwrap_or_else(|| anyhow!("the desk ended before the run"))
     }
 
-    fn join(&mut self) -> Result<()> {
-        let Some(thread) = self.thread.take() else { return Ok(()) };
-        thread.join().map_err(|_| anyhow!("the desk panicked"))?
+    fn join(&mut self) -> Result<DeskSeconds> {
+        let Some(thread) = self.thread.take() else { return Ok(DeskSeconds::default()) };
+        // The panic itself has been printed by the thread.
+        thread.join().unwrap_or_else(|_| Err(anyhow!("the desk panicked")))
     }
 }
 
@@ -173,6 +188,7 @@ struct Desk {
     looked_after: Instant,
     flushed: Instant,
     finished: bool,
+    seconds: DeskSeconds,
 }
 
 impl Desk {
@@ -200,11 +216,12 @@ impl Desk {
             looked_after: Instant::now(),
             flushed: Instant::now(),
             finished: false,
+            seconds: DeskSeconds::default(),
             bus,
         })
     }
 
-    fn run(&mut self) -> Result<()> {
+    fn run(&mut self) -> Result<DeskSeconds> {
         while !self.finished {
             self.doorbell.wait(TICK)?;
             self.take_orders()?;
@@ -215,13 +232,43 @@ impl Desk {
             self.progress.refresh()?;
             self.look_after_actors()?;
             if self.flushed.elapsed() >= FLUSH_LOG {
-                self.log.flush()?;
+                self.complete(LogWriter::flush)?;
                 self.flushed = Instant::now();
                 self.tell()?;
             }
         }
         self.answer_actors()?;
-        Ok(self.log.finish()?)
+        self.complete(LogWriter::finish)?;
+        Ok(self.seconds)
+    }
+
+    /// Appends to the log, and counts the time it takes. When the disk refuses, the message is
+    /// kept in memory: the run pauses until it is written.
+    fn append(&mut self, append: impl FnOnce(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
+        let begun = Instant::now();
+        if let Err(error) = append(&mut self.log) {
+            self.wait_for_room(&error)?;
+            self.complete(LogWriter::flush)?;
+        }
+        self.seconds.log += begun.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Flushes, syncs or seals the log, however long the disk refuses.
+    fn complete(&mut self, write: impl Fn(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
+        while let Err(error) = write(&mut self.log) {
+            self.wait_for_room(&error)?;
+        }
+        Ok(())
+    }
+
+    fn wait_for_room(&mut self, error: &Error) -> Result<()> {
+        tracing::error!("paused until the log can be written: {error}");
+        let phase = std::mem::replace(&mut self.told.phase, Phase::DiskFull as i32);
+        self.tell()?;
+        self.told.phase = phase;
+        std::thread::sleep(DISK_PATIENCE);
+        Ok(())
     }
 
     fn take_orders(&mut self) -> Result<()> {
@@ -250,7 +297,7 @@ impl Desk {
                 self.tell()?;
             }
             Order::Sync(done) => {
-                self.log.sync()?;
+                self.complete(LogWriter::sync)?;
                 // A trainer that no longer waits has failed and says why itself.
                 done.send(()).ok();
             }
@@ -265,15 +312,12 @@ impl Desk {
     fn record(&mut self, entry: &Entry) -> Result<()> {
         match entry {
             Entry::Scores(scores) => {
-                for score in scores {
-                    self.log.score(score)?;
-                }
+                scores.iter().try_for_each(|score| self.append(|log| log.score(score)))
             }
-            Entry::PolicyUpdate(update) => self.log.policy_update(update)?,
-            Entry::RewardUpdate(update) => self.log.reward_update(update)?,
-            Entry::Checkpoint(checkpoint) => self.log.checkpoint(checkpoint)?,
+            Entry::PolicyUpdate(update) => self.append(|log| log.policy_update(update)),
+            Entry::RewardUpdate(update) => self.append(|log| log.reward_update(update)),
+            Entry::Checkpoint(checkpoint) => self.append(|log| log.checkpoint(checkpoint)),
         }
-        Ok(())
     }
 
     /// Appends what actors published, then takes it into the rollout.
@@ -282,7 +326,7 @@ impl Desk {
             let encoded = Encoded::decode(bytes, &self.spec).context("from an actor")?;
             let Some(rollout) = &mut self.rollout else { continue };
             if rollout.receive(encoded.clone())? {
-                self.log.trajectory(&encoded)?;
+                self.append(|log| log.trajectory(&encoded))?;
             }
         }
         Ok(())
@@ -302,6 +346,11 @@ impl Desk {
     fn reply(&mut self, request: &LeaseRequest) -> Result<LeaseReply> {
         if !self.alive.contains(&request.actor) {
             self.alive = self.bus.alive()?;
+        }
+        if let Some(seconds) = request.seconds {
+            self.seconds.actors.environment += seconds.environment;
+            self.seconds.actors.inference += seconds.inference;
+            self.seconds.actors.transport += seconds.transport;
         }
         let actors = self.actors();
         let mut leases = Vec::new();

@@ -164,8 +164,11 @@ impl Rollout {
         self.lanes.iter().any(Lane::is_open)
     }
 
-    /// Steps received.
+    /// Training steps received.
     pub fn steps(&self) -> u64 {
+        if self.source != Source::Training {
+            return 0;
+        }
         let lane_steps = |lane: &Lane| lane.received.values().map(steps).sum::<u64>();
         self.lanes.iter().map(lane_steps).sum()
     }

@@ -29,6 +29,21 @@ struct Summary {
     policy_sha256: String,
     proximity_sha256: String,
     log: Log,
+    seconds: Seconds,
+}
+
+/// Where the time of the last sitting went, seconds. Actors' parts are summed over actors and lie
+/// within `rollout`; `reward_update` runs beside `policy_update`.
+#[derive(Debug, Default, Serialize)]
+struct Seconds {
+    rollout: f64,
+    environment: f64,
+    inference: f64,
+    transport: f64,
+    log: f64,
+    scoring: f64,
+    policy_update: f64,
+    reward_update: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -51,17 +66,22 @@ impl Trainer {
         if self.state.iteration > 0 && newest != Some(self.state.iteration) {
             self.save()?;
         }
-        self.desk.finish()
+        self.desk.finish()?;
+        Ok(())
     }
 
     /// Ends a run that has been trained to its end.
     pub(crate) fn conclude(mut self) -> Result<()> {
         let proximity_sha256 = self.save()?;
-        let Some(evaluation) = self.evaluate()? else { return self.desk.finish() };
+        let Some(evaluation) = self.evaluate()? else { return self.leave() };
         self.tell(Phase::Finished, None, None)?;
         let mut summary = self.summary(&evaluation, proximity_sha256);
         let folder = self.folder.clone();
-        self.desk.finish()?;
+        let desk = self.desk.finish()?;
+        summary.seconds.environment = desk.actors.environment;
+        summary.seconds.inference = desk.actors.inference;
+        summary.seconds.transport = desk.actors.transport;
+        summary.seconds.log = desk.log;
         for file in protocol::log::log_files(&folder.log())? {
             summary.log.files += 1;
             summary.log.bytes += fs::metadata(&file.path)?.len();
@@ -95,10 +115,13 @@ impl Trainer {
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
             policy_sha256: weights::sha256([&state.parameters[..]]),
             proximity_sha256,
-            log: Log {
-                files: 0,
-                trajectories: state.episodes + evaluation.len() as u64,
-                bytes: 0,
+            log: Log { files: 0, trajectories: state.episodes + evaluation.len() as u64, bytes: 0 },
+            seconds: Seconds {
+                rollout: self.seconds.rollout,
+                scoring: self.seconds.scoring,
+                policy_update: self.seconds.policy_update,
+                reward_update: self.seconds.reward_update,
+                ..Seconds::default()
             },
         }
     }

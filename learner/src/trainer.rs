@@ -7,7 +7,7 @@ use networks::{ActorCritic, Adam, PolicyArchitecture};
 use prost::Message;
 use protocol::bus::{Bus, BusAddress};
 use protocol::config::{RunConfig, UpdateOrder};
-use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
+use protocol::log::{Kind, LogOptions, LogWriter, Metadata, log_files, repair};
 use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
 use protocol::process::Stop;
 use protocol::run::{LEARNER_FILE, PROXIMITY_FILE, RunFolder};
@@ -38,6 +38,7 @@ pub struct Trainer {
     spec: Spec,
     ppo: Ppo,
     stop: Stop,
+    pub(crate) seconds: Seconds,
     started: Instant,
     earlier_s: f64,
     opened: Instant,
@@ -49,6 +50,15 @@ struct Times {
     rollout_s: f64,
     scoring_s: f64,
     update_s: f64,
+}
+
+/// Where the learner's and the service's time went in this sitting, seconds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Seconds {
+    pub(crate) rollout: f64,
+    pub(crate) scoring: f64,
+    pub(crate) policy_update: f64,
+    pub(crate) reward_update: f64,
 }
 
 impl Trainer {
@@ -83,6 +93,7 @@ impl Trainer {
             spec,
             ppo: Ppo::new(spec, config.ppo.clone(), network, threads),
             stop: stop.clone(),
+            seconds: Seconds::default(),
             started: Instant::now(),
             earlier_s: state.wall_s,
             opened: Instant::now(),
@@ -103,6 +114,7 @@ impl Trainer {
             let Some(trajectories) = self.collect()? else { return Ok(false) };
             let rollout_s = self.opened.elapsed().as_secs_f64();
             self.state.count(&trajectories);
+            self.tell(Phase::Training, None, None)?;
             let next = self.state.iteration + 1;
             if self.config.rollout.lag == 1 && next < iterations {
                 self.open_rollout(next)?;
@@ -123,7 +135,9 @@ impl Trainer {
         let iteration = self.state.iteration;
         let file = match iteration {
             0 => String::new(),
-            _ => self.folder.checkpoint_folder(iteration).join(PROXIMITY_FILE).display().to_string(),
+            _ => {
+                self.folder.checkpoint_folder(iteration).join(PROXIMITY_FILE).display().to_string()
+            }
         };
         let update = self.scoring.begin(iteration, &file).context("start of the service")?;
         if iteration == 0 {
@@ -166,7 +180,8 @@ impl Trainer {
         if self.config.reward.order == UpdateOrder::ScoreFirst {
             improvement = Some(self.scoring.start_improving(iteration)?);
         }
-        let scoring_s = begun.elapsed().as_secs_f64();
+        let improved_s = reward_update.as_ref().map_or(0.0, |update| update.seconds);
+        let scoring_s = begun.elapsed().as_secs_f64() - improved_s;
         let begun = Instant::now();
         let learning_rate = self.learning_rate();
         let figures = self.update_policy(trajectories, &scores, learning_rate)?;
@@ -176,6 +191,10 @@ impl Trainer {
         }
         self.state.iteration += 1;
         self.state.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
+        self.seconds.rollout += rollout_s;
+        self.seconds.scoring += scoring_s;
+        self.seconds.policy_update += update_s;
+        self.seconds.reward_update += reward_update.as_ref().map_or(0.0, |update| update.seconds);
         let times = Times { rollout_s, scoring_s, update_s };
         let update = self.policy_update(trajectories, &scores, &figures, learning_rate, times);
         self.record(scores, update, reward_update)
@@ -193,11 +212,8 @@ impl Trainer {
             let gamma = self.config.ppo.gamma;
             batch.scale_rewards(&mut self.state.reward_scale, trajectories, gamma);
         }
-        let schedule = Schedule {
-            run_seed: self.config.seed,
-            iteration: self.state.iteration,
-            learning_rate,
-        };
+        let schedule =
+            Schedule { run_seed: self.config.seed, iteration: self.state.iteration, learning_rate };
         let State { parameters, previous_parameters, optimizer, .. } = &mut self.state;
         previous_parameters.clone_from(parameters);
         Ok(self.ppo.update(parameters, optimizer, &batch, &schedule))
@@ -333,8 +349,12 @@ fn initial_state(folder: &RunFolder, config: &RunConfig, network: &ActorCritic) 
 }
 
 fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
-    let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed)
-        .with("config", config.to_text());
+    let metadata =
+        Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
+    std::fs::create_dir_all(folder.log())?;
+    for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
+        tracing::info!("{}", repair(&file.path)?);
+    }
     let options = LogOptions { rotate_bytes: config.log.file_mib << 20 };
     Ok(LogWriter::create(&folder.log(), &metadata, options)?)
 }

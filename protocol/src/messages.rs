@@ -20,6 +20,23 @@ pub struct LeaseRequest {
     /// Leases whose every trajectory it has published since it last asked.
     #[prost(message, repeated, tag = "3")]
     pub finished: Vec<Lease>,
+    /// Where its time went since it last asked.
+    #[prost(message, optional, tag = "4")]
+    pub seconds: Option<ActorSeconds>,
+}
+
+/// Where actors' time went, seconds, waiting left out.
+#[derive(Clone, Copy, PartialEq, Message)]
+pub struct ActorSeconds {
+    /// In environments.
+    #[prost(double, tag = "1")]
+    pub environment: f64,
+    /// In the policy's network and in drawing actions.
+    #[prost(double, tag = "2")]
+    pub inference: f64,
+    /// Encoding and publishing trajectories.
+    #[prost(double, tag = "3")]
+    pub transport: f64,
 }
 
 /// The learner's answer; empty when every lane of the iteration is taken.

@@ -1,6 +1,7 @@
 //! The schema in the log is the one in `schema/goalward.proto`, and our messages are its messages.
 //!
 //! `GOALWARD_WRITE_SCHEMA=1 cargo test -p protocol --test schema` compiles the schema anew.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::PathBuf;
 

@@ -36,8 +36,8 @@ pub struct Selection {
 impl Demonstrations {
     /// Reads the demonstrations of a file.
     pub fn load(file: &Path, selection: &Selection, config: &RewardConfig) -> Result<Self> {
-        let trajectories = read(file, selection)
-            .with_context(|| format!("demonstrations {}", file.display()))?;
+        let trajectories =
+            read(file, selection).with_context(|| format!("demonstrations {}", file.display()))?;
         Ok(Self::of(&trajectories, config))
     }
 

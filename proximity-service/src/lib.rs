@@ -10,6 +10,8 @@ pub mod model;
 pub mod reward;
 pub mod service;
 pub mod target;
+#[cfg(test)]
+mod tests;
 
 use anyhow::Result;
 use protocol::config::{Method, RunConfig};

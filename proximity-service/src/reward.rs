@@ -22,3 +22,59 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
     };
     (0..steps).map(reward).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::config;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Eq. 5 without the penalty telescopes: the undiscounted sum of rewards is Eq. 3 with a
+        /// discount of 1, the final proximity and the whole increase of proximity.
+        #[test]
+        fn rewards_telescope_to_the_objective(
+            proximity in prop::collection::vec(0.0f32..1.0, 2..60),
+        ) {
+            let config = RewardConfig { uncertainty: 0.0, ..config() };
+            let none = vec![0.0; proximity.len()];
+            let sum: f32 = rewards(&proximity, &none, &config).iter().sum();
+            let (first, last) = (proximity[0], proximity[proximity.len() - 1]);
+            prop_assert!((sum - (last + last - first)).abs() < 1e-4);
+        }
+
+        /// Eq. 3 for any discount: the final proximity comes with the last step's discount.
+        #[test]
+        fn discounted_rewards_are_the_discounted_objective(
+            proximity in prop::collection::vec(0.0f32..1.0, 2..60),
+            gamma in 0.5f64..1.0,
+        ) {
+            let config = RewardConfig { uncertainty: 0.0, ..config() };
+            let none = vec![0.0; proximity.len()];
+            let discounted = |rewards: &[f32]| -> f64 {
+                let terms = rewards.iter().enumerate();
+                terms.map(|(t, reward)| gamma.powi(t as i32) * f64::from(*reward)).sum()
+            };
+            let sum = discounted(&rewards(&proximity, &none, &config));
+            let steps = proximity.len() - 1;
+            let increases: Vec<f32> = proximity.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            let last = gamma.powi(steps as i32 - 1) * f64::from(proximity[steps]);
+            prop_assert!((sum - (last + discounted(&increases))).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn the_penalty_is_lambda_times_the_uncertainty_reached() {
+        let config = RewardConfig { uncertainty: 0.5, ..config() };
+        let found = rewards(&[0.25, 0.5, 0.5], &[9.0, 0.25, 1.0], &config);
+        assert_eq!(found, [0.25 - 0.125, 0.5 - 0.5]);
+    }
+
+    #[test]
+    fn ablations_change_what_a_step_earns() {
+        let absolute = RewardConfig { uncertainty: 0.0, form: RewardForm::Absolute, ..config() };
+        assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &absolute), [0.5, 1.5]);
+        let no_final = RewardConfig { uncertainty: 0.0, final_bonus: false, ..config() };
+        assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &no_final), [0.25, 0.25]);
+    }
+}

@@ -10,9 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use bytes::Bytes;
 use prost::Message;
-use protocol::bus::{
-    Bus, BusAddress, Doorbell, Role, Server, SharedMemory, TrajectorySubscriber,
-};
+use protocol::bus::{Bus, BusAddress, Doorbell, Role, Server, SharedMemory, TrajectorySubscriber};
 use protocol::config::RunConfig;
 use protocol::messages::{
     Answer, Ask, Batch, Begin, Missing, Query, RewardUpdate, Scores, ServiceReply, ServiceRequest,
@@ -198,7 +196,7 @@ impl Service {
         Ok(update)
     }
 
-    fn estimate(&mut self, query: &Query) -> Result<Answer> {
+    fn estimate(&self, query: &Query) -> Result<Answer> {
         let (found, bytes) = (query.observations.len(), self.spec.observation.bytes());
         ensure!(
             found.is_multiple_of(bytes),

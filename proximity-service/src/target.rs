@@ -14,3 +14,23 @@ pub fn demonstration_target(steps_to_goal: u32, config: &RewardConfig) -> f32 {
         Discounting::Exponential => libm::pow(config.delta, steps) as f32,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::config;
+
+    #[test]
+    fn linear_labels_fall_by_delta_per_step_to_zero() {
+        let config = RewardConfig { delta: 0.02, discounting: Discounting::Linear, ..config() };
+        let labels = [0, 1, 10, 50, 60].map(|steps| demonstration_target(steps, &config));
+        assert_eq!(labels, [1.0, 0.98, 0.8, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn exponential_labels_fall_by_a_factor_per_step() {
+        let config = RewardConfig { delta: 0.5, discounting: Discounting::Exponential, ..config() };
+        let labels = [0, 1, 3].map(|steps| demonstration_target(steps, &config));
+        assert_eq!(labels, [1.0, 0.5, 0.125]);
+    }
+}

@@ -1,1 +1,309 @@
+//! What the system tests share: a run of the real programs in a folder of its own.
+//!
+//! Method: the programs are the shipped `main.rs` of every process, built by cargo as binaries of
+//! this package and linked into the test's folder under the names users know, because `goalward`
+//! looks for its siblings beside itself. Nothing is started in-process and nothing is imitated. A
+//! run is made small by its configuration alone ([`SMALL`]). What a test starts it also ends: when
+//! a [`TestRun`] goes, its processes are killed by their ids and its shared memory is removed; the
+//! folder stays, and is named, if the test failed.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod process;
+mod summary;
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use protocol::bus::BusAddress;
+use protocol::run::RunFolder;
+
+pub use process::{Process, Signal};
+pub use summary::{Evaluation, Hashes, Log, Summary};
+
+/// Iterations of a run with [`SMALL`].
+pub const ITERATIONS: u64 = 20;
+
+/// Lanes of a run with [`SMALL`].
+pub const LANES: u64 = 6;
+
+/// Iterations between two checkpoints of a run with [`SMALL`].
+pub const CHECKPOINT_ITERATIONS: u64 = 4;
+
+/// Settings that make a run last seconds and still have everything a long one has.
+pub const SMALL: [&str; 14] = [
+    "steps=12000",
+    "rollout.lanes=6",
+    "rollout.lane_steps=100",
+    "policy.convolution_channels=[4, 8, 8]",
+    "ppo.minibatches=2",
+    "ppo.epochs=1",
+    "reward.convolution_channels=[4, 8, 8]",
+    "reward.ensemble=2",
+    "reward.pretraining_epochs=1",
+    "demonstrations.episodes=40",
+    "evaluation.episodes=8",
+    "checkpoint.iterations=4",
+    "checkpoint.keep=10",
+    "resources.actors=2",
+];
+
+/// Nothing a test waits for takes as long on the slowest machine.
+pub const PATIENCE: Duration = Duration::from_secs(240);
+
+/// How often something waited for is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+
+/// Where cargo has put the programs; made by [`programs!`].
+#[derive(Clone, Copy, Debug)]
+pub struct Programs {
+    /// Each program's name for users, and its file.
+    pub files: [(&'static str, &'static str); 4],
+    /// A folder for tests, on the file system of the programs.
+    pub scratch: &'static str,
+}
+
+/// The programs under test. A macro, because only a test knows where cargo has put them.
+#[macro_export]
+macro_rules! programs {
+    () => {
+        $crate::Programs {
+            files: [
+                ("goalward", env!("CARGO_BIN_EXE_goalward-under-test")),
+                ("goalward-actor", env!("CARGO_BIN_EXE_actor-under-test")),
+                ("goalward-learner", env!("CARGO_BIN_EXE_learner-under-test")),
+                ("goalward-proximity-service", env!("CARGO_BIN_EXE_proximity-service-under-test")),
+            ],
+            scratch: env!("CARGO_TARGET_TMPDIR"),
+        }
+    };
+}
+
+/// A folder with the programs and at most one run.
+#[derive(Debug)]
+pub struct TestRun {
+    home: PathBuf,
+}
+
+impl TestRun {
+    /// Lays out the folder; no run is in it yet.
+    pub fn new(programs: Programs) -> TestRun {
+        fs::create_dir_all(programs.scratch).unwrap();
+        let home = tempfile::Builder::new().prefix("run-").tempdir_in(programs.scratch).unwrap();
+        let home = home.keep().canonicalize().unwrap();
+        fs::create_dir(home.join("bin")).unwrap();
+        for (name, file) in programs.files {
+            fs::hard_link(file, home.join("bin").join(name)).unwrap();
+        }
+        TestRun { home }
+    }
+
+    /// A path in the test's folder, beside the run.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.home.join(name)
+    }
+
+    /// The run's folder; it need not exist.
+    pub fn folder(&self) -> RunFolder {
+        RunFolder::new(self.path("run"))
+    }
+
+    /// One of the programs, to be started in the test's folder.
+    pub fn program(&self, name: &str) -> Command {
+        let mut command = Command::new(self.path("bin").join(name));
+        command.current_dir(&self.home).stdin(Stdio::null()).env_remove("RUST_LOG");
+        command
+    }
+
+    /// Starts `goalward train` on a new run with [`SMALL`] and then `settings`.
+    pub fn train(&self, settings: &[&str]) -> Training<'_> {
+        let mut command = self.program("goalward");
+        command.args(["train", "navigation"]);
+        for setting in SMALL.iter().chain(settings) {
+            command.args(["--set", setting]);
+        }
+        self.start(command)
+    }
+
+    /// Starts `goalward train --resume` on the run.
+    pub fn resume(&self) -> Training<'_> {
+        let mut command = self.program("goalward");
+        command.args(["train", "--resume"]);
+        self.start(command)
+    }
+
+    /// Trains a new run to its end.
+    pub fn finish(&self, settings: &[&str]) -> Summary {
+        self.train(settings).finish()
+    }
+
+    fn start(&self, mut command: Command) -> Training<'_> {
+        command.arg("--run").arg(self.folder().path());
+        command.stdout(self.output("goalward.out")).stderr(self.output("goalward.err"));
+        Training { run: self, supervisor: command.spawn().unwrap() }
+    }
+
+    fn output(&self, name: &str) -> File {
+        OpenOptions::new().create(true).append(true).open(self.path(name)).unwrap()
+    }
+
+    /// What `goalward` has printed on standard error so far.
+    pub fn remarks(&self) -> String {
+        fs::read_to_string(self.path("goalward.err")).unwrap_or_default()
+    }
+
+    /// What the finished run says of itself.
+    pub fn summary(&self) -> Summary {
+        let file = self.folder().summary_file();
+        let text = fs::read_to_string(&file)
+            .unwrap_or_else(|error| panic!("{}: {error}\n{}", file.display(), self.words()));
+        serde_json::from_str(&text).unwrap()
+    }
+
+    /// The living processes of the run, the supervisor not among them.
+    pub fn processes(&self) -> Vec<Process> {
+        let folder = self.folder();
+        let programs = self.path("bin");
+        let mut processes = process::living(&programs);
+        processes.retain(|process| process.serves(folder.path()));
+        processes
+    }
+
+    /// The living process of the run with this name: learner, proximity-service, actor-0 and so on.
+    pub fn process(&self, name: &str) -> Process {
+        let found = || self.processes().into_iter().find(|process| process.name == name);
+        await_some(&format!("process {name}"), PATIENCE, found)
+    }
+
+    /// Names of what the run has in shared memory.
+    pub fn shared_memory(&self) -> Vec<String> {
+        let address = BusAddress::of_run(self.folder().path()).unwrap();
+        let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let root = address.root().file_name().unwrap().to_string_lossy().into_owned();
+        names.filter(|name| name.starts_with(address.prefix()) || *name == root).collect()
+    }
+
+    /// Every file of the test's folder but the programs, with its bytes: to see that nothing was
+    /// touched.
+    pub fn contents(&self) -> Vec<(PathBuf, Vec<u8>)> {
+        let mut files = Vec::new();
+        let mut folders = vec![self.home.clone()];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(&folder).unwrap() {
+                let path = entry.unwrap().path();
+                if !path.is_dir() {
+                    let bytes = fs::read(&path).unwrap();
+                    files.push((path, bytes));
+                } else if path != self.path("bin") {
+                    folders.push(path);
+                }
+            }
+        }
+        files.sort();
+        files
+    }
+
+    /// The last words of everything the run has printed.
+    fn words(&self) -> String {
+        let outputs = fs::read_dir(self.folder().output()).into_iter().flatten().flatten();
+        let files = [self.path("goalward.out"), self.path("goalward.err")];
+        let mut words = String::new();
+        for file in files.into_iter().chain(outputs.map(|entry| entry.path())) {
+            let text = fs::read_to_string(&file).unwrap_or_default();
+            let lines: Vec<_> = text.lines().collect();
+            let last = &lines[lines.len().saturating_sub(12)..];
+            words += &format!("--- {}\n{}\n", file.display(), last.join("\n"));
+        }
+        words
+    }
+}
+
+impl Drop for TestRun {
+    fn drop(&mut self) {
+        for process in process::living(&self.path("bin")) {
+            process.signal(Signal::Kill);
+        }
+        if let Ok(address) = BusAddress::of_run(self.folder().path()) {
+            let removed = || address.remove().is_ok();
+            let deadline = Instant::now() + Duration::from_secs(5);
+            while !removed() && Instant::now() < deadline {
+                std::thread::sleep(LOOK_EVERY);
+            }
+        }
+        if std::thread::panicking() {
+            let home = self.home.display();
+            writeln!(std::io::stderr(), "the files of the failed test are in {home}").ok();
+        } else {
+            fs::remove_dir_all(&self.home).ok();
+        }
+    }
+}
+
+/// A `goalward train` that has been started.
+#[derive(Debug)]
+pub struct Training<'a> {
+    run: &'a TestRun,
+    supervisor: Child,
+}
+
+impl Training<'_> {
+    /// Waits until the checkpoint after `iteration` iterations is there. The run must still be
+    /// going on then: what a test does next happens in its middle.
+    pub fn await_checkpoint(&mut self, iteration: u64) {
+        let folder = self.run.folder().checkpoint_folder(iteration);
+        let deadline = Instant::now() + PATIENCE;
+        while !folder.exists() {
+            let what = format!("checkpoint {iteration}");
+            self.expect_going_on(&what);
+            assert!(Instant::now() < deadline, "{what} did not come\n{}", self.run.words());
+            std::thread::sleep(LOOK_EVERY);
+        }
+        self.expect_going_on("a moment in the middle of the run");
+    }
+
+    fn expect_going_on(&mut self, what: &str) {
+        let ended = self.supervisor.try_wait().unwrap();
+        let is_over = ended.is_some() || self.run.folder().summary_file().exists();
+        assert!(!is_over, "the run ended ({ended:?}) before {what}\n{}", self.run.words());
+    }
+
+    /// Sends a signal to the supervisor.
+    pub fn signal(&self, signal: Signal) {
+        process::send(self.supervisor.id(), signal);
+    }
+
+    /// Waits for the supervisor's end; gives its exit code, none if a signal has ended it.
+    pub fn end(mut self) -> Option<i32> {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            if let Some(status) = self.supervisor.try_wait().unwrap() {
+                return status.code();
+            }
+            assert!(Instant::now() < deadline, "the run did not end\n{}", self.run.words());
+            std::thread::sleep(LOOK_EVERY);
+        }
+    }
+
+    /// Waits for the end of a run that is to finish.
+    pub fn finish(self) -> Summary {
+        let run = self.run;
+        let code = self.end();
+        assert_eq!(code, Some(0), "the run failed\n{}", run.words());
+        run.summary()
+    }
+}
+
+/// Looks until there is something; fails, naming what was expected, after `patience`.
+pub fn await_some<T>(what: &str, patience: Duration, mut look: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + patience;
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(Instant::now() < deadline, "expected {what} within {patience:?}");
+        std::thread::sleep(LOOK_EVERY);
+    }
+}

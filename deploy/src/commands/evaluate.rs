@@ -61,8 +61,9 @@ fn table(evaluation: &Evaluation) -> String {
     let success = figures::percent(*success_rate, 1);
     figures::table(&[
         ("success", format!("{success} of {} episodes", figures::count(*episodes))),
-        ("steps per episode", figures::loss(*mean_steps)),
-        ("policy", format!("version {policy_version}, {}", file.display())),
+        ("steps per episode", figures::number(*mean_steps)),
+        ("policy version", figures::count(*policy_version)),
+        ("recorded in", file.display().to_string()),
     ])
 }
 
@@ -73,9 +74,9 @@ mod tests {
     #[test]
     fn the_actors_figures_become_a_table() {
         let text = r#"{"episodes": 200, "success_rate": 0.965, "mean_steps": 14.25,
-            "policy_version": 367, "file": "r/checkpoints/000367/policy.safetensors"}"#;
+            "policy_version": 367, "file": "r/evaluation-v000367-200.mcap"}"#;
         let table = table(&serde_json::from_str(text).unwrap());
-        for part in ["96.5 % of 200 episodes", "14.250", "version 367, r/checkpoints/000367"] {
+        for part in ["96.5 % of 200 episodes", "14.2", "367\n", "r/evaluation-v000367-200.mcap"] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }
     }

@@ -72,10 +72,11 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     };
     let mut rows = common_rows(config);
     rows.push(("doing", doing.to_owned()));
-    rows.push(("environment steps", steps(progress.steps_received, progress.steps_wanted)));
+    let done = progress.update.as_ref().map_or(0, |update| update.environment_steps);
+    rows.push(("environment steps", steps(done, progress.steps_wanted)));
     rows.extend(progress.update.iter().flat_map(update_rows));
     if let Some(update) = &progress.reward_update {
-        let losses = [update.demonstration_loss, update.agent_loss].map(figures::loss);
+        let losses = [update.demonstration_loss, update.agent_loss].map(figures::number);
         let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
         rows.push(("proximity loss", losses));
     }
@@ -128,7 +129,7 @@ fn update_rows(update: &PolicyUpdate) -> Vec<(&'static str, String)> {
         ("success, last 100 training episodes", figures::percent(update.success_rate, 1)),
         ("policy KL, value loss", {
             let (divergence, value) = (update.approximate_kl, update.value_loss);
-            format!("{}, {}", figures::loss(divergence), figures::loss(value))
+            format!("{}, {}", figures::number(divergence), figures::number(value))
         }),
     ]
 }

@@ -137,7 +137,7 @@ fn existing_part(path: &Path) -> PathBuf {
 fn print_start(plan: &Plan) {
     let RunConfig { task, preset, seed, steps, resources, .. } = &plan.config;
     print_line(&format!(
-        "{} {task} in {}: preset {preset}, seed {seed}, {} steps, {} actors",
+        "{} {task} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         if plan.resumed { "continuing" } else { "training" },
         plan.folder.path().display(),
         figures::count(*steps),

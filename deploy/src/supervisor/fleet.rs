@@ -50,7 +50,7 @@ impl Fleet {
         Fleet {
             learner: process(Program::Learner, "learner", &[], &[]),
             service: process(Program::ProximityService, "proximity-service", &[], &[]),
-            actors: (1..=actor_count).map(actor).collect(),
+            actors: (0..actor_count).map(actor).collect(),
         }
     }
 

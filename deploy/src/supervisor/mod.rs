@@ -173,7 +173,7 @@ impl Supervision<'_> {
             None => "the beginning".to_owned(),
         };
         self.view.note(&format!(
-            "the {} ended ({status}); learner and proximity service go on from {place}",
+            "{} ended ({status}); learner and proximity service go on from {place}",
             dead.name()
         ));
         self.fleet.start_core()?;
@@ -195,7 +195,7 @@ impl Supervision<'_> {
         };
         match status {
             Some(status) if status.success() => {}
-            Some(status) => self.view.note(&format!("the learner ended ({status})")),
+            Some(status) => self.view.note(&format!("learner ended ({status})")),
             None => {
                 self.view.note("the learner is killed; what follows its last checkpoint is redone");
                 self.fleet.learner.kill().context("ending the learner")?;

@@ -115,10 +115,6 @@ impl Process {
 
     /// Words for the end of the whole run: why this process cannot go on.
     pub(super) fn give_up(&self, status: ExitStatus, history: &str) -> anyhow::Error {
-        anyhow::anyhow!(
-            "the {} ended ({status}) {history}; {}",
-            self.name,
-            self.output.last_lines()
-        )
+        anyhow::anyhow!("{} ended ({status}) {history}; {}", self.name, self.output.last_lines())
     }
 }

@@ -123,18 +123,13 @@ impl Ppo {
     }
 
     /// Values of observations under the prepared parameters.
-    fn values(&mut self, observations: &[u8]) -> Vec<f32> {
-        let bytes = self.spec.observation.bytes();
-        let count = observations.len().div_ceil(bytes * SHARD_ROWS);
-        self.grow_shards(count);
-        let (network, prepared) = (&self.network, &self.prepared);
-        let shards = &mut self.shards[..count];
-        let value = |(shard, rows): (&mut Shard, &[u8])| {
-            let evaluation = network.forward(prepared, Rows::new(rows), &mut shard.workspace);
+    fn values(&self, observations: &[u8]) -> Vec<f32> {
+        let shards = observations.par_chunks(SHARD_ROWS * self.spec.observation.bytes());
+        let value = |workspace: &mut PolicyWorkspace, rows: &[u8]| {
+            let evaluation = self.network.forward(&self.prepared, Rows::new(rows), workspace);
             evaluation.values.as_slice().to_vec()
         };
-        let chunks = observations.par_chunks(bytes * SHARD_ROWS);
-        let values = || shards.par_iter_mut().zip(chunks).map(value).collect::<Vec<_>>();
+        let values = || shards.map_init(PolicyWorkspace::default, value).collect::<Vec<_>>();
         self.threads.install(values).concat()
     }
 

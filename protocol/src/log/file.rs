@@ -186,6 +186,11 @@ impl FileWriter {
         sync_folder_of(&self.path)
     }
 
+    /// Whether it takes messages still.
+    pub(super) fn is_open(&self) -> bool {
+        self.state == State::Open
+    }
+
     /// Bytes that the operating system has taken.
     pub fn bytes_written(&self) -> u64 {
         self.bytes

@@ -57,6 +57,13 @@ pub(super) fn path(folder: &Path, contents: Contents, number: u32) -> PathBuf {
     folder.join(format!("{}-{number:05}.{SEALED}", contents.name()))
 }
 
+/// Where a file is now that was at `path` a moment ago: its writer may have sealed it since.
+pub(super) fn followed(path: PathBuf) -> PathBuf {
+    let sealed = path.with_extension("");
+    let moved = path.extension().is_some_and(|ending| ending == ACTIVE) && !path.exists();
+    if moved && sealed.exists() { sealed } else { path }
+}
+
 /// `path` with `.ending` behind its whole name.
 pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();

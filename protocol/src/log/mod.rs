@@ -10,7 +10,7 @@
 //! | [`file`](mod@file) | [`FileWriter`]: one file, from creation to sealing |
 //! | [`writer`] | [`LogWriter`]: a run's folder; rotation and numbering |
 //! | [`folder`] | names of a folder's files, room on the disk |
-//! | [`scan`] | bytes of a file to blocks of messages, whatever state the file is in |
+//! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
 //! | [`mod@info`] | what a file holds, for `goalward log info` |

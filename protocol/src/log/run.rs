@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use prost::Message as _;
 
-use super::folder::log_files;
+use super::folder::{followed, log_files};
 use super::metadata::Metadata;
 use super::reader::{Ending, Entry, FileReader, decode};
 use super::scan::Message;
@@ -54,14 +54,14 @@ impl RunReader {
             let mut files = VecDeque::new();
             let found = log_files(folder)?;
             for file in found.into_iter().filter(|file| file.contents == contents) {
-                let Some(mut reader) = FileReader::open_begun(&file.path)? else { continue };
+                let path = followed(file.path);
+                let Some(mut reader) = FileReader::open_begun(&path)? else { continue };
                 let first = metadata.get_or_insert_with(|| reader.metadata().clone());
-                same_run(&file.path, first, reader.metadata())?;
-                let number = files.len();
-                repeated += last_of_each_name(&file.path, &mut reader, number, &mut last)?;
+                same_run(&path, first, reader.metadata())?;
+                repeated += last_of_each_name(&path, &mut reader, files.len(), &mut last)?;
                 let ending = reader.ending().cloned().unwrap_or(Ending::Unsealed);
-                endings.push((file.path.clone(), ending));
-                files.push_back(file.path);
+                endings.push((path.clone(), ending));
+                files.push_back(path);
             }
             streams.push(Stream { files, opened: 0, reader: None, read: 0, last, head: None });
         }
@@ -131,7 +131,7 @@ impl Stream {
     fn advance(&mut self) -> Result<(), Error> {
         loop {
             let Some((path, reader)) = &mut self.reader else {
-                let Some(path) = self.files.pop_front() else { return Ok(()) };
+                let Some(path) = self.files.pop_front().map(followed) else { return Ok(()) };
                 let reader = FileReader::open(&path)?;
                 (self.opened, self.read) = (self.opened + 1, 0);
                 self.reader = Some((path, reader));

@@ -84,8 +84,9 @@ impl LogWriter {
 
     /// Closes the open chunks: what was appended before survives the death of this process.
     pub fn flush(&mut self) -> Result<(), Error> {
-        self.trajectories.flush()?;
-        self.updates.flush()
+        let trajectories = self.trajectories.flush();
+        self.updates.flush()?;
+        trajectories
     }
 
     /// Flushes and waits for the disk: what was appended before survives the machine's death.
@@ -155,7 +156,8 @@ impl Stream {
 
     /// Goes on to the next file when this one has grown enough, and seals the one before.
     fn rotate(&mut self) -> Result<(), Error> {
-        if self.unsealed.is_none() && self.current.bytes_written() >= self.rotate_bytes {
+        let grown = self.current.is_open() && self.current.bytes_written() >= self.rotate_bytes;
+        if grown && self.unsealed.is_none() {
             let path = path(&self.folder, self.contents, self.number + 1);
             let next = FileWriter::create(&path, &self.metadata, self.contents.topics())?;
             self.number += 1;

@@ -23,7 +23,7 @@ impl RewardModel for EnvironmentReward {
         RewardUpdate { iteration, weights_sha256: self.sha256(), ..RewardUpdate::default() }
     }
 
-    fn score(&mut self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
+    fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
         let score = |encoded: &Encoded| Score {
             iteration,
             lane: encoded.key.lane,
@@ -36,7 +36,7 @@ impl RewardModel for EnvironmentReward {
         batch.iter().map(score).collect()
     }
 
-    fn estimate(&mut self, observations: &[u8]) -> Estimates {
+    fn estimate(&self, observations: &[u8]) -> Estimates {
         let unknown = vec![0.0; observations.len() / self.observation_bytes];
         Estimates { model_version: 0, proximity: unknown.clone(), uncertainty: unknown }
     }

@@ -20,10 +20,10 @@ pub trait RewardModel {
     fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> RewardUpdate;
 
     /// Scores a batch (Algorithm 1, line 8). Depends on the batch and the model's version alone.
-    fn score(&mut self, iteration: u64, batch: &[Encoded]) -> Vec<Score>;
+    fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score>;
 
     /// Proximity and uncertainty of any observations. Changes nothing.
-    fn estimate(&mut self, observations: &[u8]) -> Estimates;
+    fn estimate(&self, observations: &[u8]) -> Estimates;
 
     /// Hash of all weights.
     fn sha256(&self) -> String;

@@ -42,8 +42,7 @@ pub struct GoalProximity {
     demonstrations: Demonstrations,
     experience: Experience,
     ensemble: Ensemble,
-    optimizers: Vec<Adam>,
-    workspaces: Vec<Workspace>,
+    trainers: Vec<Trainer>,
     prepared: Vec<Prepared>,
     version: u64,
     threads: ThreadPool,
@@ -55,6 +54,15 @@ struct Minibatch {
     observations: Vec<u8>,
     targets: Vec<f32>,
     demonstrations: usize,
+}
+
+/// A member's optimizer, and memory that its training reuses.
+#[derive(Clone, Debug)]
+struct Trainer {
+    optimizer: Adam,
+    prepared: Prepared,
+    workspace: Workspace,
+    gradient: Vec<f32>,
 }
 
 /// Losses of a minibatch: the two terms of Eq. 4.
@@ -79,14 +87,19 @@ impl GoalProximity {
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
         let ensemble = Ensemble::new(network, streams);
-        let optimizer = Adam::new(ensemble.members[0].len(), ADAM_EPSILON);
+        let parameters = ensemble.members[0].len();
+        let trainer = Trainer {
+            optimizer: Adam::new(parameters, ADAM_EPSILON),
+            prepared: Prepared::default(),
+            workspace: Workspace::default(),
+            gradient: vec![0.0; parameters],
+        };
         GoalProximity {
             observation_bytes: spec.observation.bytes(),
             run_seed,
             demonstrations,
             experience: Experience::new(config.experience, spec.observation.bytes()),
-            optimizers: vec![optimizer; config.ensemble],
-            workspaces: Vec::new(),
+            trainers: vec![trainer; config.ensemble],
             prepared: ensemble.prepare(),
             ensemble,
             version: 0,
@@ -117,16 +130,13 @@ impl GoalProximity {
     /// One optimizer step of every member.
     fn train(&mut self, minibatch: &Minibatch) -> Losses {
         let (network, learning_rate) = (&self.ensemble.network, self.config.learning_rate);
-        let members = self.ensemble.members.par_iter_mut().zip(&mut self.optimizers);
-        let losses: Vec<Losses> = self.threads.install(|| {
-            members
-                .map(|(member, optimizer)| {
-                    let (losses, gradient) = gradient(network, member, minibatch);
-                    optimizer.update(member, &gradient, learning_rate);
-                    losses
-                })
-                .collect()
-        });
+        let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
+        let train = |(member, trainer): (&mut Vec<f32>, &mut Trainer)| {
+            let losses = trainer.differentiate(network, member, minibatch);
+            trainer.optimizer.update(member, &trainer.gradient, learning_rate);
+            losses
+        };
+        let losses: Vec<Losses> = self.threads.install(|| members.map(train).collect());
         let count = losses.len() as f64;
         Losses {
             demonstrations: losses.iter().map(|loss| loss.demonstrations).sum::<f64>() / count,
@@ -134,12 +144,7 @@ impl GoalProximity {
         }
     }
 
-    fn updated(
-        &mut self,
-        iteration: u64,
-        losses: &[Losses],
-        begun: Instant,
-    ) -> RewardUpdate {
+    fn updated(&mut self, iteration: u64, losses: &[Losses], begun: Instant) -> RewardUpdate {
         self.version += 1;
         self.prepared = self.ensemble.prepare();
         let count = losses.len().max(1) as f64;
@@ -156,43 +161,46 @@ impl GoalProximity {
     }
 
     /// Scores of observations, in order.
-    fn row_scores(&mut self, observations: &[u8]) -> Vec<RowScore> {
-        let shard_bytes = SHARD_ROWS * self.observation_bytes;
-        let shards = observations.len().div_ceil(shard_bytes);
-        if self.workspaces.len() < shards {
-            self.workspaces.resize_with(shards, Workspace::default);
-        }
-        let (ensemble, prepared) = (&self.ensemble, &self.prepared);
-        let score = |(shard, workspace): (&[u8], &mut Workspace)| {
+    fn row_scores(&self, observations: &[u8]) -> Vec<RowScore> {
+        let score = |workspace: &mut Workspace, shard: &[u8]| {
             let (mut outputs, mut scores) = (Vec::new(), Vec::new());
-            ensemble.score(prepared, Rows::new(shard), workspace, &mut outputs, &mut scores);
+            let rows = Rows::new(shard);
+            self.ensemble.score(&self.prepared, rows, workspace, &mut outputs, &mut scores);
             scores
         };
-        let shards = observations.par_chunks(shard_bytes).zip(&mut self.workspaces);
-        self.threads.install(|| shards.map(score).collect::<Vec<_>>()).concat()
+        let shards = observations.par_chunks(SHARD_ROWS * self.observation_bytes);
+        let scores = || shards.map_init(Workspace::default, score).collect::<Vec<_>>();
+        self.threads.install(scores).concat()
     }
 }
 
-/// Gradient and losses of one member (Eq. 4; without agent observations Eq. 1). Each term is a mean
-/// over its own observations.
-fn gradient(network: &Network, member: &[f32], minibatch: &Minibatch) -> (Losses, Vec<f32>) {
-    let prepared = network.prepare(member);
-    let mut workspace = Workspace::default();
-    let rows = Rows::new(&minibatch.observations);
-    let outputs = network.forward(&prepared, rows, &mut workspace);
-    let mut slopes = outputs.clone();
-    let count = minibatch.demonstrations;
-    let (own, agent) = outputs.as_slice().split_at(count);
-    let (own_targets, agent_targets) = minibatch.targets.split_at(count);
-    let (own_slopes, agent_slopes) = slopes.as_mut_slice().split_at_mut(count);
-    let weight = |rows: usize| 1.0 / rows.max(1) as f32;
-    let losses = Losses {
-        demonstrations: squared_error(own, own_targets, weight(own.len()), own_slopes),
-        agent: squared_error(agent, agent_targets, weight(agent.len()), agent_slopes),
-    };
-    let mut gradient = vec![0.0; member.len()];
-    network.backward(&prepared, rows, &mut workspace, &slopes, &mut gradient);
-    (losses, gradient)
+impl Trainer {
+    /// Losses of one member (Eq. 4; without agent observations Eq. 1), and their gradient. Each term
+    /// is a mean over its own observations.
+    fn differentiate(
+        &mut self,
+        network: &Network,
+        member: &[f32],
+        minibatch: &Minibatch,
+    ) -> Losses {
+        let Trainer { prepared, workspace, gradient, .. } = self;
+        network.prepare_into(member, prepared);
+        let rows = Rows::new(&minibatch.observations);
+        let outputs = network.forward(prepared, rows, workspace);
+        let mut slopes = outputs.clone();
+        let count = minibatch.demonstrations;
+        let (own, agent) = outputs.as_slice().split_at(count);
+        let (own_targets, agent_targets) = minibatch.targets.split_at(count);
+        let (own_slopes, agent_slopes) = slopes.as_mut_slice().split_at_mut(count);
+        let weight = |rows: usize| 1.0 / rows.max(1) as f32;
+        let losses = Losses {
+            demonstrations: squared_error(own, own_targets, weight(own.len()), own_slopes),
+            agent: squared_error(agent, agent_targets, weight(agent.len()), agent_slopes),
+        };
+        gradient.fill(0.0);
+        network.backward(prepared, rows, workspace, &slopes, gradient);
+        losses
+    }
 }
 
 impl RewardModel for GoalProximity {
@@ -236,7 +244,7 @@ impl RewardModel for GoalProximity {
     }
 
     /// Each observation is scored once: the state after one step is the state before the next.
-    fn score(&mut self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
+    fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
         let observations: Vec<&[u8]> =
             batch.iter().map(|encoded| encoded.trajectory.observations()).collect();
         let rows = self.row_scores(&observations.concat());
@@ -259,7 +267,7 @@ impl RewardModel for GoalProximity {
         batch.iter().map(score).collect()
     }
 
-    fn estimate(&mut self, observations: &[u8]) -> Estimates {
+    fn estimate(&self, observations: &[u8]) -> Estimates {
         let rows = self.row_scores(observations);
         Estimates {
             model_version: self.version,
@@ -276,8 +284,9 @@ impl RewardModel for GoalProximity {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
         tensors.put_u8("experience", self.experience.to_bytes());
-        let members = self.ensemble.members.iter().zip(&self.optimizers).enumerate();
-        for (number, (member, adam)) in members {
+        let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
+        for (number, (member, trainer)) in members {
+            let adam = &trainer.optimizer;
             let name = |part| format!("member{number}.{part}");
             tensors.put_f32(&name("parameters"), member.iter().copied());
             tensors.put_f32(&name("adam.first_moment"), adam.first_moment.iter().copied());
@@ -299,13 +308,15 @@ impl RewardModel for GoalProximity {
         }
         self.experience = Experience::new(self.config.experience, self.observation_bytes);
         self.experience.push_bytes(&bytes);
-        let members = self.ensemble.members.iter_mut().zip(&mut self.optimizers).enumerate();
-        for (number, (member, adam)) in members {
+        let members = self.ensemble.members.iter_mut().zip(&mut self.trainers).enumerate();
+        for (number, (member, trainer)) in members {
+            let adam = &mut trainer.optimizer;
             let name = |part| format!("member{number}.{part}");
             let read = |part| {
                 let numbers = tensors.f32(&name(part))?;
                 let (expected, found) = (member.len(), numbers.len());
-                let message = || format!("array `{}`: expected {expected}, found {found}", name(part));
+                let message =
+                    || format!("array `{}`: expected {expected}, found {found}", name(part));
                 if found == expected { Ok(numbers) } else { Err(message()) }
             };
             let parts = (read("parameters")?, read("adam.first_moment")?);

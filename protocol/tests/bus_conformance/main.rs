@@ -1,9 +1,11 @@
-//! What the bus promises, checked over both transports where both can show it: between threads of
-//! this process, and over shared memory, there also with real processes that are killed.
+//! What the bus promises, one body for both transports: between threads of this process, and over
+//! shared memory. What takes real processes, which are killed, is in `processes`.
 
-use std::io::{BufRead, BufReader};
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod processes;
+
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Barrier;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
@@ -17,10 +19,6 @@ use protocol::bus::{
 const WATCHDOG: Duration = Duration::from_secs(60);
 const LONG: Duration = Duration::from_secs(20);
 const SHORT: Duration = Duration::from_millis(100);
-
-/// Says to a child process what it is, and where its run is.
-const CHILD_ROLE: &str = "GOALWARD_TEST_CHILD";
-const CHILD_RUN: &str = "GOALWARD_TEST_RUN";
 
 macro_rules! over_both_transports {
     ($($name:ident),* $(,)?) => {
@@ -367,172 +365,6 @@ fn two_buses_never_meet<S: Transport>(address: &BusAddress) {
     drop((server, subscriber, bell, there));
     other_address.remove().unwrap();
     assert_eq!(here.alive().unwrap(), ["here"]);
-}
-
-/// A process of its own, killed (-9) at the latest when it goes out of scope.
-struct Process(Child);
-
-impl Process {
-    /// Starts this test binary as `role`, and waits until it says that it is ready.
-    fn start(role: &str, run: &Path) -> Self {
-        let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "child_process", "--nocapture"])
-            .env(CHILD_ROLE, role)
-            .env(CHILD_RUN, run)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        let ready = output.lines().any(|line| line.unwrap().contains("ready"));
-        assert!(ready, "the child ended early");
-        Process(child)
-    }
-
-    fn kill(&mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        self.0.kill().ok();
-        self.0.wait().ok();
-    }
-}
-
-/// Not a test of its own: the body of the processes that [`Process::start`] starts.
-#[test]
-#[expect(clippy::print_stdout, reason = "the parent waits for this line")]
-fn child_process() {
-    let Ok(role) = std::env::var(CHILD_ROLE) else { return };
-    let run = std::env::var(CHILD_RUN).unwrap();
-    let bus = Bus::<SharedMemory>::open(&BusAddress::of_run(run.as_ref()).unwrap(), &role).unwrap();
-    match role.as_str() {
-        "stuck-reader" => {
-            let subscriber = bus.trajectory_subscriber().unwrap();
-            until(|| subscriber.receive().unwrap());
-            println!("ready");
-            thread::sleep(WATCHDOG);
-        }
-        "stuck-server" => {
-            let server = bus.lease_server().unwrap();
-            println!("ready");
-            let _request = until(|| server.receive().unwrap());
-            thread::sleep(WATCHDOG);
-        }
-        other => panic!("no role {other}"),
-    }
-}
-
-fn alive_is(bus: &Bus<SharedMemory>, names: &[&str]) -> Option<()> {
-    (bus.alive().unwrap() == names).then_some(())
-}
-
-#[test]
-fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
-    watched(|_| {
-        let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
-        let bus = open::<SharedMemory>(&address, "actor-0");
-        let publisher = bus.trajectory_publisher(LONG).unwrap();
-        thread::scope(|scope| {
-            let child = scope.spawn(|| Process::start("stuck-reader", run.path()));
-            while !child.is_finished() {
-                publisher.publish(b"first", TrajectoryHeader::default()).unwrap();
-                thread::sleep(Duration::from_millis(20));
-            }
-            let mut reader = child.join().unwrap();
-            assert!(address.is_anyone_alive().unwrap());
-            assert_eq!(bus.alive().unwrap(), ["actor-0", "stuck-reader"]);
-            reader.kill();
-        });
-        until(|| alive_is(&bus, &["actor-0"]));
-        assert_eq!(publisher.reader_count(), 1, "nobody has cleaned up yet");
-        let start = Instant::now();
-        for _ in 0..TRAJECTORY_BUFFER + 10 {
-            publisher.publish(&[0; 4_000], TrajectoryHeader::default()).unwrap();
-        }
-        assert!(start.elapsed() < Duration::from_secs(5), "blocked for {:?}", start.elapsed());
-        assert_eq!(publisher.reader_count(), 0);
-        assert_eq!(publisher.publish(b"last", TrajectoryHeader::default()).unwrap(), 0);
-        drop((publisher, bus));
-        address.remove().unwrap();
-    });
-}
-
-#[test]
-fn killed_server_is_noticed_once_cleaned_away() {
-    watched(|_| {
-        let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
-        let bus = open::<SharedMemory>(&address, "actor-0");
-        let client = bus.lease_client(Role::Actors).unwrap();
-        let doorbell = bus.doorbell(Role::Actors).unwrap();
-        let mut server = Process::start("stuck-server", run.path());
-        let pending = client.send(b"?").unwrap();
-        thread::sleep(SHORT);
-        server.kill();
-        assert!(pending.poll().unwrap().is_none(), "a death is not noticed by itself");
-        until(|| (bus.clean_up() == 1).then_some(()));
-        assert!(pending.poll().unwrap_err().to_string().contains("gone"));
-        assert_eq!(bus.clean_up(), 0);
-
-        // Asking notices by itself, and the next server answers.
-        let mut server = Process::start("stuck-server", run.path());
-        thread::scope(|scope| {
-            scope.spawn(|| {
-                thread::sleep(Duration::from_millis(300));
-                server.kill();
-                let learner = open::<SharedMemory>(&address, "learner");
-                let server = learner.lease_server().unwrap();
-                until(|| server.receive().unwrap()).reply(b"next").unwrap();
-                thread::sleep(Duration::from_millis(200));
-            });
-            assert_eq!(client.ask(b"?", LONG, &doorbell).unwrap(), b"next"[..]);
-        });
-        drop((pending, client, doorbell, bus));
-        address.remove().unwrap();
-    });
-}
-
-fn left_in_shared_memory(address: &BusAddress) -> Vec<String> {
-    let entries = std::fs::read_dir("/dev/shm").unwrap();
-    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    names.filter(|name| name.starts_with(address.prefix())).collect()
-}
-
-#[test]
-fn removal_leaves_nothing_and_spares_others() {
-    watched(|other_address| {
-        let other = open::<SharedMemory>(other_address, "other run");
-        let other_server = other.score_server().unwrap();
-        let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
-        let mut reader = {
-            let bus = open::<SharedMemory>(&address, "actor-0");
-            let publisher = bus.trajectory_publisher(LONG).unwrap();
-            thread::scope(|scope| {
-                let child = scope.spawn(|| Process::start("stuck-reader", run.path()));
-                while !child.is_finished() {
-                    publisher.publish(&[0; 100_000], TrajectoryHeader::default()).unwrap();
-                    thread::sleep(Duration::from_millis(20));
-                }
-                child.join().unwrap()
-            })
-        };
-        let error = address.remove().unwrap_err().to_string();
-        assert!(error.contains("still alive: stuck-reader"), "{error}");
-        assert!(!left_in_shared_memory(&address).is_empty() && address.root().exists());
-        reader.kill();
-        until(|| (!address.is_anyone_alive().unwrap()).then_some(()));
-        address.remove().unwrap();
-        assert_eq!(left_in_shared_memory(&address), [] as [String; 0]);
-        assert!(!address.root().exists());
-        address.remove().unwrap();
-        assert_eq!(other.alive().unwrap(), ["other run"]);
-        assert!(other_server.receive().unwrap().is_none());
-    });
 }
 
 #[test]

@@ -1,0 +1,83 @@
+//! The processes of a test, found in `/proc` by the program they run, and signals to them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// Ends a process at once.
+    Kill,
+    /// What Ctrl-C sends.
+    Interrupt,
+    /// Holds a process.
+    Stop,
+    /// Lets a held process go on.
+    Continue,
+}
+
+/// A living process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// Its number.
+    pub id: u32,
+    /// Its name in the run: learner, proximity-service, actor-0 and so on.
+    pub name: String,
+    arguments: Vec<String>,
+}
+
+impl Process {
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        send(self.id, signal);
+    }
+
+    /// Whether it was started for the run in `folder`, by a supervisor or by hand.
+    pub(crate) fn serves(&self, folder: &Path) -> bool {
+        let run = self.after("--run");
+        self.name != "goalward" && run.is_some_and(|run| Path::new(run) == folder)
+    }
+
+    fn after(&self, flag: &str) -> Option<&str> {
+        let at = self.arguments.iter().position(|argument| argument == flag)?;
+        self.arguments.get(at + 1).map(String::as_str)
+    }
+}
+
+/// The living processes whose program lies in `folder`.
+pub(crate) fn living(folder: &Path) -> Vec<Process> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let processes = entries.filter_map(|entry| read(folder, &entry.path()));
+    processes.collect()
+}
+
+/// Reads a folder of `/proc`; none if it is no process, a dead one, or of another program.
+fn read(folder: &Path, entry: &Path) -> Option<Process> {
+    let id = entry.file_name()?.to_str()?.parse().ok()?;
+    let line = fs::read(entry.join("cmdline")).ok()?;
+    let parts = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
+    let arguments: Vec<String> = parts.map(|part| part.into_owned()).collect();
+    let program = PathBuf::from(&arguments[0]);
+    if program.parent() != Some(folder) {
+        return None;
+    }
+    let mut process = Process { id, name: String::new(), arguments };
+    let program = program.file_name()?.to_str()?;
+    let own = program.strip_prefix("goalward-").unwrap_or(program);
+    process.name = process.after("--name").unwrap_or(own).to_owned();
+    Some(process)
+}
+
+/// Sends a signal to a process, which may be gone.
+pub(crate) fn send(id: u32, signal: Signal) {
+    let name = match signal {
+        Signal::Kill => "KILL",
+        Signal::Interrupt => "INT",
+        Signal::Stop => "STOP",
+        Signal::Continue => "CONT",
+    };
+    // The shell's own `kill`, which is there even where the program is not.
+    let line = format!("kill -{name} {id}");
+    Command::new("sh").args(["-c", &line]).output().ok();
+}

@@ -1,0 +1,152 @@
+//! The processes of a run: they come, answer, and go without a trace.
+//!
+//! Method: real runs, looked at from outside: `/proc` says which processes live, `/dev/shm` what
+//! they left, and the test itself joins the bus as any tool of a user could.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+use std::process::Stdio;
+use std::time::Duration;
+
+use bytes::Bytes;
+use prost::Message;
+use protocol::bus::{Bus, BusAddress, Client, Doorbell, Role, SharedMemory};
+use protocol::log::{FileReader, Record};
+use protocol::messages::{Answer, Ask, Query, ServiceReply, ServiceRequest};
+use protocol::task::Task;
+use protocol::trajectory::Encoded;
+use system_tests::{ITERATIONS, PATIENCE, Signal, TestRun, await_some, programs};
+
+/// Within this time processes without a supervisor must have stopped. They notice at once; the
+/// learner finishes its iteration and writes a checkpoint, the service waits for the learner.
+const A_FEW_SECONDS: Duration = Duration::from_secs(15);
+
+fn expect_no_trace(run: &TestRun) {
+    assert_eq!(run.processes(), []);
+    assert_eq!(run.shared_memory(), Vec::<String>::new());
+}
+
+#[test]
+fn nothing_is_left_of_a_finished_run() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["resources.actors=3"]);
+    training.await_checkpoint(4);
+    let mut names: Vec<_> = run.processes().into_iter().map(|process| process.name).collect();
+    names.sort();
+    assert_eq!(names, ["actor-0", "actor-1", "actor-2", "learner", "proximity-service"]);
+    assert!(!run.shared_memory().is_empty(), "the test looks in the wrong place");
+    let summary = training.finish();
+    assert_eq!((summary.actors, summary.iterations), (3, ITERATIONS));
+    assert_eq!((summary.task.as_str(), summary.method.as_str()), ("navigation", "goal-proximity"));
+    assert!(summary.steps_per_s > 0.0 && summary.wall_s > 0.0);
+    expect_no_trace(&run);
+}
+
+#[test]
+fn nothing_is_left_of_a_stopped_run() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(0));
+    expect_no_trace(&run);
+    let said = fs::read_to_string(run.path("goalward.out")).unwrap();
+    assert!(said.contains("--resume --run"), "expected how to go on in\n{said}");
+}
+
+#[test]
+fn processes_without_a_supervisor_stop_and_the_run_can_go_on() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    training.signal(Signal::Kill);
+    assert_eq!(training.end(), None);
+    let stopped = || run.processes().is_empty().then_some(());
+    await_some("the end of all processes", A_FEW_SECONDS, stopped);
+
+    let summary = run.resume().finish();
+    assert_eq!(summary.iterations, ITERATIONS);
+    expect_no_trace(&run);
+}
+
+#[test]
+fn an_actor_started_by_hand_joins() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["resources.actors=1", "resources.lease_timeout_ms=500"]);
+    training.await_checkpoint(4);
+    let mut helper = run.program("goalward-actor");
+    helper.arg("rollout").arg("--run").arg(run.folder().path()).args(["--name", "actor-by-hand"]);
+    let mut helper = helper.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    // From here on the actor of the run does nothing: whatever is rolled out, the other one did.
+    let held = run.process("actor-0");
+    held.signal(Signal::Stop);
+    let (reached, _) = run.folder().newest_checkpoint().unwrap();
+    training.await_checkpoint(reached + 8);
+    held.signal(Signal::Continue);
+    assert_eq!(training.finish().iterations, ITERATIONS);
+    // It leaves with the run, although nobody has closed its input.
+    let status = await_some("its end", A_FEW_SECONDS, || helper.try_wait().unwrap());
+    assert!(status.success(), "{status}");
+    expect_no_trace(&run);
+}
+
+/// A user's tool that asks the proximity service.
+struct Tool {
+    doorbell: Doorbell<SharedMemory>,
+    client: Client<SharedMemory>,
+}
+
+impl Tool {
+    fn join(run: &TestRun) -> Tool {
+        let address = BusAddress::of_run(run.folder().path()).unwrap();
+        let bus = Bus::open(&address, "tool").unwrap();
+        let doorbell = bus.doorbell(Role::Supervisor).unwrap();
+        Tool { doorbell, client: bus.score_client(Role::Supervisor).unwrap() }
+    }
+
+    fn ask(&self, observations: Vec<u8>) -> Answer {
+        let query = Query { observations: Bytes::from(observations) };
+        let request = ServiceRequest { ask: Some(Ask::Query(query)) };
+        let answer = self.client.ask(&request.encode_to_vec(), PATIENCE, &self.doorbell).unwrap();
+        ServiceReply::decode(answer).unwrap().answer.unwrap()
+    }
+
+    /// Proximities of observations, after a check of all that an answer must be.
+    fn proximity(&self, observations: Vec<u8>) -> Vec<f32> {
+        let count = observations.len() / Task::Navigation.spec().observation.bytes();
+        let Answer::Estimates(estimates) = self.ask(observations) else { panic!("refused") };
+        assert_eq!((estimates.proximity.len(), estimates.uncertainty.len()), (count, count));
+        assert!(estimates.proximity.iter().all(|proximity| (0.0..=1.0).contains(proximity)));
+        assert!(estimates.uncertainty.iter().all(|&uncertainty| uncertainty >= 0.0));
+        estimates.proximity
+    }
+}
+
+#[test]
+fn any_process_can_ask_about_any_observations() {
+    let spec = Task::Navigation.spec();
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    let tool = Tool::join(&run);
+
+    let mut demonstrations = FileReader::open(&run.folder().demonstrations_file()).unwrap();
+    let first = demonstrations.find_map(|entry| match entry.unwrap().record {
+        Record::Trajectory(bytes) => Some(Encoded::decode(bytes, &spec).unwrap().trajectory),
+        _ => None,
+    });
+    let first = first.unwrap();
+    let demonstrated = tool.proximity(first.observations().to_vec());
+    assert_eq!(demonstrated.len(), first.steps as usize + 1);
+    assert_eq!(tool.proximity(vec![0; spec.observation.bytes()]).len(), 1);
+    assert!(tool.proximity(Vec::new()).is_empty());
+    // Nonsense is refused in words, and harms nobody.
+    assert!(matches!(tool.ask(vec![0; 7]), Answer::Refused(_)));
+    assert!(matches!(tool.ask(vec![9; spec.observation.bytes()]), Answer::Refused(_)));
+
+    drop(tool);
+    assert_eq!(training.finish().iterations, ITERATIONS);
+    let remarks = run.remarks();
+    assert!(!remarks.contains("ended"), "a process died:\n{remarks}");
+    expect_no_trace(&run);
+}

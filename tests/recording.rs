@@ -1,0 +1,209 @@
+//! What a run did is in its log: every trajectory exactly once, every score and every update.
+//!
+//! Method: a run is trained and its log is read as a tool would read it, with `protocol::log` alone.
+//! The log is then checked against itself (what an update says it consumed is recorded, with that
+//! hash) and against `config.toml` and `summary.json`. A run whose learner is killed in its middle
+//! records some iterations twice; read in order, it must give exactly what the undisturbed run does.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use protocol::log::{Ending, FileReader, Kind, Record, log_files, read_run};
+use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
+use protocol::task::Task;
+use protocol::trajectory::{Encoded, Source, TrajectoryKey};
+use system_tests::{CHECKPOINT_ITERATIONS, ITERATIONS, LANES, Signal, Summary, TestRun, programs};
+
+/// All that a run recorded, in order.
+#[derive(Default)]
+struct Recorded {
+    trajectories: Vec<Encoded>,
+    evaluations: Vec<Encoded>,
+    scores: Vec<Score>,
+    policy_updates: Vec<PolicyUpdate>,
+    reward_updates: Vec<RewardUpdate>,
+    checkpoints: Vec<Checkpoint>,
+    repeated: u64,
+}
+
+impl Recorded {
+    fn of(run: &TestRun) -> Recorded {
+        let mut reader = read_run(&run.folder().log()).unwrap();
+        let mut recorded = Recorded { repeated: reader.repeated(), ..Recorded::default() };
+        let decode = |bytes| Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
+        for entry in &mut reader {
+            match entry.unwrap().record {
+                Record::Trajectory(bytes) => recorded.trajectories.push(decode(bytes)),
+                Record::EvaluationTrajectory(bytes) => recorded.evaluations.push(decode(bytes)),
+                Record::Score(score) => recorded.scores.push(score),
+                Record::PolicyUpdate(update) => recorded.policy_updates.push(*update),
+                Record::RewardUpdate(update) => recorded.reward_updates.push(update),
+                Record::Checkpoint(checkpoint) => recorded.checkpoints.push(checkpoint),
+            }
+        }
+        recorded
+    }
+
+    /// Keys of the training trajectories, by iteration, in the order of the record.
+    fn keys(&self) -> BTreeMap<u64, BTreeSet<TrajectoryKey>> {
+        let mut keys: BTreeMap<u64, BTreeSet<TrajectoryKey>> = BTreeMap::new();
+        for encoded in &self.trajectories {
+            let is_new = keys.entry(encoded.trajectory.iteration).or_default().insert(encoded.key);
+            assert!(is_new, "recorded twice: {:?}", encoded.key);
+        }
+        keys
+    }
+}
+
+/// Every check that holds for a finished run, however often it was disturbed.
+fn check(run: &TestRun, recorded: &Recorded, summary: &Summary) {
+    check_configuration(run);
+    check_trajectories(recorded, summary);
+    check_scores(recorded);
+    check_policy_updates(recorded, summary);
+    check_reward_updates(recorded, summary);
+    check_checkpoints(run, recorded, summary);
+}
+
+/// The reader refuses files whose first record is no metadata, so what it gives came first.
+fn check_configuration(run: &TestRun) {
+    let text = fs::read_to_string(run.folder().config_file()).unwrap();
+    for file in log_files(&run.folder().log()).unwrap() {
+        let reader = FileReader::open(&file.path).unwrap();
+        let metadata = reader.metadata();
+        assert_eq!(metadata.kind, Kind::Run);
+        assert_eq!(metadata.get("config"), Some(text.as_str()), "{}", file.path.display());
+        assert_eq!((metadata.get("task"), metadata.get("seed")), (Some("navigation"), Some("1")));
+    }
+}
+
+/// Every lane's episodes are there from the first to the last, each once, by the policy of its
+/// iteration.
+fn check_trajectories(recorded: &Recorded, summary: &Summary) {
+    let mut lanes: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
+    for encoded in &recorded.trajectories {
+        let trajectory = &encoded.trajectory;
+        assert_eq!(trajectory.source, Source::Training as i32);
+        assert_eq!(trajectory.policy_version, trajectory.iteration);
+        lanes.entry(trajectory.lane).or_default().push(trajectory.episode);
+    }
+    assert_eq!(lanes.len() as u64, LANES);
+    for (lane, mut episodes) in lanes {
+        episodes.sort_unstable();
+        let expected: Vec<u64> = (0..episodes.len() as u64).collect();
+        assert_eq!(episodes, expected, "lane {lane}");
+    }
+    let steps = |encoded: &Encoded| u64::from(encoded.trajectory.steps);
+    assert_eq!(recorded.trajectories.iter().map(steps).sum::<u64>(), summary.env_steps);
+    assert_eq!(recorded.trajectories.len() as u64, summary.episodes);
+    assert_eq!(recorded.evaluations.len() as u64, summary.evaluation.episodes);
+    assert_eq!(recorded.keys().len() as u64, ITERATIONS);
+}
+
+/// Every training trajectory has one score, of its own length.
+fn check_scores(recorded: &Recorded) {
+    type Name = (u64, u64, u64);
+    let steps: BTreeMap<Name, usize> = recorded
+        .trajectories
+        .iter()
+        .map(|Encoded { trajectory, .. }| {
+            let name = (trajectory.iteration, trajectory.lane, trajectory.episode);
+            (name, trajectory.steps as usize)
+        })
+        .collect();
+    let mut scored = BTreeSet::new();
+    for score in &recorded.scores {
+        let name = (score.iteration, score.lane, score.episode);
+        assert!(scored.insert(name), "two scores of {name:?}");
+        let steps = steps[&name];
+        let found = (score.rewards.len(), score.proximity.len(), score.uncertainty.len());
+        assert_eq!(found, (steps, steps + 1, steps + 1), "{name:?}");
+        assert!(score.rewards.iter().all(|reward| reward.is_finite()));
+        assert!(score.proximity.iter().all(|proximity| (0.0..=1.0).contains(proximity)));
+        assert!(score.uncertainty.iter().all(|&uncertainty| uncertainty >= 0.0));
+    }
+    assert_eq!(scored.len(), steps.len());
+}
+
+/// One policy update an iteration; what it consumed is what the iteration recorded.
+fn check_policy_updates(recorded: &Recorded, summary: &Summary) {
+    let iterations: Vec<u64> = recorded.policy_updates.iter().map(|one| one.iteration).collect();
+    assert_eq!(iterations, (0..ITERATIONS).collect::<Vec<_>>());
+    let mut keys = recorded.keys();
+    for update in &recorded.policy_updates {
+        assert_eq!(update.policy_version, update.iteration + 1);
+        let consumed: BTreeSet<_> = update.consumed.iter().copied().collect();
+        assert_eq!(consumed.len(), update.consumed.len(), "a trajectory was consumed twice");
+        assert_eq!(Some(consumed), keys.remove(&update.iteration), "{}", update.iteration);
+    }
+    let last = recorded.policy_updates.last().unwrap();
+    assert_eq!(last.weights_sha256, summary.policy_sha256);
+    assert_eq!(last.environment_steps, summary.env_steps);
+    assert_eq!(last.episodes, summary.episodes);
+    assert_eq!(last.success_rate, summary.success_rate);
+}
+
+/// The offline training and then one update an iteration.
+fn check_reward_updates(recorded: &Recorded, summary: &Summary) {
+    let names: Vec<_> =
+        recorded.reward_updates.iter().map(|one| (one.iteration, one.model_version)).collect();
+    let online = (0..ITERATIONS).map(|iteration| (iteration, iteration + 1));
+    let versions = |first| std::iter::once((0, first)).chain(online.clone()).collect::<Vec<_>>();
+    assert_eq!(names, versions(0), "as (iteration, model version)");
+    let last = recorded.reward_updates.last().unwrap();
+    assert_eq!(last.weights_sha256, summary.proximity_sha256);
+}
+
+/// Every checkpoint is recorded with the hashes of its moment, and lies where the record says.
+fn check_checkpoints(run: &TestRun, recorded: &Recorded, summary: &Summary) {
+    let found: Vec<u64> = recorded.checkpoints.iter().map(|one| one.iteration).collect();
+    let step = CHECKPOINT_ITERATIONS as usize;
+    assert_eq!(found, (step as u64..=ITERATIONS).step_by(step).collect::<Vec<_>>());
+    for checkpoint in &recorded.checkpoints {
+        assert!(run.folder().path().join(&checkpoint.path).is_dir(), "{}", checkpoint.path);
+        let update = &recorded.policy_updates[checkpoint.iteration as usize - 1];
+        assert_eq!(checkpoint.policy_sha256, update.weights_sha256);
+    }
+    let last = recorded.checkpoints.last().unwrap();
+    assert_eq!(last.proximity_sha256, summary.proximity_sha256);
+}
+
+#[test]
+fn the_log_holds_the_whole_run() {
+    let run = TestRun::new(programs!());
+    let summary = run.finish(&[]);
+    let recorded = Recorded::of(&run);
+    check(&run, &recorded, &summary);
+    assert_eq!(recorded.repeated, 0);
+
+    let mut reader = read_run(&run.folder().log()).unwrap();
+    assert!(reader.by_ref().all(|entry| entry.is_ok()));
+    for (path, ending) in reader.endings() {
+        assert_eq!(*ending, Ending::Complete, "{}", path.display());
+    }
+    let files = log_files(&run.folder().log()).unwrap();
+    let bytes = files.iter().map(|file| fs::metadata(&file.path).unwrap().len()).sum();
+    assert_eq!((files.len() as u64, bytes), (summary.log.files, summary.log.bytes));
+    let trajectories = recorded.trajectories.len() + recorded.evaluations.len();
+    assert_eq!(trajectories as u64, summary.log.trajectories);
+    check_again_after_a_killed_learner(&recorded);
+}
+
+/// Part of the test above: it needs the undisturbed record to compare with.
+fn check_again_after_a_killed_learner(undisturbed: &Recorded) {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["checkpoint.iterations=4"]);
+    training.await_checkpoint(8);
+    run.process("learner").signal(Signal::Kill);
+    let summary = training.finish();
+    let recorded = Recorded::of(&run);
+    check(&run, &recorded, &summary);
+    assert_eq!(recorded.keys(), undisturbed.keys());
+    assert_eq!(recorded.scores, undisturbed.scores);
+    let weights = |recorded: &Recorded| {
+        let updates = recorded.policy_updates.iter();
+        updates.map(|update| update.weights_sha256.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(weights(&recorded), weights(undisturbed));
+}

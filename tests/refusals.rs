@@ -1,0 +1,236 @@
+//! What cannot be done is refused: in one line, with the right exit code, and nothing overwritten.
+//!
+//! Method: `goalward` is called as a user would call it wrongly. Every refusal must have exit code 2
+//! (1 where the machine is at fault, not the user), say nothing on standard output, and say on
+//! standard error in a single line what was expected or what was found. Afterwards the folder must
+//! hold the same bytes as before.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use bytes::Bytes;
+use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use protocol::trajectory::{Encoded, Ending, Source, Trajectory};
+use system_tests::{SMALL, TestRun, programs};
+
+/// Calls `goalward` and expects a refusal that names every one of `parts`.
+fn refused(run: &TestRun, code: i32, arguments: &[&str], parts: &[&str]) {
+    let mut command = run.program("goalward");
+    command.args(arguments);
+    refused_command(run, code, command, parts);
+}
+
+fn refused_command(run: &TestRun, code: i32, mut command: Command, parts: &[&str]) {
+    let before = run.contents();
+    let output = command.output().unwrap();
+    let [said, printed] =
+        [output.stderr, output.stdout].map(|bytes| String::from_utf8(bytes).unwrap());
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {said}{printed}");
+    assert_eq!(printed, "", "{command:?}");
+    assert_eq!(said.lines().count(), 1, "{command:?}: expected one line, found\n{said}");
+    assert!(said.starts_with("goalward: "), "{said}");
+    for part in parts {
+        assert!(said.contains(part), "{command:?}: expected `{part}` in {said}");
+    }
+    assert!(run.contents() == before, "{command:?} changed a file");
+}
+
+#[test]
+fn words_nobody_knows() {
+    let run = TestRun::new(programs!());
+    for (arguments, parts) in [
+        (&["fly"][..], &["fly"][..]),
+        (&["train", "chess"], &["chess", "navigation"]),
+        (&["train", "--wings", "2"], &["--wings"]),
+        (&["train", "--step", "2"], &["--step", "--steps"]),
+        (&["train", "--preset", "magic"], &["magic", "paper"]),
+        (&["train", "--method", "magic"], &["magic", "goal-proximity"]),
+        (&["train", "--set", "ppo.wings=2"], &["wings"]),
+        (&["train", "--set", "wings.clip=2"], &["wings"]),
+        (&["train", "--set", "ppo.clip"], &["ppo.clip", "="]),
+        (&["train", "--set", "ppo.clip=wide"], &["clip", "wide"]),
+        (&["demonstrate", "chess", "--episodes", "1", "--out", "d.mcap"], &["chess"]),
+        (&["status", "nowhere"], &["nowhere"]),
+        (&["evaluate", "nowhere"], &["nowhere"]),
+        (&["log", "info", "nowhere.mcap"], &["nowhere.mcap"]),
+        (&["train", "--resume"], &["--run"]),
+        (&["train", "--resume", "--run", "nowhere"], &["nowhere"]),
+    ] {
+        refused(&run, 2, arguments, parts);
+    }
+}
+
+#[test]
+fn impossible_numbers() {
+    let run = TestRun::new(programs!());
+    for (arguments, parts) in [
+        (["--actors", "0"], ["actors", "0"]),
+        (["--actors", "65"], ["actors", "65"]),
+        (["--actors", "-1"], ["actors", "-1"]),
+        (["--steps", "0"], ["steps", "0"]),
+        (["--steps", "-5"], ["steps", "-5"]),
+        (["--steps", "many"], ["steps", "many"]),
+        (["--coverage", "0"], ["coverage", "0"]),
+        (["--coverage", "-0.5"], ["coverage", "-0.5"]),
+        (["--coverage", "1.5"], ["coverage", "1.5"]),
+        (["--coverage", "nan"], ["coverage", "NaN"]),
+        (["--seed", "-1"], ["seed", "-1"]),
+        (["--seed", "9223372036854775808"], ["seed", "9223372036854775808"]),
+        (["--set", "ppo.learning_rate=nan"], ["ppo.learning_rate", "NaN"]),
+        (["--set", "ppo.gamma=1.01"], ["ppo.gamma", "1.01"]),
+        (["--set", "rollout.lag=2"], ["rollout.lag", "2"]),
+        (["--set", "reward.ensemble=0"], ["reward.ensemble", "0"]),
+        (["--set", "demonstrations.episodes=0"], ["demonstrations.episodes", "0"]),
+    ] {
+        refused(&run, 2, &["train", arguments[0], arguments[1]], &parts);
+    }
+    let out = ["--out", "d.mcap"];
+    for (flag, number) in [("--episodes", "0"), ("--coverage", "0"), ("--coverage", "2")] {
+        let mut arguments = vec!["demonstrate", "navigation", flag, number, out[0], out[1]];
+        if flag != "--episodes" {
+            arguments.extend(["--episodes", "1"]);
+        }
+        refused(&run, 2, &arguments, &[flag, number]);
+    }
+}
+
+/// An expert's episode of three steps, of any shape.
+fn demonstration(shape: [u32; 2]) -> Trajectory {
+    let cells = vec![0; 4 * (shape[0] * shape[1]) as usize];
+    Trajectory {
+        task: "navigation".to_owned(),
+        source: Source::Demonstration as i32,
+        steps: 3,
+        observation_shape: shape.to_vec(),
+        cells: Bytes::from(cells),
+        discrete_actions: Bytes::from_static(&[0, 1, 2]),
+        ending: Ending::Terminated as i32,
+        success: true,
+        ..Trajectory::default()
+    }
+}
+
+fn write(file: &Path, kind: Kind, task: &str, trajectory: Trajectory) {
+    let metadata = Metadata::new(kind, task, 1);
+    let mut writer = FileWriter::create(file, &metadata, &[Topic::Trajectory]).unwrap();
+    writer.trajectory(&Encoded::encode(trajectory), 0).unwrap();
+    writer.seal().unwrap();
+}
+
+/// Expects `goalward train --demonstrations FILE` to be refused, and to name the file.
+fn refused_file(run: &TestRun, file: &str, parts: &[&str]) {
+    let arguments =
+        ["train", "--set", "demonstrations.episodes=1", "--run", "run", "--demonstrations", file];
+    let parts: Vec<_> = parts.iter().copied().chain([file]).collect();
+    refused(run, 2, &arguments, &parts);
+    assert!(!run.folder().path().exists());
+}
+
+#[test]
+fn demonstrations_of_something_else() {
+    let run = TestRun::new(programs!());
+    let write = |name: &str, kind, task, trajectory| {
+        write(&run.path(name), kind, task, trajectory);
+    };
+    write("log.mcap", Kind::Run, "navigation", demonstration([19, 19]));
+    write("pick.mcap", Kind::Demonstrations, "fetch-pick", demonstration([19, 19]));
+    write("small.mcap", Kind::Demonstrations, "navigation", demonstration([10, 10]));
+    let wrong = Trajectory { task: "fetch-pick".to_owned(), ..demonstration([19, 19]) };
+    write("mixed.mcap", Kind::Demonstrations, "navigation", wrong);
+    fs::write(run.path("text.mcap"), "dear diary").unwrap();
+    fs::write(run.path("empty.mcap"), "").unwrap();
+    fs::create_dir(run.path("folder.mcap")).unwrap();
+
+    refused_file(&run, "missing.mcap", &[]);
+    refused_file(&run, "folder.mcap", &[]);
+    refused_file(&run, "text.mcap", &[]);
+    refused_file(&run, "empty.mcap", &[]);
+    refused_file(&run, "log.mcap", &["expected demonstrations"]);
+    refused_file(&run, "pick.mcap", &["navigation", "fetch-pick"]);
+    refused_file(&run, "mixed.mcap", &["navigation", "fetch-pick"]);
+    refused_file(&run, "small.mcap", &["observation shape", "[19, 19]", "[10, 10]"]);
+}
+
+#[test]
+fn damaged_and_short_demonstrations() {
+    let run = TestRun::new(programs!());
+    let recorded = ["demonstrate", "navigation", "--episodes", "20", "--out", "whole.mcap"];
+    assert!(run.program("goalward").args(recorded).output().unwrap().status.success());
+    let whole = fs::read(run.path("whole.mcap")).unwrap();
+    let half = &whole[..whole.len() / 2];
+    fs::write(run.path("cut.mcap"), half).unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 0x10;
+    fs::write(run.path("flipped.mcap"), flipped).unwrap();
+
+    refused_file(&run, "cut.mcap", &["log repair"]);
+    refused_file(&run, "flipped.mcap", &["damaged", "log repair"]);
+    let wanted = ["train", "--demonstrations", "whole.mcap", "--set", "demonstrations.episodes=21"];
+    refused(&run, 2, &wanted, &["whole.mcap", "21", "20"]);
+    refused(&run, 2, &recorded, &["whole.mcap", "not overwritten"]);
+}
+
+#[test]
+fn folders_that_are_taken() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    // While it trains files change by themselves, so only the words are looked at.
+    for arguments in [["train", "--run", "run"].as_slice(), &["train", "--resume", "--run", "run"]]
+    {
+        let output = run.program("goalward").args(arguments).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+    }
+    training.finish();
+
+    refused(&run, 2, &["train", "--run", "run"], &["run already holds a run", "--resume"]);
+    let changed = ["train", "--resume", "--run", "run", "--set", "ppo.clip=0.3"];
+    refused(&run, 2, &changed, &["ppo.clip=0.3 would change the result"]);
+    let changed = ["train", "--resume", "--run", "run", "--seed", "2"];
+    refused(&run, 2, &changed, &["seed=2 would change the result"]);
+    let changed = ["train", "--resume", "--run", "run", "--preset", "paper"];
+    refused(&run, 2, &changed, &["another preset would change the result"]);
+
+    fs::create_dir(run.path("letters")).unwrap();
+    fs::write(run.path("letters/thesis.txt"), "dear").unwrap();
+    refused(&run, 2, &["train", "--run", "letters"], &["letters", "found files"]);
+    refused(&run, 2, &["train", "--run", "letters/thesis.txt"], &["thesis.txt"]);
+}
+
+/// Expects a run to be refused where `folder` has one MiB of room: in a mount namespace of its own,
+/// so that nobody else is in the narrow place. Where the system allows no namespace there is
+/// nothing to see, and the test says so.
+fn refused_without_room(folder: &str, parts: &[&str]) {
+    let run = TestRun::new(programs!());
+    let alone = ["--user", "--map-root-user", "--mount"];
+    let mut attempt = Command::new("unshare");
+    attempt.args(alone).args(["mount", "-t", "tmpfs", "narrow", "/mnt"]);
+    if !attempt.output().is_ok_and(|output| output.status.success()) {
+        let mut stderr = std::io::stderr();
+        std::io::Write::write_all(&mut stderr, b"left out: this needs a mount namespace\n").ok();
+        return;
+    }
+    fs::create_dir_all(run.path("narrow")).unwrap();
+    let line = format!(
+        "mount -t tmpfs -o size=1m narrow {folder} && exec bin/goalward train --run narrow/run \"$@\""
+    );
+    let mut command = Command::new("unshare");
+    command.args(alone).args(["sh", "-c", &line, "sh"]).current_dir(run.path(""));
+    for setting in SMALL {
+        command.args(["--set", setting]);
+    }
+    refused_command(&run, 1, command, parts);
+}
+
+#[test]
+fn a_full_disk() {
+    refused_without_room("narrow", &["no room on the disk", "narrow"]);
+}
+
+#[test]
+fn no_room_in_shared_memory() {
+    refused_without_room("/dev/shm", &["/dev/shm"]);
+}

@@ -1,0 +1,270 @@
+//! The rules of the house (DESIGN, section 5) as a test: what must not be where, and how long.
+//!
+//! Method: the workspace's files are read as text, with comments and quoted texts blanked out where
+//! code is meant; crate edges come from `cargo metadata`. Every rule gathers all its breaches, with
+//! file and line, before it fails. A rule that cannot be kept somewhere is changed here, with its
+//! reason, and not worked around there.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+mod source;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::Command;
+
+use serde_json::Value;
+use source::{Source, files, root, sources};
+
+/// Most lines of a source file.
+const FILE_LINES: usize = 500;
+
+/// Most lines of a function.
+const FUNCTION_LINES: usize = 70;
+
+/// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
+const EDGES: [(&str, &[&str]); 8] = [
+    ("protocol", &[]),
+    ("environments", &["protocol"]),
+    ("networks", &["protocol"]),
+    ("actor", &["protocol", "environments", "networks"]),
+    ("learner", &["protocol", "networks"]),
+    ("proximity-service", &["protocol", "networks"]),
+    ("deploy", &["protocol"]),
+    ("system-tests", &["protocol", "actor", "learner", "proximity-service", "deploy"]),
+];
+
+/// Words that mean a clock, a thread, a file, the outside world, or randomness of one's own.
+const IMPURE: [&str; 20] = [
+    "std::time",
+    "Instant",
+    "SystemTime",
+    "std::thread",
+    "thread_local",
+    "rayon",
+    "tokio",
+    "std::sync",
+    "std::fs",
+    "std::io",
+    "File",
+    "std::env",
+    "std::net",
+    "std::process",
+    "rand_chacha",
+    "OsRng",
+    "SysRng",
+    "ThreadRng",
+    "RandomState",
+    "HashMap",
+];
+
+/// Functions of the system's mathematics library, whose last bits differ from machine to machine.
+const SYSTEM_MATHEMATICS: [&str; 14] = [
+    "exp", "exp_m1", "exp2", "ln", "ln_1p", "log2", "log10", "sin", "cos", "tan", "tanh", "powf",
+    "powi", "atan2",
+];
+
+/// Words in file names that say nothing.
+const EMPTY_NAMES: [&str; 9] =
+    ["util", "utils", "utility", "helper", "helpers", "manager", "misc", "common", "stuff"];
+
+/// Fails with all breaches of a rule, if there are any.
+fn keep(rule: &str, breaches: Vec<String>) {
+    assert!(breaches.is_empty(), "{rule}:\n  {}", breaches.join("\n  "));
+}
+
+/// Places of words in the code of files, as `path:line: words`.
+fn places<'a>(
+    sources: impl Iterator<Item = &'a Source>,
+    words: impl IntoIterator<Item = &'a str> + Clone,
+) -> Vec<String> {
+    let mut places = Vec::new();
+    for source in sources {
+        for words in words.clone() {
+            let lines = source.lines_with(words).into_iter();
+            places.extend(lines.map(|line| format!("{}:{line}: {words}", source.path)));
+        }
+    }
+    places
+}
+
+#[test]
+fn every_file_says_what_it_is() {
+    let sources = sources();
+    assert!(sources.len() > 80, "expected the whole workspace, found {} files", sources.len());
+    let silent = sources.iter().filter(|source| !source.text.starts_with("//! "));
+    let rule = "a source file begins with a `//!` header";
+    keep(rule, silent.map(|source| source.path.clone()).collect());
+}
+
+#[test]
+fn files_are_short() {
+    let mut long = Vec::new();
+    for path in files() {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+        if ["rs", "sh", "py", "proto", "toml"].contains(&ending.as_str()) {
+            let lines = fs::read_to_string(root().join(&path)).unwrap().lines().count();
+            if lines >= FILE_LINES {
+                long.push(format!("{}: {lines} lines", path.display()));
+            }
+        }
+    }
+    keep(&format!("a file has fewer than {FILE_LINES} lines"), long);
+}
+
+#[test]
+fn functions_are_short() {
+    let mut long = Vec::new();
+    let mut count = 0;
+    for source in sources() {
+        for function in source.functions() {
+            count += 1;
+            if function.lines >= FUNCTION_LINES {
+                let (name, line, lines) = (function.name, function.line, function.lines);
+                long.push(format!("{}:{line}: {name} has {lines} lines", source.path));
+            }
+        }
+    }
+    assert!(count > 500, "expected all functions, found {count}");
+    keep(&format!("a function has fewer than {FUNCTION_LINES} lines"), long);
+}
+
+#[test]
+fn transport_and_log_are_behind_one_module_each() {
+    let sources = sources();
+    let outside = |folder: &'static str| {
+        let own = ["protocol/tests/", "protocol/benches/"];
+        let is_test = move |source: &Source| own.iter().any(|folder| source.is_in(folder));
+        sources.iter().filter(move |source| !source.is_in(folder) && !is_test(source))
+    };
+    let bus = places(outside("protocol/src/bus/"), ["iceoryx2", "iceoryx2_log"]);
+    keep("only protocol/src/bus names iceoryx2", bus);
+    let log = places(outside("protocol/src/log/"), ["mcap::", "use mcap", "extern crate mcap"]);
+    keep("only protocol/src/log names mcap", log);
+}
+
+#[test]
+fn environments_and_networks_are_pure() {
+    let sources = sources();
+    let pure = || {
+        let folders = ["environments/src/", "networks/src/"];
+        sources.iter().filter(move |source| folders.iter().any(|folder| source.is_in(folder)))
+    };
+    assert!(pure().count() > 15);
+    let rule = "environments and networks have no clock, no thread, no file, and no randomness but \
+                the stream handed to them";
+    keep(rule, places(pure(), IMPURE));
+}
+
+#[test]
+fn mathematics_is_the_same_on_every_machine() {
+    let sources = sources();
+    let folders = ["environments/", "networks/", "learner/", "proximity-service/", "actor/"];
+    let mut breaches = Vec::new();
+    for source in &sources {
+        let is_ours = folders.iter().any(|folder| source.is_in(&format!("{folder}src/")));
+        for (line, number) in source.code.lines().zip(1..).filter(|_| is_ours) {
+            let called = |name: &str| {
+                let forms = [format!(".{name}("), format!("f32::{name}"), format!("f64::{name}")];
+                forms.iter().any(|form| line.contains(form.as_str()))
+            };
+            let found = SYSTEM_MATHEMATICS.into_iter().filter(|name| called(name));
+            breaches.extend(found.map(|name| format!("{}:{number}: {name}", source.path)));
+        }
+    }
+    keep("results never see the system's mathematics library; use `libm`", breaches);
+}
+
+#[test]
+fn nothing_is_unsafe() {
+    let sources = sources();
+    keep("no unsafe code", places(sources.iter(), ["unsafe", "allow(unsafe_code)"]));
+    let mut breaches = Vec::new();
+    for package in packages() {
+        let manifest = package["manifest_path"].as_str().unwrap();
+        let text = fs::read_to_string(manifest).unwrap();
+        if !text.contains("[lints]\nworkspace = true") {
+            breaches.push(manifest.to_owned());
+        }
+    }
+    keep("every crate takes the workspace's lints, which forbid unsafe code", breaches);
+}
+
+/// The crates of the workspace, as `cargo metadata` has them.
+fn packages() -> Vec<Value> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    serde_json::from_value(metadata["packages"].take()).unwrap()
+}
+
+/// What a crate is built from; what only its tests need is left out.
+fn dependencies(package: &Value) -> Vec<String> {
+    let all = package["dependencies"].as_array().unwrap().iter();
+    let built = all.filter(|dependency| dependency["kind"].is_null());
+    built.map(|dependency| dependency["name"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn crates_know_only_whom_they_should() {
+    let allowed: BTreeMap<_, _> = EDGES.into_iter().collect();
+    let mut breaches = Vec::new();
+    for package in packages() {
+        let name = package["name"].as_str().unwrap();
+        let Some(may_know) = allowed.get(name) else {
+            breaches.push(format!("{name}: not in the table of this test"));
+            continue;
+        };
+        for other in dependencies(&package) {
+            if allowed.contains_key(other.as_str()) && !may_know.contains(&other.as_str()) {
+                breaches.push(format!("{name} depends on {other}"));
+            }
+            if ["iceoryx2", "mcap"].contains(&other.as_str()) && name != "protocol" {
+                breaches.push(format!("{name} depends on {other}"));
+            }
+        }
+    }
+    keep("crates depend on each other as ARCHITECTURE.md says", breaches);
+}
+
+#[test]
+fn names_say_something() {
+    let mut breaches = Vec::new();
+    for path in files() {
+        let names = path.iter().map(|part| part.to_string_lossy().to_lowercase());
+        let is_empty =
+            |name: String| name.split(['.', '_', '-']).any(|word| EMPTY_NAMES.contains(&word));
+        if names.into_iter().any(is_empty) {
+            breaches.push(path.display().to_string());
+        }
+    }
+    keep("no file is called a helper, a manager or a collection of utilities", breaches);
+}
+
+/// What a document has in backticks.
+fn quoted(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().flat_map(|line| line.split('`').skip(1).step_by(2))
+}
+
+#[test]
+fn the_architecture_is_described_as_it_is() {
+    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+    let is_path = |part: &&str| {
+        let plain = |letter: char| letter.is_alphanumeric() || "_-./".contains(letter);
+        part.chars().all(plain) && (part.ends_with(".rs") || part.ends_with('/'))
+    };
+    let gone = quoted(&text).filter(is_path).filter(|path| !root().join(path).exists());
+    keep("ARCHITECTURE.md names only what exists", gone.map(str::to_owned).collect());
+
+    let mut unnamed = Vec::new();
+    for source in sources().iter().filter(|source| source.path.contains("/src/")) {
+        let (folder, _) = source.path.rsplit_once('/').unwrap();
+        if !text.contains(folder) && !unnamed.iter().any(|known| known == folder) {
+            unnamed.push(folder.to_owned());
+        }
+    }
+    keep("the code map of ARCHITECTURE.md names every folder of source files", unnamed);
+}

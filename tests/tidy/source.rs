@@ -1,0 +1,207 @@
+//! Rust source as the rules of the house see it: without comments and texts, function by function.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Folders with nothing of ours in them.
+const NOT_OURS: [&str; 4] = ["target", "runs", "demonstrations", "__pycache__"];
+
+/// A source file.
+pub(crate) struct Source {
+    /// Its path from the workspace's root.
+    pub(crate) path: String,
+    /// As written.
+    pub(crate) text: String,
+    /// Comments, texts and characters blanked out; lines are where they were.
+    pub(crate) code: String,
+}
+
+/// A function of a file.
+pub(crate) struct Function {
+    pub(crate) name: String,
+    /// Line it begins at, from 1.
+    pub(crate) line: usize,
+    /// Lines from its name to its closing brace.
+    pub(crate) lines: usize,
+}
+
+/// The root of the workspace.
+pub(crate) fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+}
+
+/// Every file of the workspace, hidden folders and builds left out; paths from the root, sorted.
+pub(crate) fn files() -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut folders = vec![root().to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            if !path.is_dir() {
+                files.push(path.strip_prefix(root()).unwrap().to_owned());
+            } else if !name.starts_with('.') && !NOT_OURS.contains(&name.as_str()) {
+                folders.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Every Rust file of the workspace.
+pub(crate) fn sources() -> Vec<Source> {
+    let is_rust = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "rs");
+    let read = |path: PathBuf| {
+        let text = fs::read_to_string(root().join(&path)).unwrap();
+        Source { path: path.display().to_string(), code: code_of(&text), text }
+    };
+    files().into_iter().filter(is_rust).map(read).collect()
+}
+
+impl Source {
+    /// Whether the file is below this folder.
+    pub(crate) fn is_in(&self, folder: &str) -> bool {
+        self.path.starts_with(folder)
+    }
+
+    /// Lines, from 1, whose code has this word or these words, which may have `::` between them.
+    pub(crate) fn lines_with(&self, words: &str) -> Vec<usize> {
+        let lines = self.code.lines().zip(1..);
+        lines.filter(|(line, _)| has_words(line, words)).map(|(_, number)| number).collect()
+    }
+
+    /// Every function with a body.
+    pub(crate) fn functions(&self) -> Vec<Function> {
+        let starts = self.code.match_indices("fn ").map(|(at, _)| at);
+        let starts = starts.filter(|&at| !self.code[..at].ends_with(is_of_word));
+        starts.filter_map(|at| self.function(at)).collect()
+    }
+
+    fn function(&self, at: usize) -> Option<Function> {
+        let rest = &self.code[at..];
+        let name: String = rest[3..].chars().take_while(|&letter| is_of_word(letter)).collect();
+        let (mut depth, mut arguments) = (0_usize, 0_usize);
+        for (offset, letter) in rest.char_indices() {
+            match letter {
+                '(' | '[' if depth == 0 => arguments += 1,
+                ')' | ']' if depth == 0 => arguments = arguments.checked_sub(1)?,
+                ';' | ',' if depth == 0 && arguments == 0 => return None,
+                '{' => depth += 1,
+                '}' if depth == 0 => return None,
+                '}' if depth == 1 => {
+                    let line = self.code[..at].matches('\n').count() + 1;
+                    let lines = rest[..offset].matches('\n').count() + 1;
+                    return (!name.is_empty()).then_some(Function { name, line, lines });
+                }
+                '}' => depth -= 1,
+                _ => {}
+            }
+        }
+        None
+    }
+}
+
+fn is_of_word(letter: char) -> bool {
+    letter.is_alphanumeric() || letter == '_'
+}
+
+fn has_words(line: &str, words: &str) -> bool {
+    line.match_indices(words).any(|(at, _)| {
+        let (before, after) = (&line[..at], &line[at + words.len()..]);
+        !before.ends_with(is_of_word) && !after.starts_with(is_of_word)
+    })
+}
+
+/// Blanks out comments, texts and characters.
+fn code_of(text: &str) -> String {
+    let mut code = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let length = not_code(rest, code.ends_with(is_of_word));
+        let taken = &rest[..length.max(first.len_utf8())];
+        if length == 0 {
+            code.push(first);
+        } else {
+            let blanked = |letter| if letter == '\n' { '\n' } else { ' ' };
+            code.extend(taken.chars().map(blanked));
+        }
+        rest = &rest[taken.len()..];
+    }
+    code
+}
+
+/// How many bytes of a comment, text or character `rest` begins with.
+fn not_code(rest: &str, within_word: bool) -> usize {
+    let through = |end: &str, from: usize| {
+        rest[from..].find(end).map_or(rest.len(), |at| from + at + end.len())
+    };
+    if rest.starts_with("//") {
+        return rest.find('\n').unwrap_or(rest.len());
+    }
+    if rest.starts_with("/*") {
+        return through("*/", 2);
+    }
+    let raw = rest.trim_start_matches('b');
+    if !within_word && rest.len() - raw.len() <= 1 && raw.starts_with(['r']) {
+        let hashes = raw[1..].len() - raw[1..].trim_start_matches('#').len();
+        if raw[1 + hashes..].starts_with('"') {
+            let end = format!("\"{}", "#".repeat(hashes));
+            return through(&end, rest.len() - raw.len() + 2 + hashes);
+        }
+    }
+    match rest.as_bytes()[0] {
+        b'"' => quoted(rest, b'"'),
+        b'\'' => character(rest),
+        _ => 0,
+    }
+}
+
+fn quoted(rest: &str, quote: u8) -> usize {
+    let bytes = rest.as_bytes();
+    let mut at = 1;
+    while at < bytes.len() && bytes[at] != quote {
+        at += if bytes[at] == b'\\' { 2 } else { 1 };
+    }
+    (at + 1).min(bytes.len())
+}
+
+/// A character in quotes; none if the quote begins a lifetime.
+fn character(rest: &str) -> usize {
+    let mut letters = rest.char_indices().skip(1);
+    match (letters.next(), letters.next()) {
+        (Some((_, '\\')), _) => quoted(rest, b'\''),
+        (Some(_), Some((at, '\''))) => at + 1,
+        _ => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(text: &str) -> Source {
+        Source { path: "a.rs".to_owned(), text: text.to_owned(), code: code_of(text) }
+    }
+
+    #[test]
+    fn only_code_is_seen() {
+        let found =
+            source("let a = \"unsafe \\\" {\"; // unsafe\nlet b = 'u'; /* unsafe */ c<'a>\n");
+        assert!(found.lines_with("unsafe").is_empty());
+        assert!(found.code.contains("let b =") && found.code.contains("c<'a>"));
+        let raw = source("call(r#\"unsafe \" {\"#); unsafe {}\nunsafely()\n");
+        assert_eq!(raw.lines_with("unsafe"), [1]);
+    }
+
+    #[test]
+    fn functions_are_measured() {
+        let found = source("fn one() -> [u8; 2] {\n    \"}\";\n}\ntrait T {\n    fn two();\n}\n");
+        let functions = found.functions();
+        assert_eq!(functions.len(), 1);
+        assert_eq!(
+            (functions[0].name.as_str(), functions[0].line, functions[0].lines),
+            ("one", 1, 3)
+        );
+    }
+}
