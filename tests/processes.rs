@@ -15,7 +15,7 @@ use protocol::log::{FileReader, Record};
 use protocol::messages::{Answer, Ask, Query, ServiceReply, ServiceRequest};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{ITERATIONS, PATIENCE, Signal, TestRun, await_some, programs};
+use system_tests::{ITERATIONS, Signal, TestRun, await_some, programs};
 
 /// Within this time processes without a supervisor must have stopped. They notice at once; the
 /// learner finishes its iteration and writes a checkpoint, the service waits for the learner.
@@ -107,7 +107,8 @@ impl Tool {
     fn ask(&self, observations: Vec<u8>) -> Answer {
         let query = Query { observations: Bytes::from(observations) };
         let request = ServiceRequest { ask: Some(Ask::Query(query)) };
-        let answer = self.client.ask(&request.encode_to_vec(), PATIENCE, &self.doorbell).unwrap();
+        let answer =
+            self.client.ask(&request.encode_to_vec(), A_FEW_SECONDS, &self.doorbell).unwrap();
         ServiceReply::decode(answer).unwrap().answer.unwrap()
     }
 

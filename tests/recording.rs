@@ -119,6 +119,8 @@ fn check_scores(recorded: &Recorded) {
         let steps = steps[&name];
         let found = (score.rewards.len(), score.proximity.len(), score.uncertainty.len());
         assert_eq!(found, (steps, steps + 1, steps + 1), "{name:?}");
+        // Algorithm 1: scored before the model learns from this iteration, after offline training.
+        assert_eq!(score.model_version, score.iteration + 1, "{name:?}");
         assert!(score.rewards.iter().all(|reward| reward.is_finite()));
         assert!(score.proximity.iter().all(|proximity| (0.0..=1.0).contains(proximity)));
         assert!(score.uncertainty.iter().all(|&uncertainty| uncertainty >= 0.0));
@@ -148,9 +150,9 @@ fn check_policy_updates(recorded: &Recorded, summary: &Summary) {
 fn check_reward_updates(recorded: &Recorded, summary: &Summary) {
     let names: Vec<_> =
         recorded.reward_updates.iter().map(|one| (one.iteration, one.model_version)).collect();
-    let online = (0..ITERATIONS).map(|iteration| (iteration, iteration + 1));
-    let versions = |first| std::iter::once((0, first)).chain(online.clone()).collect::<Vec<_>>();
-    assert_eq!(names, versions(0), "as (iteration, model version)");
+    let online = (0..ITERATIONS).map(|iteration| (iteration, iteration + 2));
+    let expected: Vec<_> = std::iter::once((0, 1)).chain(online).collect();
+    assert_eq!(names, expected, "as (iteration, model version)");
     let last = recorded.reward_updates.last().unwrap();
     assert_eq!(last.weights_sha256, summary.proximity_sha256);
 }

@@ -26,13 +26,14 @@ use crate::policy::{Policy, Version};
 /// Lanes an actor keeps going at once.
 const LANES_AT_ONCE: usize = 16;
 
-/// How long an idle actor sleeps before it asks again by itself.
+/// How long an actor sleeps, and leaves a learner alone that is not there.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 
 /// How long a reader's full queue is waited for.
 const READER_PATIENCE: Duration = Duration::from_secs(120);
 
-/// An unanswered request is given up after this long: the learner was restarted.
+/// A request is answered when there are leases. Asking again after this long shows the learner that
+/// the actor lives, and finds a learner that was restarted.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Versions of the policy kept: with lag 1 the one before the newest still acts.
@@ -40,6 +41,7 @@ const VERSIONS_KEPT: usize = 2;
 
 /// An actor at work.
 struct Actor {
+    folder: RunFolder,
     name: String,
     config: RunConfig,
     policy: Policy,
@@ -47,7 +49,7 @@ struct Actor {
     lanes: Vec<Lane>,
     finished: Vec<Lease>,
     pending: Option<(Pending<SharedMemory>, Instant)>,
-    asked: Instant,
+    refused: Instant,
     over: bool,
     doorbell: Doorbell<SharedMemory>,
     leases: Client<SharedMemory>,
@@ -60,6 +62,7 @@ pub fn rollout(folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
     let bus = Bus::open(&BusAddress::of_run(folder.path())?, name)?;
     let mut actor = Actor {
+        folder: folder.clone(),
         name: name.to_owned(),
         policy: Policy::new(&config),
         config,
@@ -67,7 +70,7 @@ pub fn rollout(folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
         lanes: Vec::new(),
         finished: Vec::new(),
         pending: None,
-        asked: Instant::now() - ASK_AGAIN,
+        refused: Instant::now() - ASK_AGAIN,
         over: false,
         doorbell: bus.doorbell(Role::Actors)?,
         leases: bus.lease_client(Role::Actors)?,
@@ -115,12 +118,10 @@ impl Actor {
         Ok(())
     }
 
-    /// Asks when lanes are free, at most one request at a time. Without an answer to the last one
-    /// an idle actor asks again when it is woken.
+    /// Asks when lanes are free, one request at a time.
     fn ask_for_leases(&mut self) {
         let free = LANES_AT_ONCE - self.lanes.len();
-        let rested = self.asked.elapsed() >= ASK_AGAIN || !self.finished.is_empty();
-        if free == 0 || self.pending.is_some() || !rested {
+        if free == 0 || self.pending.is_some() || self.refused.elapsed() < ASK_AGAIN {
             return;
         }
         let request = LeaseRequest {
@@ -129,14 +130,17 @@ impl Actor {
             finished: self.finished.clone(),
             seconds: Some(self.policy.seconds),
         };
-        self.asked = Instant::now();
         match self.leases.send(&request.encode_to_vec()) {
             Ok(pending) => {
                 self.pending = Some((pending, Instant::now()));
                 self.finished.clear();
                 self.policy.seconds = ActorSeconds::default();
             }
-            Err(error) => tracing::debug!("no lease yet: {error}"),
+            Err(error) => {
+                tracing::debug!("no learner to ask: {error}");
+                self.refused = Instant::now();
+                self.over = self.folder.summary_file().exists();
+            }
         }
     }
 

@@ -26,6 +26,46 @@ pub(crate) struct Summary {
     policy_sha256: String,
     proximity_sha256: String,
     log: Log,
+    seconds: Seconds,
+}
+
+/// Where the time of the last sitting went. Actors' parts are summed over actors and lie within
+/// `rollout`; `reward_update` runs beside `policy_update` unless it comes first.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+struct Seconds {
+    rollout: f64,
+    environment: f64,
+    inference: f64,
+    transport: f64,
+    log: f64,
+    scoring: f64,
+    policy_update: f64,
+    reward_update: f64,
+}
+
+impl Seconds {
+    /// Shares of the wall time of iterations, and within the rollout shares of the actors' work.
+    fn shares(&self) -> [(&'static str, String); 2] {
+        let share = |part: f64, whole: f64| figures::percent(part / whole.max(1e-9), 1);
+        let wall = self.rollout + self.scoring + self.policy_update;
+        let work = self.environment + self.inference + self.transport;
+        let stages = format!(
+            "rollout {}, scoring {}, policy update {}; beside them: ensemble update {}, log {}",
+            share(self.rollout, wall),
+            share(self.scoring, wall),
+            share(self.policy_update, wall),
+            share(self.reward_update, wall),
+            share(self.log, wall),
+        );
+        let actors = format!(
+            "inference {}, transport {}, environment {} of {} of work",
+            share(self.inference, work),
+            share(self.transport, work),
+            share(self.environment, work),
+            figures::duration(work),
+        );
+        [("where time went", stages), ("where actors' time went", actors)]
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -84,6 +124,7 @@ impl Summary {
             figures::count(self.log.files),
             figures::count(self.log.trajectories)
         );
+        let [stages, actors] = self.seconds.shares();
         figures::table(&[
             ("run", format!("{}, {}, preset {}", self.task, self.method, self.preset)),
             ("seed", self.seed.to_string()),
@@ -95,6 +136,8 @@ impl Summary {
             ("policy sha256", self.policy_sha256.clone()),
             ("proximity sha256", self.proximity_sha256.clone()),
             ("log", log),
+            stages,
+            actors,
         ])
     }
 }
@@ -108,7 +151,9 @@ mod tests {
         "actors": 2, "env_steps": 1503232, "episodes": 70123, "iterations": 367,
         "success_rate": 0.97, "evaluation": {"episodes": 200, "success_rate": 0.965},
         "wall_s": 251.0, "steps_per_s": 5989.0, "policy_sha256": "ab", "proximity_sha256": "cd",
-        "log": {"files": 3, "trajectories": 70123, "bytes": 43200000}
+        "log": {"files": 3, "trajectories": 70123, "bytes": 43200000},
+        "seconds": {"rollout": 20, "environment": 1, "inference": 30, "transport": 1, "log": 2,
+            "scoring": 30, "policy_update": 50, "reward_update": 10}
     }"#;
 
     #[test]
@@ -118,7 +163,14 @@ mod tests {
         assert_eq!(Summary::of_run(&folder).unwrap(), None);
         std::fs::write(folder.summary_file(), TEXT).unwrap();
         let table = Summary::of_run(&folder).unwrap().unwrap().table();
-        for part in ["97.0 %", "96.5 % of 200", "1,503,232 in 367", "4 min 11 s", "41.2 MiB in 3"] {
+        for part in [
+            "97.0 %",
+            "96.5 % of 200",
+            "1,503,232 in 367",
+            "4 min 11 s",
+            "41.2 MiB in 3",
+            "scoring 30.0 %",
+        ] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }
     }

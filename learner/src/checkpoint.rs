@@ -13,32 +13,25 @@ use crate::trainer::Trainer;
 
 impl Trainer {
     /// Writes the checkpoint of the present iteration, unless it is there already, and removes
-    /// those beyond the ones kept. Returns the hash of the reward model's weights.
-    pub(crate) fn save(&mut self) -> Result<String> {
-        let iteration = self.state.iteration;
-        let folder = self.folder.checkpoint_folder(iteration);
+    /// those beyond the ones kept.
+    pub(crate) fn save(&mut self) -> Result<()> {
+        let folder = self.folder.checkpoint_folder(self.state.iteration);
+        if folder.exists() {
+            return Ok(());
+        }
         let unfinished = folder.with_extension("unfinished");
-        let written = self.write(&unfinished, &folder);
-        let sha256 = written.with_context(|| format!("checkpoint {}", folder.display()))?;
-        let relative = folder.strip_prefix(self.folder.path()).unwrap_or(&folder);
-        let checkpoint = Checkpoint {
-            iteration,
-            path: relative.display().to_string(),
-            policy_sha256: weights::sha256([&self.state.parameters[..]]),
-            proximity_sha256: sha256.clone(),
-        };
-        self.desk.order(Order::Record(Entry::Checkpoint(checkpoint)))?;
+        self.write(&unfinished, &folder)
+            .with_context(|| format!("checkpoint {}", folder.display()))?;
         let mut folders = self.folder.checkpoint_folders();
         folders.truncate(folders.len().saturating_sub(self.config.checkpoint.keep));
         for (_, old) in folders {
             fs::remove_dir_all(&old).with_context(|| format!("removal of {}", old.display()))?;
         }
-        Ok(sha256)
+        Ok(())
     }
 
-    /// The log goes to the disk first: no checkpoint is ahead of its log.
-    fn write(&mut self, unfinished: &Path, folder: &Path) -> Result<String> {
-        self.desk.sync()?;
+    /// The log, with the checkpoint's own record, is on the disk before the checkpoint appears.
+    fn write(&mut self, unfinished: &Path, folder: &Path) -> Result<()> {
         if unfinished.exists() {
             fs::remove_dir_all(unfinished)?;
         }
@@ -47,12 +40,17 @@ impl Trainer {
         policy.save(&unfinished.join(POLICY_FILE))?;
         self.state.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
-        let sha256 = self.scoring.save(&path.display().to_string())?;
-        if folder.exists() {
-            fs::remove_dir_all(folder)?;
-        }
+        let proximity_sha256 = self.scoring.save(&path.display().to_string())?;
+        let relative = folder.strip_prefix(self.folder.path()).unwrap_or(folder);
+        let checkpoint = Checkpoint {
+            iteration: self.state.iteration,
+            path: relative.display().to_string(),
+            policy_sha256: weights::sha256([&self.state.parameters[..]]),
+            proximity_sha256,
+        };
+        self.desk.order(Order::Record(Entry::Checkpoint(checkpoint)))?;
+        self.desk.sync()?;
         fs::rename(unfinished, folder)?;
-        fs::File::open(self.folder.checkpoints())?.sync_all()?;
-        Ok(sha256)
+        Ok(fs::File::open(self.folder.checkpoints())?.sync_all()?)
     }
 }

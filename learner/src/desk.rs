@@ -12,12 +12,12 @@ use anyhow::{Context, Result, anyhow};
 use prost::Message;
 use protocol::Error;
 use protocol::bus::{
-    Bus, BusAddress, Doorbell, NewestPublisher, Ringer, Role, Server, SharedMemory,
+    Bus, BusAddress, Doorbell, NewestPublisher, Request, Ringer, Role, Server, SharedMemory,
     TrajectorySubscriber,
 };
 use protocol::log::LogWriter;
 use protocol::messages::{
-    ActorSeconds, Checkpoint, LeaseReply, LeaseRequest, Phase, PolicyUpdate, Progress,
+    ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate, Progress,
     RewardUpdate, Score,
 };
 use protocol::task::Spec;
@@ -178,11 +178,12 @@ struct Desk {
     leases: Server<SharedMemory>,
     weights: NewestPublisher<SharedMemory>,
     progress: NewestPublisher<SharedMemory>,
-    actors_bell: std::rc::Rc<Ringer<SharedMemory>>,
     log: LogWriter,
     orders: Receiver<Order>,
     batches: SyncSender<Vec<Encoded>>,
     rollout: Option<Rollout>,
+    /// Actors that wait for leases; they are answered when there are some.
+    waiting: Vec<(LeaseRequest, Request<SharedMemory>)>,
     told: Progress,
     alive: Vec<String>,
     looked_after: Instant,
@@ -206,11 +207,11 @@ impl Desk {
             leases: bus.lease_server()?,
             weights: bus.weights_publisher(setup.weights_bytes)?,
             progress: bus.progress_publisher(PROGRESS_BYTES)?,
-            actors_bell: bus.ringer(Role::Actors)?,
             log: setup.log,
             orders,
             batches,
             rollout: None,
+            waiting: Vec::new(),
             told: Progress::default(),
             alive: bus.alive()?,
             looked_after: Instant::now(),
@@ -286,10 +287,7 @@ impl Desk {
 
     fn follow(&mut self, order: Order) -> Result<()> {
         match order {
-            Order::Open(rollout) => {
-                self.rollout = Some(rollout);
-                self.actors_bell.ring()?;
-            }
+            Order::Open(rollout) => self.rollout = Some(rollout),
             Order::Publish(weights) => self.weights.publish(&weights.encode_to_vec())?,
             Order::Record(entry) => self.record(&entry)?,
             Order::Tell(progress) => {
@@ -301,10 +299,7 @@ impl Desk {
                 // A trainer that no longer waits has failed and says why itself.
                 done.send(()).ok();
             }
-            Order::Finish => {
-                self.finished = true;
-                self.actors_bell.ring()?;
-            }
+            Order::Finish => self.finished = true,
         }
         Ok(())
     }
@@ -337,13 +332,25 @@ impl Desk {
             // Whatever the asker published before it asked is taken in before it is answered.
             self.take_trajectories()?;
             let request = LeaseRequest::decode(question.bytes()).context("lease request")?;
-            let reply = self.reply(&request)?;
+            self.hear(&request)?;
+            self.waiting.push((request, question));
+        }
+        self.waiting.retain(|(_, question)| question.is_awaited());
+        while !self.waiting.is_empty() {
+            let open = self.rollout.as_ref().is_some_and(Rollout::has_open_leases);
+            if !open && !self.finished {
+                break;
+            }
+            let (request, question) = self.waiting.remove(0);
+            let leases = self.grant(&request);
+            let reply = LeaseReply { leases, finished: self.finished };
             question.reply(&reply.encode_to_vec())?;
         }
         Ok(())
     }
 
-    fn reply(&mut self, request: &LeaseRequest) -> Result<LeaseReply> {
+    /// Takes note of what an actor says of itself.
+    fn hear(&mut self, request: &LeaseRequest) -> Result<()> {
         if !self.alive.contains(&request.actor) {
             self.alive = self.bus.alive()?;
         }
@@ -352,16 +359,18 @@ impl Desk {
             self.seconds.actors.inference += seconds.inference;
             self.seconds.actors.transport += seconds.transport;
         }
-        let actors = self.actors();
-        let mut leases = Vec::new();
         if let Some(rollout) = &mut self.rollout {
             for lease in &request.finished {
                 rollout.hand_back(&request.actor, lease);
             }
-            let capacity = request.capacity as usize;
-            leases = rollout.grant(&request.actor, capacity, actors, Instant::now());
         }
-        Ok(LeaseReply { leases, finished: self.finished })
+        Ok(())
+    }
+
+    fn grant(&mut self, request: &LeaseRequest) -> Vec<Lease> {
+        let actors = self.actors();
+        let Some(rollout) = &mut self.rollout else { return Vec::new() };
+        rollout.grant(&request.actor, request.capacity as usize, actors, Instant::now())
     }
 
     fn hand_over_batch(&mut self) {
@@ -384,9 +393,6 @@ impl Desk {
         let reopened = rollout.reopen(&self.alive, self.lease_timeout, Instant::now());
         if reopened > 0 {
             tracing::warn!("{reopened} leases of lost actors are open again");
-        }
-        if rollout.has_open_leases() {
-            self.actors_bell.ring()?;
         }
         Ok(())
     }

@@ -62,8 +62,7 @@ struct Log {
 impl Trainer {
     /// Ends a run that has been stopped: what it has learned is saved.
     pub(crate) fn leave(mut self) -> Result<()> {
-        let newest = self.folder.newest_checkpoint().map(|(iteration, _)| iteration);
-        if self.state.iteration > 0 && newest != Some(self.state.iteration) {
+        if self.state.iteration > 0 {
             self.save()?;
         }
         self.desk.finish()?;
@@ -72,10 +71,10 @@ impl Trainer {
 
     /// Ends a run that has been trained to its end.
     pub(crate) fn conclude(mut self) -> Result<()> {
-        let proximity_sha256 = self.save()?;
+        self.save()?;
         let Some(evaluation) = self.evaluate()? else { return self.leave() };
         self.tell(Phase::Finished, None, None)?;
-        let mut summary = self.summary(&evaluation, proximity_sha256);
+        let mut summary = self.summary(&evaluation);
         let folder = self.folder.clone();
         let desk = self.desk.finish()?;
         summary.seconds.environment = desk.actors.environment;
@@ -94,8 +93,9 @@ impl Trainer {
             .with_context(|| format!("summary {}", path.display()))
     }
 
-    fn summary(&self, evaluation: &[Encoded], proximity_sha256: String) -> Summary {
+    fn summary(&self, evaluation: &[Encoded]) -> Summary {
         let state = &self.state;
+        let reward_update = self.progress.reward_update.clone().unwrap_or_default();
         let reached = evaluation.iter().filter(|encoded| encoded.trajectory.success).count();
         Summary {
             task: self.config.task.name().to_owned(),
@@ -114,7 +114,7 @@ impl Trainer {
             wall_s: state.wall_s,
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
             policy_sha256: weights::sha256([&state.parameters[..]]),
-            proximity_sha256,
+            proximity_sha256: reward_update.weights_sha256,
             log: Log { files: 0, trajectories: state.episodes + evaluation.len() as u64, bytes: 0 },
             seconds: Seconds {
                 rollout: self.seconds.rollout,

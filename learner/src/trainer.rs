@@ -124,7 +124,8 @@ impl Trainer {
             if self.config.rollout.lag == 0 && next < iterations {
                 self.open_rollout(next)?;
             }
-            if next.is_multiple_of(self.config.checkpoint.iterations) {
+            // The last one is saved when the run is concluded.
+            if next < iterations && next.is_multiple_of(self.config.checkpoint.iterations) {
                 self.save()?;
             }
         }

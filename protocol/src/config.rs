@@ -359,6 +359,9 @@ impl RunConfig {
         within("seed", seed <= i64::MAX as u64, "below 2^63", seed)?;
         within("rollout.lag", self.rollout.lag <= 1, "0 or 1", self.rollout.lag)?;
         within("rollout.lanes", self.rollout.lanes <= 4096, "at most 4096", self.rollout.lanes)?;
+        let (lane_steps, horizon) = (self.rollout.lane_steps, self.task.spec().horizon_steps);
+        let expected = format!("at least the longest episode, {horizon}");
+        within("rollout.lane_steps", lane_steps >= u64::from(horizon), &expected, lane_steps)?;
         let actors = self.resources.actors;
         within("resources.actors", actors <= 64, "at most 64", actors)?;
         let ensemble = self.reward.ensemble;

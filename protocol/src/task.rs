@@ -96,6 +96,31 @@ impl ObservationSpec {
         }
     }
 
+    /// Checks that observations hold only classes there are, or only finite numbers.
+    pub fn check(&self, observations: &[u8]) -> Result<(), crate::Error> {
+        let refused = |what, expected: String, found: String| {
+            Err(crate::Error::Trajectory { what, expected, found })
+        };
+        match *self {
+            ObservationSpec::Cells { classes, .. } => {
+                match observations.iter().find(|&&class| usize::from(class) >= classes) {
+                    Some(class) => {
+                        refused("cell class", format!("below {classes}"), class.to_string())
+                    }
+                    None => Ok(()),
+                }
+            }
+            ObservationSpec::Vector { .. } => {
+                match floats(observations).find(|number| !number.is_finite()) {
+                    Some(number) => {
+                        refused("observation", "finite numbers".to_owned(), number.to_string())
+                    }
+                    None => Ok(()),
+                }
+            }
+        }
+    }
+
     /// Shape as the log states it: `[height, width]` or `[len]`.
     pub fn shape(&self) -> Vec<u32> {
         match *self {

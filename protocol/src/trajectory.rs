@@ -201,11 +201,7 @@ impl Trajectory {
     }
 
     fn check_contents(&self, spec: &Spec) -> Result<(), Error> {
-        if let ObservationSpec::Cells { classes, .. } = spec.observation
-            && let Some(&class) = self.cells.iter().find(|&&class| usize::from(class) >= classes)
-        {
-            return Err(mismatch("cell class", format!("below {classes}"), class));
-        }
+        spec.observation.check(self.observations())?;
         if let ActionSpec::Discrete { count } = spec.action
             && let Some(&action) =
                 self.discrete_actions.iter().find(|&&action| usize::from(action) >= count)
@@ -213,7 +209,6 @@ impl Trajectory {
             return Err(mismatch("action", format!("below {count}"), action));
         }
         let numbers = [
-            ("observation", &self.values),
             ("action", &self.continuous_actions),
             ("log-probability", &self.log_probs),
             ("environment reward", &self.environment_rewards),

@@ -202,6 +202,7 @@ impl Service {
             found.is_multiple_of(bytes),
             "query: expected a multiple of {bytes} bytes, found {found}"
         );
+        self.spec.observation.check(&query.observations)?;
         Ok(Answer::Estimates(self.model.estimate(&query.observations)))
     }
 }

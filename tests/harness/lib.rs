@@ -27,20 +27,24 @@ pub use summary::{Evaluation, Hashes, Log, Summary};
 pub const ITERATIONS: u64 = 20;
 
 /// Lanes of a run with [`SMALL`].
-pub const LANES: u64 = 6;
+pub const LANES: u64 = 4;
 
 /// Iterations between two checkpoints of a run with [`SMALL`].
 pub const CHECKPOINT_ITERATIONS: u64 = 4;
 
 /// Settings that make a run last seconds and still have everything a long one has.
-pub const SMALL: [&str; 14] = [
-    "steps=12000",
-    "rollout.lanes=6",
+pub const SMALL: [&str; 18] = [
+    "steps=8000",
+    "rollout.lanes=4",
     "rollout.lane_steps=100",
     "policy.convolution_channels=[4, 8, 8]",
+    "policy.features=16",
     "ppo.minibatches=2",
     "ppo.epochs=1",
     "reward.convolution_channels=[4, 8, 8]",
+    "reward.features=16",
+    "reward.hidden=[16, 16]",
+    "reward.samples=64",
     "reward.ensemble=2",
     "reward.pretraining_epochs=1",
     "demonstrations.episodes=40",

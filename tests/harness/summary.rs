@@ -4,7 +4,6 @@ use serde::Deserialize;
 
 /// Figures of a finished run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Summary {
     /// Name of the task.
     pub task: String,
@@ -40,7 +39,6 @@ pub struct Summary {
 
 /// Episodes after training.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Evaluation {
     /// How many.
     pub episodes: u64,
@@ -50,7 +48,6 @@ pub struct Evaluation {
 
 /// The recorded files.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Log {
     /// How many.
     pub files: u64,

@@ -37,6 +37,9 @@ const SURVIVOR_PATIENCE: Duration = Duration::from_secs(3);
 /// checkpoint.
 const PREDECESSOR_PATIENCE: Duration = Duration::from_secs(60);
 
+/// How long processes that the supervisor did not start may take to notice the end of the run.
+const FAREWELL_PATIENCE: Duration = Duration::from_secs(5);
+
 /// How a run's training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
@@ -69,10 +72,23 @@ pub(crate) async fn supervise(
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
     watch.end();
-    if let Err(error) = ended.and_then(|()| Ok(address.remove()?)) {
+    let removed = match ended {
+        Ok(()) => remove(&address).await,
+        Err(error) => Err(error),
+    };
+    if let Err(error) = removed {
         view.note(&format!("something of the run is left in shared memory: {error:#}"));
     }
     outcome
+}
+
+/// Removes what the run left in shared memory, once actors started by hand have noticed its end.
+async fn remove(address: &BusAddress) -> Result<()> {
+    let deadline = tokio::time::Instant::now() + FAREWELL_PATIENCE;
+    while address.is_anyone_alive()? && tokio::time::Instant::now() < deadline {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    Ok(address.remove()?)
 }
 
 /// Waits for the processes of a supervisor that died; returns false if the user does not want to.

@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# How fast a whole training run is, and where its time goes. About a minute and a half.
+#
+#   deploy/bench.sh [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
+#
+# The run is thrown away afterwards. Costs of single parts: cargo bench -p environments|networks|protocol
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+"$root/deploy/run_local.sh" navigation --steps 200000 --run "$folder/run" "$@" >"$folder/progress.txt"
+sed -n '/^  run /,/^  files /p' "$folder/progress.txt"

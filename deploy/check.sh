@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# What must hold before a change is handed in, and what CI runs: form, lints, tests, documentation.
+#
+#   deploy/check.sh        # from any folder; ends at the first step that fails
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+cd "$root"
+
+step() {
+    local title=$1 started=$SECONDS
+    shift
+    printf '\ncheck: %s\n' "$title" >&2
+    "$@" || {
+        printf 'check: FAILED: %s (%s)\n' "$title" "$*" >&2
+        exit 1
+    }
+    printf 'check: %s: all well after %d s\n' "$title" $((SECONDS - started)) >&2
+}
+
+documentation() {
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --locked --no-deps --document-private-items
+}
+
+step "the form of the source (rustfmt)" cargo fmt --all --check
+step "lints (clippy)" cargo clippy --workspace --all-targets --locked -- -D warnings
+step "tests" deploy/test.sh
+step "documentation (rustdoc)" documentation
+if command -v cargo-deny >/dev/null; then
+    step "licences and sources of dependencies (cargo-deny)" cargo deny check licenses sources bans
+else
+    printf '\ncheck: cargo-deny is not installed: licences of dependencies are not checked\n' >&2
+fi
+printf '\ncheck: everything is well (%d s)\n' "$SECONDS" >&2

@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Runs every test of Goalward: one command, from any folder.
+#
+#   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh -p protocol
+#
+# One test reads a log with the public Python packages for MCAP. They go into an environment of
+# their own in target/python; nothing of your Python is touched. GOALWARD_PYTHON names another
+# interpreter that has them; GOALWARD_PYTHON=none leaves that test out.
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+cd "$root"
+
+say() { printf 'test: %s\n' "$*" >&2; }
+
+python_environment() {
+    local folder=$root/target/python wanted=$root/protocol/tests/requirements.txt
+    if ! cmp -s "$wanted" "$folder/installed.txt"; then
+        say "installing the Python packages of protocol/tests/requirements.txt into target/python"
+        python3 -m venv --clear "$folder"
+        "$folder/bin/python" -m pip install --quiet --disable-pip-version-check \
+            --requirement "$wanted"
+        cp "$wanted" "$folder/installed.txt"
+    fi
+    export GOALWARD_PYTHON=$folder/bin/python
+}
+
+if [ -z "${GOALWARD_PYTHON:-}" ]; then
+    python_environment || {
+        say "expected python3 with venv and pip, and a package index;" \
+            "GOALWARD_PYTHON=none leaves the one test that needs them out"
+        exit 1
+    }
+fi
+
+output=$root/target/test-output.txt
+mkdir -p "$root/target"
+[ $# -gt 0 ] || set -- --workspace
+say "cargo test --locked --no-fail-fast $*"
+say "the first time everything is built, which takes minutes; the tests take about two"
+status=0
+cargo test --locked --no-fail-fast "$@" 2>&1 | tee "$output" || status=$?
+
+awk '/^test result:/ { passed += $4; failed += $6; ignored += $8; targets++ }
+    END { printf "test: %d passed, %d failed, %d ignored in %d test programs\n",
+        passed, failed, ignored, targets }' "$output" >&2
+if [ "$status" -ne 0 ]; then
+    sed -n 's/^test \(.*\) \.\.\. FAILED$/test: FAILED \1/p' "$output" >&2
+    say "the whole output is in target/test-output.txt"
+fi
+exit "$status"
