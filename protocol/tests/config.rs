@@ -1,0 +1,71 @@
+//! The configuration: presets and settings over a task's file, and what is refused with which words.
+
+use protocol::Error;
+use protocol::config::{Method, RunConfig, UpdateOrder};
+
+const FILE: &str = include_str!("../../deploy/tasks/navigation.toml");
+
+fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
+    let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+    RunConfig::assemble(FILE, preset, &settings)
+}
+
+fn refusal(preset: &str, settings: &[&str]) -> String {
+    assemble(preset, settings).expect_err("to be refused").to_string()
+}
+
+#[test]
+fn a_preset_changes_the_file_and_a_setting_changes_the_preset() {
+    let paper = assemble("paper", &[]).unwrap();
+    assert_eq!((paper.preset.as_str(), paper.reward.delta), ("paper", 0.01));
+    assert_eq!(paper.reward.order, UpdateOrder::ScoreFirst);
+    let authors = assemble("authors", &["seed=7", "reward.delta=0.9"]).unwrap();
+    assert_eq!((authors.seed, authors.reward.delta), (7, 0.9));
+    assert_eq!(authors.reward.order, UpdateOrder::ImproveFirst);
+    let method = assemble("goalward", &["method=environment-reward"]).unwrap().method;
+    assert_eq!(method, Method::EnvironmentReward);
+}
+
+#[test]
+fn the_effective_configuration_reads_back_the_same() {
+    for preset in ["goalward", "paper", "authors"] {
+        let config = assemble(preset, &["demonstrations.file=some/where.mcap"]).unwrap();
+        assert_eq!(RunConfig::from_text(&config.to_text(), "test").unwrap(), config);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    for (setting, words) in [
+        ("ppo.clipp=0.3", "clipp"),
+        ("ppo.clip", "key=value"),
+        ("ppo.clip=0", "`ppo.clip` must be above 0, found 0"),
+        ("ppo.gamma=1.5", "`ppo.gamma` must be above 0 and at most 1, found 1.5"),
+        ("demonstrations.coverage=0.0", "`demonstrations.coverage`"),
+        ("resources.actors=0", "`resources.actors` must be at least 1, found 0"),
+        ("resources.actors=65", "at most 64"),
+        ("rollout.lag=2", "0 or 1"),
+        ("rollout.lane_steps=64", "at least the longest episode, 100, found 64"),
+        ("reward.samples=8", "0 or at least a batch"),
+        ("reward.ensemble=1", "2 for uncertainty"),
+        ("steps=-1", "-1"),
+        ("task=chess", "chess"),
+    ] {
+        let message = refusal("goalward", &[setting]);
+        assert!(message.contains(words), "{setting}: expected {words} in: {message}");
+        assert!(!message.contains('\n'), "{setting}: one line, found: {message}");
+    }
+    assert!(refusal("best", &[]).contains("one of goalward, authors, paper"));
+}
+
+#[test]
+fn only_what_changes_weights_makes_another_result() {
+    let base = assemble("goalward", &[]).unwrap();
+    let same = |setting: &str| base.same_result_as(&assemble("goalward", &[setting]).unwrap());
+    for setting in ["resources.actors=7", "checkpoint.keep=9", "log.file_mib=10"] {
+        assert!(same(setting), "{setting}");
+    }
+    for setting in ["seed=2", "steps=9000", "rollout.lag=1", "ppo.clip=0.1"] {
+        assert!(!same(setting), "{setting}");
+    }
+}
