@@ -97,20 +97,18 @@ impl Ppo {
     fn targets(&mut self, parameters: &[f32], batch: &Batch) -> Targets {
         self.network.prepare_into(parameters, &mut self.prepared);
         let values = self.values(&batch.observations);
-        let truncated = batch.episodes.iter().map(|episode| {
-            if self.config.bootstrap_truncated && episode.truncated {
-                &episode.last_observation[..]
-            } else {
-                &[]
-            }
-        });
-        let mut last_values = self.values(&truncated.collect::<Vec<_>>().concat()).into_iter();
+        let bootstrap = self.config.bootstrap_truncated;
+        let cut = batch.episodes.iter().filter(|episode| bootstrap && episode.truncated);
+        let cut: Vec<&[u8]> = cut.map(|episode| &episode.last_observation[..]).collect();
+        let mut last_values = self.values(&cut.concat()).into_iter();
         let (gamma, lambda) = (self.config.gamma as f32, self.config.gae_lambda as f32);
         let (mut advantages, mut returns) = (Vec::new(), Vec::new());
         let mut start = 0;
         for episode in &batch.episodes {
-            let bootstrapped = self.config.bootstrap_truncated && episode.truncated;
-            let last_value = if bootstrapped { last_values.next().unwrap_or(0.0) } else { 0.0 };
+            let last_value = match bootstrap && episode.truncated {
+                true => last_values.next().expect("one value per episode that was cut"),
+                false => 0.0,
+            };
             let rows = start..start + episode.steps;
             let (rewards, values) = (&batch.rewards[rows.clone()], &values[rows]);
             let own = generalized_advantages(rewards, values, last_value, gamma, lambda);
