@@ -10,4 +10,4 @@ root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$root/deploy/run_local.sh" navigation --steps 200000 --run "$folder/run" "$@" >"$folder/progress.txt"
-sed -n '/^  run /,/^  files /p' "$folder/progress.txt"
+sed -n '/^  run /,/^  where actors/p' "$folder/progress.txt"
