@@ -55,8 +55,7 @@ pub fn evaluate(folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
 fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Trajectory>> {
     let mut policy = Policy::new(config);
     let version = policy.version(weights)?;
-    let lanes = config.rollout.lanes.min(episodes);
-    let begin = |lane| {
+    let begin = |(lane, episodes_owed)| {
         let lease = Lease {
             source: Source::Evaluation as i32,
             iteration: weights.version,
@@ -64,11 +63,12 @@ fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Traje
             policy_version: weights.version,
             first_episode: 0,
             steps_owed: 0,
-            episodes_owed: episodes / lanes + u64::from(lane < episodes % lanes),
+            episodes_owed,
         };
         Lane::begin(lease, config.task, &Setting::default(), config.seed)
     };
-    let mut lanes = (0..lanes).map(begin).collect::<Result<Vec<_>>>()?;
+    let plans = (0..).zip(config.rollout.spread(episodes));
+    let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
     let mut trajectories = Vec::new();
     while !lanes.is_empty() {
         trajectories.extend(policy.step(&version, &mut lanes, config.evaluation.actions)?);

@@ -12,6 +12,7 @@ use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
 use protocol::process::Stop;
 use protocol::run::{LEARNER_FILE, PROXIMITY_FILE, RunFolder};
 use protocol::seed::{self, Purpose};
+use protocol::summary::Seconds;
 use protocol::task::Spec;
 use protocol::trajectory::{Encoded, Source};
 use protocol::weights::{self, Weights};
@@ -50,15 +51,6 @@ struct Times {
     rollout_s: f64,
     scoring_s: f64,
     update_s: f64,
-}
-
-/// Where the learner's and the service's time went in this sitting, seconds.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Seconds {
-    pub(crate) rollout: f64,
-    pub(crate) scoring: f64,
-    pub(crate) policy_update: f64,
-    pub(crate) reward_update: f64,
 }
 
 impl Trainer {
@@ -317,22 +309,13 @@ impl Trainer {
         if episodes == 0 {
             return Ok(Some(Vec::new()));
         }
-        let plans = evaluation_plans(episodes, self.config.rollout.lanes);
+        let plan = |episodes_owed| LanePlan { first_episode: 0, steps_owed: 0, episodes_owed };
+        let plans = self.config.rollout.spread(episodes).into_iter().map(plan).collect();
         let version = self.state.iteration;
         let rollout = Rollout::open(Source::Evaluation, version, version, plans);
         self.desk.order(Order::Open(rollout))?;
         self.collect()
     }
-}
-
-/// Evaluation episodes spread evenly over the lanes.
-fn evaluation_plans(episodes: u64, lanes: u64) -> Vec<LanePlan> {
-    let lanes = lanes.min(episodes);
-    let plan = |lane| {
-        let episodes_owed = episodes / lanes + u64::from(lane < episodes % lanes);
-        LanePlan { first_episode: 0, steps_owed: 0, episodes_owed }
-    };
-    (0..lanes).map(plan).collect()
 }
 
 fn initial_state(folder: &RunFolder, config: &RunConfig, network: &ActorCritic) -> Result<State> {

@@ -59,6 +59,15 @@ pub enum Method {
     EnvironmentReward,
 }
 
+impl std::fmt::Display for Method {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(match self {
+            Method::GoalProximity => "goal-proximity",
+            Method::EnvironmentReward => "environment-reward",
+        })
+    }
+}
+
 /// Demonstrations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -82,6 +91,14 @@ pub struct RolloutConfig {
     pub lane_steps: u64,
     /// Iterations that actors may be ahead of the policy update: 0 or 1.
     pub lag: u64,
+}
+
+impl RolloutConfig {
+    /// A number of episodes spread evenly over the lanes: how many each of the first lanes runs.
+    pub fn spread(&self, episodes: u64) -> Vec<u64> {
+        let lanes = self.lanes.min(episodes);
+        (0..lanes).map(|lane| episodes / lanes + u64::from(lane < episodes % lanes)).collect()
+    }
 }
 
 /// Shape of the policy.

@@ -83,6 +83,14 @@ pub enum Error {
         /// What was expected.
         message: String,
     },
+    /// A summary that cannot be written or read.
+    #[error("summary {}: {message}", path.display())]
+    Summary {
+        /// The file.
+        path: PathBuf,
+        /// What was met.
+        message: String,
+    },
     /// A checkpoint file that cannot be written or read.
     #[error("checkpoint {}: {message}", path.display())]
     Checkpoint {

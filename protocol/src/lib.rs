@@ -13,6 +13,7 @@ pub mod messages;
 pub mod process;
 pub mod run;
 pub mod seed;
+pub mod summary;
 pub mod task;
 pub mod tensors;
 pub mod trajectory;

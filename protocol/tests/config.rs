@@ -69,3 +69,10 @@ fn only_what_changes_weights_makes_another_result() {
         assert!(!same(setting), "{setting}");
     }
 }
+
+#[test]
+fn episodes_are_spread_over_lanes() {
+    let rollout = assemble("goalward", &["rollout.lanes=4"]).unwrap().rollout;
+    assert_eq!(rollout.spread(10), [3, 3, 2, 2]);
+    assert_eq!(rollout.spread(2), [1, 1]);
+}

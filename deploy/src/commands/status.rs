@@ -12,10 +12,11 @@ use protocol::config::RunConfig;
 use protocol::log::{Contents, Record, read_contents};
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use protocol::run::RunFolder;
+use protocol::summary::Summary;
 
 use crate::figures;
 use crate::progress::print_line;
-use crate::summary::Summary;
+use crate::summary;
 
 /// How long a live run is listened to; it publishes several times a second.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -35,7 +36,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let table = if address.is_anyone_alive()? {
         live(&address, &config)?
     } else if let Some(summary) = Summary::of_run(&folder)? {
-        format!("finished\n{}", summary.table())
+        format!("finished\n{}", summary::table(&summary))
     } else {
         stopped(&folder, &config)
     };

@@ -8,13 +8,13 @@ use protocol::bus::check_shared_memory_room;
 use protocol::config::RunConfig;
 use protocol::log::require_room;
 use protocol::run::RunFolder;
+use protocol::summary::Summary;
 use protocol::task::Task;
 
 use crate::plan::{Plan, Wishes};
 use crate::progress::{ProgressView, print_line};
-use crate::summary::Summary;
 use crate::supervisor::{Outcome, supervise};
-use crate::{demonstrations, figures, programs};
+use crate::{demonstrations, figures, programs, summary};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -145,12 +145,12 @@ fn print_start(plan: &Plan) {
     ));
 }
 
-fn print_end(folder: &RunFolder, summary: &Summary) {
+fn print_end(folder: &RunFolder, figures: &Summary) {
     let (goalward, shown) = (programs::own_command(), folder.path().display());
     print_line(&format!(
         "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
          next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
-        summary.table()
+        summary::table(figures)
     ));
 }
 
