@@ -3,12 +3,15 @@
 Usage: curves.py OUT TITLE LABEL=RUN[,RUN...] [LABEL=RUN[,RUN...]]...
 
 Reads every RUN's log/updates-*.mcap with the public MCAP packages (requirements.txt beside this
-file), writes OUT.csv (one row per policy update) and OUT.svg (success rate of the last 100 training
-episodes against environment steps and against wall time; a thin line per seed, a thick mean).
+file) into OUT.csv, one row per policy update. What OUT.csv holds already stays, unless a run of the
+same label and seed comes in its place. Then draws all of it as OUT.svg (success rate of the last 100
+training episodes against environment steps and against wall time; a thin line per seed, a thick
+mean) and prints the mean success rate around whole steps.
 """
 
 import csv
 import glob
+import os
 import sys
 
 import matplotlib
@@ -19,6 +22,11 @@ import numpy as np
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap_protobuf.decoder import DecoderFactory
+
+COLUMNS = ["label", "seed", "iteration", "env_steps", "wall_s", "success_rate", "entropy",
+           "approximate_kl", "mean_proximity", "mean_uncertainty"]
+PRINTED_STEPS = [0.25e6, 0.5e6, 1e6, 1.5e6, 2e6, 3e6, 4e6, 5e6]
+WINDOW_STEPS = 50_000
 
 
 def updates(run):
@@ -41,34 +49,53 @@ def seed_of(run):
         return next(line.split("=")[1].strip() for line in file if line.startswith("seed"))
 
 
-def main():
-    out, title, groups = sys.argv[1], sys.argv[2], sys.argv[3:]
-    figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
-    with open(f"{out}.csv", "w", newline="") as file:
+def rows_of(label, run):
+    """A run as rows of the table."""
+    recorded, seed = updates(run), seed_of(run)
+    first_time, first = recorded[0]
+    start = first_time - int(1e9 * (first.rollout_s + first.update_s))
+    for time, u in recorded:
+        yield [label, seed, u.iteration, u.environment_steps, f"{(time - start) / 1e9:.1f}",
+               f"{u.success_rate:.2f}", f"{u.entropy:.4f}", f"{u.approximate_kl:.5f}",
+               f"{u.mean_proximity:.4f}", f"{u.mean_uncertainty:.4f}"]
+
+
+def read(path):
+    """Curves by label and seed, each a list of rows."""
+    curves = {}
+    if os.path.exists(path):
+        with open(path, newline="") as file:
+            for row in list(csv.reader(file))[1:]:
+                curves.setdefault((row[0], row[1]), []).append(row)
+    return curves
+
+
+def write(path, curves):
+    with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["label", "seed", "iteration", "env_steps", "wall_s", "success_rate",
-                         "entropy", "approximate_kl", "mean_proximity", "mean_uncertainty"])
-        for color, group in zip(["tab:blue", "tab:orange", "tab:green", "tab:red"], groups):
-            label, runs = group.split("=")
-            curves = []
-            for run in runs.split(","):
-                rows = updates(run)
-                start = rows[0][0] - int(1e9 * (rows[0][1].rollout_s + rows[0][1].update_s))
-                steps = np.array([update.environment_steps for _, update in rows])
-                wall = np.array([(time - start) / 1e9 for time, _ in rows])
-                success = np.array([update.success_rate for _, update in rows])
-                for (_, u), seconds in zip(rows, wall):
-                    writer.writerow([label, seed_of(run), u.iteration, u.environment_steps,
-                                     f"{seconds:.1f}", f"{u.success_rate:.2f}", f"{u.entropy:.4f}",
-                                     f"{u.approximate_kl:.5f}", f"{u.mean_proximity:.4f}",
-                                     f"{u.mean_uncertainty:.4f}"])
-                by_steps.plot(steps / 1e6, success, color=color, alpha=0.35, linewidth=0.8)
-                by_time.plot(wall / 60, success, color=color, alpha=0.6, linewidth=0.8)
-                curves.append((steps, success))
-            common = np.arange(0, min(steps[-1] for steps, _ in curves), 10_000)
-            mean = np.mean([np.interp(common, steps, success) for steps, success in curves], axis=0)
-            by_steps.plot(common / 1e6, mean, color=color, linewidth=2,
-                          label=f"{label} ({len(curves)} seed{'s' if len(curves) > 1 else ''})")
+        writer.writerow(COLUMNS)
+        for key in sorted(curves):
+            writer.writerows(curves[key])
+
+
+def column(rows, name):
+    return np.array([float(row[COLUMNS.index(name)]) for row in rows])
+
+
+def draw(path, title, curves):
+    figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
+    labels = sorted({label for label, _ in curves})
+    for color, label in zip(["tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"], labels):
+        seeds = [rows for (own, _), rows in sorted(curves.items()) if own == label]
+        for rows in seeds:
+            success = column(rows, "success_rate")
+            by_steps.plot(column(rows, "env_steps") / 1e6, success, color=color, alpha=0.35, lw=0.8)
+            by_time.plot(column(rows, "wall_s") / 60, success, color=color, alpha=0.6, lw=0.8)
+        common = np.arange(0, min(column(rows, "env_steps")[-1] for rows in seeds), 10_000)
+        mean = np.mean([np.interp(common, column(rows, "env_steps"), column(rows, "success_rate"))
+                        for rows in seeds], axis=0)
+        count = f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''}"
+        by_steps.plot(common / 1e6, mean, color=color, lw=2, label=f"{label} ({count})")
     by_steps.set_xlabel("environment steps, millions")
     by_time.set_xlabel("wall time, minutes")
     by_steps.set_ylabel("success, last 100 training episodes")
@@ -78,7 +105,28 @@ def main():
         axes.grid(alpha=0.3)
     figure.suptitle(title)
     figure.tight_layout()
-    figure.savefig(f"{out}.svg")
+    figure.savefig(path)
+
+
+def print_table(curves):
+    print("label, seed".ljust(24), *(f"{steps / 1e6:>6.2f}" for steps in PRINTED_STEPS), "  last")
+    for (label, seed), rows in sorted(curves.items()):
+        steps, success = column(rows, "env_steps"), column(rows, "success_rate")
+        near = [success[abs(steps - point) <= WINDOW_STEPS] for point in PRINTED_STEPS]
+        reached = [f"{100 * part.mean():6.0f}" if point <= steps[-1] + WINDOW_STEPS else " " * 6
+                   for point, part in zip(PRINTED_STEPS, near)]
+        print(f"{label}, {seed}".ljust(24), *reached, f"{100 * success[-1]:6.0f}")
+
+
+def main():
+    out, title, groups = sys.argv[1], sys.argv[2], sys.argv[3:]
+    curves = read(f"{out}.csv")
+    for label, runs in (group.split("=") for group in groups):
+        for run in runs.split(","):
+            curves[(label, seed_of(run))] = list(rows_of(label, run))
+    write(f"{out}.csv", curves)
+    draw(f"{out}.svg", title, curves)
+    print_table(curves)
 
 
 main()
