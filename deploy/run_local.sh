@@ -17,12 +17,14 @@ Builds Goalward (release) and trains on this machine.
 
 Usage: deploy/run_local.sh [TASK] [flags]
 
-TASK is navigation (the default). Without flags: 1,500,000 steps at 50 % coverage.
+TASK is navigation (the default), fetch-pick, fetch-push or ant-reach. Without flags: 1,500,000
+steps of navigation at 50 % coverage, or another task as its file in deploy/tasks says.
 Everything is passed on to `goalward train`; its most used flags:
 
   --preset goalward|paper|authors   values to begin with
   --steps N                         environment steps to train for
   --coverage X                      part of starts and goals in the demonstrations
+  --noise X                         how far the agent's starts and goals spread (not navigation)
   --seed N                          seed of every random stream
   --actors N                        actor processes; never changes the result
   --run DIR                         folder of the run (default: next free runs/TASK-NUMBER)

@@ -92,7 +92,7 @@ fn impossible_numbers() {
         if flag != "--episodes" {
             arguments.extend(["--episodes", "1"]);
         }
-        refused(&run, 2, &arguments, &[flag, number]);
+        refused(&run, 2, &arguments, &[flag.trim_start_matches('-'), number]);
     }
 }
 

@@ -4,12 +4,15 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use environments::Setting;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 use protocol::task::Task;
+
+use crate::demonstrate::{Recorded, Request, demonstrate};
+use crate::expert::Expert;
 
 /// Acts in environments.
 #[derive(Debug, Parser)]
@@ -37,9 +40,12 @@ enum Command {
         /// How many.
         #[arg(long)]
         episodes: u64,
-        /// Part of starts and goals they may have.
-        #[arg(long, default_value_t = 1.0)]
-        coverage: f64,
+        /// Starts and goals they may have, as JSON of `protocol::setting::Setting`.
+        #[arg(long, default_value = "{}")]
+        setting: String,
+        /// Folder of the run whose policy demonstrates; without it the task's own expert does.
+        #[arg(long)]
+        policy: Option<PathBuf>,
         /// Seed of the starts.
         #[arg(long, default_value_t = 1)]
         seed: u64,
@@ -71,13 +77,20 @@ fn run(command: Command) -> Result<()> {
             let stop = Stop::at_end_of_input();
             crate::rollout::rollout(&RunFolder::new(run), &name, &stop)
         }
-        Command::Demonstrate { task, episodes, coverage, seed, out } => {
+        Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
-            let setting = Setting { coverage, ..Setting::default() };
-            let request = crate::demonstrate::Request { task, episodes, setting, seed, file: &out };
-            let steps = crate::demonstrate::demonstrate(&request)?;
+            let setting: Setting = serde_json::from_str(&setting).context("--setting")?;
+            let expert = match policy {
+                Some(run) => Expert::of_run(&RunFolder::new(run), task)?,
+                None => Expert::Script,
+            };
+            let request = Request { task, episodes, setting, seed, file: &out };
+            let Recorded { steps, failures } = demonstrate(&request, expert)?;
             let out = out.display();
-            tracing::info!("{episodes} demonstrations with {steps} steps in {out}");
+            tracing::info!(
+                "{episodes} demonstrations with {steps} steps in {out}; the expert failed in \
+                 {failures} further episodes"
+            );
             Ok(())
         }
         Command::Evaluate { run, episodes } => {

@@ -1,14 +1,21 @@
 //! `goalward demonstrate`: an expert acts and its trajectories become a demonstrations file.
 
 use std::path::Path;
+use std::slice;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use environments::Setting;
+use protocol::config::ActionChoice;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use protocol::messages::Lease;
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
-use crate::episode::{Episode, EpisodeName};
+use crate::expert::Expert;
+use crate::lane::Lane;
+
+/// Episodes an expert may fail for each demonstration wanted.
+const FAILURES_PER_DEMONSTRATION: u64 = 2;
 
 /// What is to be recorded.
 pub struct Request<'a> {
@@ -24,41 +31,88 @@ pub struct Request<'a> {
     pub file: &'a Path,
 }
 
-/// Records demonstrations; returns the transitions they have together.
-pub fn demonstrate(request: &Request<'_>) -> Result<u64> {
+/// What was recorded.
+pub struct Recorded {
+    /// Transitions of the demonstrations together.
+    pub steps: u64,
+    /// Episodes in which the expert did not reach the goal; they are not in the file.
+    pub failures: u64,
+}
+
+/// Records demonstrations: episodes of the expert that reach the goal, up to the goal.
+pub fn demonstrate(request: &Request<'_>, expert: Expert) -> Result<Recorded> {
     let Request { task, episodes, setting, seed, file } = request;
     let metadata = Metadata::new(Kind::Demonstrations, task.name(), *seed)
         .with("episodes", episodes)
-        .with("coverage", setting.coverage);
+        .with("setting", serde_json::to_string(setting)?);
     let mut writer = FileWriter::create(file, &metadata, &[Topic::Trajectory])?;
-    let mut steps = 0;
-    for number in 0..*episodes {
-        let trajectory = demonstration(*task, setting, *seed, number)?;
-        ensure!(trajectory.success, "demonstration {number}: the expert did not reach the goal");
-        steps += u64::from(trajectory.steps);
+    let mut demonstrator = Demonstrator::begin(request, expert)?;
+    let mut recorded = Recorded { steps: 0, failures: 0 };
+    let mut number = 0;
+    while number < *episodes {
+        let trajectory = demonstrator.next_episode()?;
+        if !trajectory.success {
+            recorded.failures += 1;
+            let (failures, most) = (recorded.failures, episodes * FAILURES_PER_DEMONSTRATION);
+            ensure!(
+                failures <= most,
+                "expected an expert that reaches the goal, found {failures} failures beside \
+                 {number} demonstrations"
+            );
+            continue;
+        }
+        recorded.steps += u64::from(trajectory.steps);
         // The log time counts episodes: demonstrations of one seed are the same file every time.
         writer.trajectory(&Encoded::encode(trajectory), number)?;
+        number += 1;
     }
     writer.seal()?;
-    Ok(steps)
+    Ok(recorded)
 }
 
-fn demonstration(task: Task, setting: &Setting, seed: u64, number: u64) -> Result<Trajectory> {
-    let name = EpisodeName {
-        source: Source::Demonstration,
-        iteration: 0,
-        lane: 0,
-        episode: number,
-        policy_version: 0,
-        run_seed: seed,
-    };
-    let mut episode = Episode::begin(environments::create(task, setting)?, name)?;
-    let mut action = vec![0; task.spec().action.bytes()];
-    loop {
-        ensure!(episode.expert_action(&mut action), "{task} has no scripted expert");
-        let step = episode.step(&action, None).context("demonstration")?;
-        if let Some(trajectory) = step {
-            return Ok(trajectory);
+/// An expert at work in one lane.
+struct Demonstrator {
+    task: Task,
+    expert: Expert,
+    lane: Lane,
+    action: Vec<u8>,
+}
+
+impl Demonstrator {
+    fn begin(request: &Request<'_>, expert: Expert) -> Result<Demonstrator> {
+        let Request { task, setting, seed, .. } = request;
+        let lease = Lease {
+            source: Source::Demonstration as i32,
+            episodes_owed: u64::MAX,
+            ..Lease::default()
+        };
+        Ok(Demonstrator {
+            task: *task,
+            expert,
+            lane: Lane::begin(lease, *task, setting, *seed)?,
+            action: vec![0; task.spec().action.bytes()],
+        })
+    }
+
+    fn next_episode(&mut self) -> Result<Trajectory> {
+        loop {
+            let ended = match &mut self.expert {
+                Expert::Script => {
+                    let scripted = self.lane.episode.expert_action(&mut self.action);
+                    ensure!(
+                        scripted,
+                        "{} has no scripted expert; --policy names a run whose policy demonstrates",
+                        self.task
+                    );
+                    self.lane.step(&self.action, None)?
+                }
+                Expert::Policy(policy, version) => {
+                    policy.step(version, slice::from_mut(&mut self.lane), ActionChoice::Mode)?.pop()
+                }
+            };
+            if let Some(trajectory) = ended {
+                return Ok(trajectory);
+            }
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
-use environments::{Environment, Step};
+use environments::Environment;
 use protocol::seed::{self, Stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
-use protocol::trajectory::{Source, Trajectory};
+use protocol::trajectory::{Ending, Source, Trajectory};
 
 /// Which episode this is. With the policy's weights it decides every byte of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +34,7 @@ pub struct Episode {
     taken: Vec<u8>,
     log_probs: Vec<u8>,
     rewards: Vec<u8>,
+    steps_to_goal: u32,
 }
 
 impl Episode {
@@ -50,6 +51,7 @@ impl Episode {
             taken: Vec::new(),
             log_probs: Vec::new(),
             rewards: Vec::new(),
+            steps_to_goal: 0,
         };
         episode.begin_again(name)?;
         Ok(episode)
@@ -63,6 +65,7 @@ impl Episode {
         self.taken.clear();
         self.log_probs.clear();
         self.rewards.clear();
+        self.steps_to_goal = 0;
         self.observations.clear();
         self.observations.resize(self.spec.observation.bytes(), 0);
         let mut starts = seed::stream(name.run_seed, environment_purpose, name.lane, name.episode);
@@ -86,7 +89,8 @@ impl Episode {
         self.environment.expert_action(action)
     }
 
-    /// Acts. At the end of the episode the trajectory comes out.
+    /// Acts. At the end of the episode the trajectory comes out. A demonstration ends at the goal,
+    /// also in a task that would go on, and has no log-probabilities.
     pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
         let start = self.observations.len();
         self.observations.resize(start + self.spec.observation.bytes(), 0);
@@ -96,9 +100,16 @@ impl Episode {
             format!("lane {lane} episode {episode} step {}", self.steps())
         })?;
         self.taken.extend(action);
+        let demonstration = self.name.source == Source::Demonstration;
+        let log_prob = log_prob.filter(|_| !demonstration);
         self.log_probs.extend(log_prob.into_iter().flat_map(f32::to_le_bytes));
         self.rewards.extend(step.reward.to_le_bytes());
-        Ok(step.ending.is_some().then(|| self.trajectory(step)))
+        if step.success && self.steps_to_goal == 0 {
+            self.steps_to_goal = self.steps() as u32;
+        }
+        let at_goal = (demonstration && step.success).then_some(Ending::Terminated);
+        let ending = step.ending.or(at_goal);
+        Ok(ending.map(|ending| self.trajectory(ending)))
     }
 
     /// Steps taken.
@@ -106,7 +117,7 @@ impl Episode {
         self.rewards.len() / 4
     }
 
-    fn trajectory(&self, last: Step) -> Trajectory {
+    fn trajectory(&self, ending: Ending) -> Trajectory {
         let copy = |bytes: &[u8], wanted: bool| {
             if wanted { Bytes::copy_from_slice(bytes) } else { Bytes::new() }
         };
@@ -128,9 +139,10 @@ impl Episode {
             continuous_actions: copy(&self.taken, !discrete),
             log_probs: copy(&self.log_probs, true),
             environment_rewards: copy(&self.rewards, true),
-            ending: last.ending.map_or(0, |ending| ending as i32),
-            success: last.success,
+            ending: ending as i32,
+            success: self.steps_to_goal > 0,
             state_hash: self.environment.state_hash(),
+            steps_to_goal: self.steps_to_goal,
         }
     }
 }

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use environments::Setting;
 use protocol::config::RunConfig;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
@@ -12,8 +11,12 @@ use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
 use serde::Serialize;
 
+use crate::drawing::draw;
 use crate::lane::Lane;
 use crate::policy::Policy;
+
+/// Episodes of a file that a viewer can draw, the first ones.
+const DRAWN_EPISODES: usize = 20;
 
 /// What an evaluation found, as it is printed.
 #[derive(Debug, Serialize)]
@@ -65,7 +68,7 @@ fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Traje
             steps_owed: 0,
             episodes_owed,
         };
-        Lane::begin(lease, config.task, &Setting::default(), config.seed)
+        Lane::begin(lease, config.task, &config.environment, config.seed)
     };
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
@@ -91,9 +94,15 @@ fn record(
     }
     let metadata =
         Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
-    let mut writer = FileWriter::create(&file, &metadata, &[Topic::EvaluationTrajectory])?;
+    let topics = [Topic::EvaluationTrajectory, Topic::Scene];
+    let mut writer = FileWriter::create(&file, &metadata, &topics)?;
+    let mut environment = environments::create(config.task, &config.environment)?;
+    let mut time_ns = 0;
     for (number, trajectory) in trajectories.iter().enumerate() {
-        writer.trajectory(&Encoded::encode(trajectory.clone()), number as u64)?;
+        writer.trajectory(&Encoded::encode(trajectory.clone()), time_ns)?;
+        if number < DRAWN_EPISODES {
+            time_ns = draw(&mut writer, &mut *environment, trajectory, time_ns)?;
+        }
     }
     writer.seal()?;
     Ok(file)

@@ -5,8 +5,10 @@
 
 pub mod cli;
 pub mod demonstrate;
+pub mod drawing;
 pub mod episode;
 pub mod evaluate;
+pub mod expert;
 pub mod lane;
 pub mod policy;
 pub mod rollout;

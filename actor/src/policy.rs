@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
-use networks::{ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy};
+use networks::{
+    ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
+};
 use protocol::config::{ActionChoice, RunConfig};
 use protocol::messages::ActorSeconds;
 use protocol::task::Spec;
@@ -28,6 +30,7 @@ pub struct Policy {
 pub struct Version {
     /// Updates it has had.
     pub number: u64,
+    normalizer: RunningNormalizer,
     prepared: PreparedPolicy,
 }
 
@@ -49,7 +52,7 @@ impl Policy {
 
     /// Makes weights ready to act.
     pub fn version(&self, weights: &Weights) -> Result<Version> {
-        let parameters = weights.numbers();
+        let parameters = weights.parameter_numbers();
         let (expected, found) = (self.network.parameter_count(), parameters.len());
         ensure!(expected == found, "weights: expected {expected} parameters, found {found}");
         ensure!(
@@ -57,7 +60,11 @@ impl Policy {
             "weights of version {}: expected finite parameters",
             weights.version
         );
-        Ok(Version { number: weights.version, prepared: self.network.prepare(&parameters) })
+        Ok(Version {
+            number: weights.version,
+            normalizer: RunningNormalizer::from_numbers(&weights.moment_numbers()),
+            prepared: self.network.prepare(&parameters),
+        })
     }
 
     /// Takes one step in every lane. A lane's actions do not depend on the lanes beside it.
@@ -87,6 +94,7 @@ impl Policy {
         for lane in &*lanes {
             self.observations.extend(lane.episode.observation());
         }
+        version.normalizer.normalize(&mut self.observations);
         let batch = Batch::new(&self.observations);
         let outputs = self.network.act(&version.prepared, batch, &mut self.workspace);
         let distribution = self.network.distribution();

@@ -7,7 +7,6 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use environments::Setting;
 use prost::Message;
 use protocol::bus::{
     Bus, BusAddress, Client, Doorbell, NewestSubscriber, Pending, Role, SharedMemory,
@@ -167,8 +166,8 @@ impl Actor {
         let rollout = |lease: &Lease| (lease.source, lease.iteration);
         self.lanes.retain(|lane| rollout(&lane.lease) == rollout(first));
         for lease in leases {
-            let setting = Setting::default();
-            self.lanes.push(Lane::begin(*lease, self.config.task, &setting, self.config.seed)?);
+            let RunConfig { task, environment, seed, .. } = &self.config;
+            self.lanes.push(Lane::begin(*lease, *task, environment, *seed)?);
         }
         Ok(())
     }

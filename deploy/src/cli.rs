@@ -96,7 +96,6 @@ mod tests {
             "goalward train --wings 2",
             "goalward demonstrate navigation --out d.mcap",
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
-            "goalward demonstrate navigation --episodes 1 --coverage 0 --out d.mcap",
             "goalward log info",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();

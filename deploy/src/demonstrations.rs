@@ -9,6 +9,7 @@ use anyhow::{Context, Result, bail};
 use protocol::config::RunConfig;
 use protocol::log::{FileReader, Kind, Record};
 use protocol::run::RunFolder;
+use protocol::setting::Setting;
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
 
@@ -20,7 +21,9 @@ use crate::refusal::{Refusal, wrong_usage};
 pub(crate) struct Recording<'a> {
     pub(crate) task: Task,
     pub(crate) episodes: u64,
-    pub(crate) coverage: f64,
+    pub(crate) setting: Setting,
+    /// A run whose policy is the expert; without it the task's own.
+    pub(crate) policy: Option<&'a Path>,
     pub(crate) seed: u64,
     pub(crate) file: &'a Path,
 }
@@ -33,16 +36,19 @@ pub(crate) fn record(
     recording: &Recording<'_>,
     start: impl FnOnce(&mut Command) -> io::Result<ExitStatus>,
 ) -> Result<ExitStatus> {
-    let Recording { task, episodes, coverage, seed, file } = recording;
+    let Recording { task, episodes, setting, policy, seed, file } = recording;
     let mut actor = Program::Actor.command()?;
     actor
         .args(["demonstrate", task.name()])
         .args(["--episodes", &episodes.to_string()])
-        .args(["--coverage", &coverage.to_string()])
+        .args(["--setting", &serde_json::to_string(setting)?])
         .args(["--seed", &seed.to_string()])
         .arg("--out")
         .arg(file)
         .stdin(Stdio::null());
+    if let Some(run) = policy {
+        actor.arg("--policy").arg(run);
+    }
     start(&mut actor).context("starting the expert")
 }
 
@@ -61,7 +67,8 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<(
     let recording = Recording {
         task: config.task,
         episodes: config.demonstrations.episodes,
-        coverage: config.demonstrations.coverage,
+        setting: config.demonstration_setting(),
+        policy: None,
         seed: config.seed,
         file: &file,
     };

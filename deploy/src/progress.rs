@@ -157,7 +157,9 @@ fn line(progress: &Progress, per_second: f64) -> String {
     };
     let (done, wanted) = (update.environment_steps, progress.steps_wanted);
     let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
-    let proximity = progress.reward_update.as_ref().map_or(String::new(), |update| {
+    // The environment's own reward is not learned and has no versions.
+    let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
+    let proximity = learned.map_or(String::new(), |update| {
         let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
         format!("  proximity loss {}+{}", figures::number(demonstrations), figures::number(agent))
     });
@@ -232,6 +234,7 @@ mod tests {
             ..PolicyUpdate::default()
         };
         let reward_update = RewardUpdate {
+            model_version: 1,
             demonstration_loss: number,
             agent_loss: number,
             ..RewardUpdate::default()

@@ -6,6 +6,9 @@ use protocol::task::Task;
 pub(crate) fn file_of(task: Task) -> &'static str {
     match task {
         Task::Navigation => include_str!("../tasks/navigation.toml"),
+        Task::FetchPick => include_str!("../tasks/fetch_pick.toml"),
+        Task::FetchPush => include_str!("../tasks/fetch_push.toml"),
+        Task::AntReach => include_str!("../tasks/ant_reach.toml"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The check every action passes before it touches a state, whether a network chose it or a log
-//! holds it.
+//! holds it, and the scale by which a continuous one then acts.
 
-use crate::EnvironmentError;
+use crate::{EnvironmentError, Setting};
 use protocol::task::{ActionSpec, Spec, floats};
 
 /// Refuses an action that does not fit the spec: its length in bytes, a discrete action that the
@@ -30,16 +30,72 @@ pub(crate) fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> 
     Ok(())
 }
 
+/// What each number of a continuous action is multiplied with before it acts.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Scale {
+    /// One factor for each number, or none for a scale of one.
+    factors: Vec<f32>,
+}
+
+impl Scale {
+    pub(crate) fn new(setting: &Setting) -> Scale {
+        Scale { factors: setting.action_scale.clone() }
+    }
+
+    /// The numbers of a checked action as they act: scaled, then clipped to [-1, 1].
+    pub(crate) fn clipped<const LEN: usize>(&self, action: &[u8]) -> [f32; LEN] {
+        let mut numbers = [0.0; LEN];
+        for (index, (number, found)) in numbers.iter_mut().zip(floats(action)).enumerate() {
+            *number = (found * self.factor(index)).clamp(-1.0, 1.0);
+        }
+        numbers
+    }
+
+    /// The action whose scaled numbers are these, but for the last bit of rounding.
+    pub(crate) fn inverse<const LEN: usize>(&self, mut numbers: [f32; LEN]) -> [f32; LEN] {
+        for (index, number) in numbers.iter_mut().enumerate() {
+            *number /= self.factor(index);
+        }
+        numbers
+    }
+
+    fn factor(&self, index: usize) -> f32 {
+        self.factors.get(index).copied().unwrap_or(1.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use protocol::task::{Task, write_floats};
 
-    fn check_floats(numbers: [f32; 3]) -> Result<(), EnvironmentError> {
-        let spec = Spec { action: ActionSpec::Continuous { len: 3 }, ..Task::Navigation.spec() };
+    fn bytes(numbers: [f32; 3]) -> [u8; 12] {
         let mut action = [0; 12];
         write_floats(numbers, &mut action);
-        check(&spec, &action)
+        action
+    }
+
+    fn scale(factors: &[f32]) -> Scale {
+        Scale::new(&Setting { action_scale: factors.to_vec(), ..Setting::default() })
+    }
+
+    #[test]
+    fn an_action_is_scaled_before_it_is_clipped() {
+        assert_eq!(scale(&[]).clipped(&bytes([0.5, -3.0, 1.5])), [0.5, -1.0, 1.0]);
+        assert_eq!(scale(&[0.1, 0.25, 4.0]).clipped(&bytes([5.0, -2.0, 0.5])), [0.5, -0.5, 1.0]);
+    }
+
+    #[test]
+    fn the_inverse_of_a_scale_undoes_it() {
+        assert_eq!(scale(&[]).inverse([0.5, -3.0, 1.5]), [0.5, -3.0, 1.5]);
+        let scale = scale(&[0.5, 0.25, 4.0]);
+        assert_eq!(scale.inverse([0.5, -1.0, 1.0]), [1.0, -4.0, 0.25]);
+        assert_eq!(scale.clipped(&bytes(scale.inverse([0.5, -1.0, 1.0]))), [0.5, -1.0, 1.0]);
+    }
+
+    fn check_floats(numbers: [f32; 3]) -> Result<(), EnvironmentError> {
+        let spec = Spec { action: ActionSpec::Continuous { len: 3 }, ..Task::Navigation.spec() };
+        check(&spec, &bytes(numbers))
     }
 
     #[test]

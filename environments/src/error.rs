@@ -19,13 +19,20 @@ pub enum EnvironmentError {
         /// The fewest cells that will do.
         cells_min: usize,
     },
-    /// A setting with noise for a task that has none.
-    #[error("{task}: expected no noise, the task has none; found noise {found}")]
-    Noise {
-        /// The task asked for.
+    /// A setting that the task does not have.
+    #[error(transparent)]
+    Setting(#[from] protocol::Error),
+    /// A state with a number that is infinite or no number.
+    #[error("{task}: expected finite numbers in the state, found {found} in {part} at step {step}")]
+    StateNotFinite {
+        /// The task.
         task: Task,
-        /// The noise given.
-        found: f64,
+        /// The body or joint.
+        part: &'static str,
+        /// The number.
+        found: f32,
+        /// Steps taken in the episode.
+        step: u32,
     },
     /// An action of the wrong length.
     #[error("{task}: expected an action of {expected} bytes, found {found} bytes")]

@@ -3,8 +3,8 @@
 //! An environment is a pure function of its state and an action. It has no clock, no thread, no file
 //! and no randomness but the [`Stream`] handed to `reset`: the same stream and the same actions give
 //! the same bytes on every machine. Observations and actions are bytes laid out as
-//! [`protocol::task`] says; an environment writes them where the caller keeps them, and a step
-//! allocates nothing.
+//! [`protocol::task`] says; an environment writes them where the caller keeps them, and nothing of
+//! ours allocates in a step.
 //!
 //! ```
 //! use environments::{Setting, create};
@@ -28,12 +28,16 @@
 //! ```
 
 mod action;
+pub mod ant;
 mod error;
+pub mod fetch;
 pub mod navigation;
-mod setting;
+mod physics;
+mod scene;
 
 pub use error::EnvironmentError;
-pub use setting::Setting;
+pub use protocol::setting::Setting;
+pub use scene::{Pose, Shape, Solid};
 
 use protocol::seed::Stream;
 use protocol::task::{Spec, Task};
@@ -82,6 +86,14 @@ pub trait Environment: Send {
     /// The xxh3 hash of the exact state: two environments with the same hash answer the same actions
     /// with the same bytes. A replay compares it with the recorded one.
     fn state_hash(&self) -> u64;
+
+    /// The solids that a viewer draws, always the same; none for a task without physics.
+    fn solids(&self) -> &[Solid] {
+        &[]
+    }
+
+    /// Appends the present pose of every solid, in the order of [`Environment::solids`].
+    fn append_poses(&self, _poses: &mut Vec<Pose>) {}
 }
 
 /// What a step did.
@@ -100,7 +112,10 @@ pub struct Step {
 /// # Errors
 /// When the task does not have such a setting.
 pub fn create(task: Task, setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
+    setting.check("environment", &task.spec())?;
     match task {
         Task::Navigation => Ok(Box::new(navigation::Navigation::new(setting)?)),
+        Task::FetchPick | Task::FetchPush => Ok(Box::new(fetch::Fetch::new(task, setting)?)),
+        Task::AntReach => Ok(Box::new(ant::Ant::new(setting)?)),
     }
 }

@@ -14,7 +14,8 @@ const SIZE: usize = 19;
 const CELLS: usize = SIZE * SIZE;
 
 fn open(coverage: f64) -> Box<dyn Environment> {
-    create(Task::Navigation, &Setting { coverage, noise: None }).expect("a coverage of the paper")
+    let setting = Setting { coverage, ..Setting::default() };
+    create(Task::Navigation, &setting).expect("a coverage of the paper")
 }
 
 fn reset(environment: &mut dyn Environment, episode: u64) -> [u8; CELLS] {

@@ -1,6 +1,7 @@
 //! The batch of one iteration, laid out for the policy update: one row per environment step.
 
 use anyhow::{Result, ensure};
+use networks::RunningNormalizer;
 use protocol::messages::Score;
 use protocol::task::{Spec, floats};
 use protocol::trajectory::{Encoded, Ending};
@@ -66,6 +67,14 @@ impl Batch {
             });
         }
         Ok(batch)
+    }
+
+    /// Normalizes the observations as the policy sees them.
+    pub fn normalize(&mut self, normalizer: &RunningNormalizer) {
+        normalizer.normalize(&mut self.observations);
+        for episode in &mut self.episodes {
+            normalizer.normalize(&mut episode.last_observation);
+        }
     }
 
     /// Divides the rewards by the running deviation of the discounted return.

@@ -6,7 +6,6 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use protocol::messages::Checkpoint;
 use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
-use protocol::weights::{self, Weights};
 
 use crate::desk::{Entry, Order};
 use crate::trainer::Trainer;
@@ -36,7 +35,7 @@ impl Trainer {
             fs::remove_dir_all(unfinished)?;
         }
         fs::create_dir_all(unfinished)?;
-        let policy = Weights::new(self.state.iteration, &self.state.parameters);
+        let policy = self.state.policy.weights(self.state.iteration);
         policy.save(&unfinished.join(POLICY_FILE))?;
         self.state.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
@@ -45,7 +44,7 @@ impl Trainer {
         let checkpoint = Checkpoint {
             iteration: self.state.iteration,
             path: relative.display().to_string(),
-            policy_sha256: weights::sha256([&self.state.parameters[..]]),
+            policy_sha256: policy.sha256(),
             proximity_sha256,
         };
         self.desk.order(Order::Record(Entry::Checkpoint(checkpoint)))?;

@@ -6,9 +6,10 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
-use networks::Adam;
+use networks::{Adam, RunningNormalizer};
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
+use protocol::weights::Weights;
 
 use crate::reward_scale::RewardScale;
 use crate::rollout::LanePlan;
@@ -27,16 +28,33 @@ pub struct State {
     pub episodes: u64,
     /// Training wall time, seconds.
     pub wall_s: f64,
-    /// Parameters of the policy, as often updated as there were iterations.
-    pub parameters: Vec<f32>,
-    /// Parameters one update older: with lag 1 they still act.
-    pub previous_parameters: Vec<f32>,
+    /// The policy, as often updated as there were iterations.
+    pub policy: PolicyState,
+    /// The policy one update older: with lag 1 it still acts.
+    pub previous_policy: PolicyState,
     /// The policy's optimizer.
     pub optimizer: Adam,
     /// Running deviation of the discounted return.
     pub reward_scale: RewardScale,
     lanes: Vec<Lane>,
     successes: VecDeque<bool>,
+}
+
+/// Everything a policy acts by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolicyState {
+    /// Parameters of the networks.
+    pub parameters: Vec<f32>,
+    /// What observations are normalized by before the networks see them; of no numbers where they
+    /// are taken as they are.
+    pub normalizer: RunningNormalizer,
+}
+
+impl PolicyState {
+    /// The policy as a version that can act.
+    pub fn weights(&self, version: u64) -> Weights {
+        Weights::new(version, &self.parameters, &self.normalizer.to_numbers())
+    }
 }
 
 /// What a lane has run over its whole life.
@@ -48,14 +66,14 @@ struct Lane {
 
 impl State {
     /// The state before the first iteration.
-    pub fn fresh(parameters: Vec<f32>, optimizer: Adam, lanes: u64) -> State {
+    pub fn fresh(policy: PolicyState, optimizer: Adam, lanes: u64) -> State {
         State {
             iteration: 0,
             environment_steps: 0,
             episodes: 0,
             wall_s: 0.0,
-            previous_parameters: parameters.clone(),
-            parameters,
+            previous_policy: policy.clone(),
+            policy,
             optimizer,
             reward_scale: RewardScale::default(),
             lanes: vec![Lane::default(); lanes as usize],
@@ -103,8 +121,12 @@ impl State {
         let counts = [self.iteration, self.environment_steps, self.episodes];
         tensors.put_u64("counts", counts);
         tensors.put_f64("wall_s", [self.wall_s]);
-        tensors.put_f32("parameters", self.parameters.iter().copied());
-        tensors.put_f32("previous_parameters", self.previous_parameters.iter().copied());
+        for (name, policy) in [("policy", &self.policy), ("previous_policy", &self.previous_policy)]
+        {
+            let parameters = policy.parameters.iter().copied();
+            tensors.put_f32(&format!("{name}.parameters"), parameters);
+            tensors.put_f64(&format!("{name}.moments"), policy.normalizer.to_numbers());
+        }
         tensors.put_f32("adam.first_moment", self.optimizer.first_moment.iter().copied());
         tensors.put_f32("adam.second_moment", self.optimizer.second_moment.iter().copied());
         tensors.put_u64("adam.step", [self.optimizer.step]);
@@ -127,7 +149,20 @@ impl State {
     fn from_tensors(tensors: &Tensors, fresh: State) -> Result<State, String> {
         let counts = exactly("counts", 3, tensors.u64("counts")?)?;
         let scale = exactly("reward_scale", 3, tensors.f64("reward_scale")?)?;
-        let size = fresh.parameters.len();
+        let size = fresh.policy.parameters.len();
+        let policy = |name: &str| -> Result<PolicyState, String> {
+            let parameters = format!("{name}.parameters");
+            let moments = format!("{name}.moments");
+            let count = fresh.policy.normalizer.to_numbers().len();
+            Ok(PolicyState {
+                parameters: exactly(&parameters, size, tensors.f32(&parameters)?)?,
+                normalizer: RunningNormalizer::from_numbers(&exactly(
+                    &moments,
+                    count,
+                    tensors.f64(&moments)?,
+                )?),
+            })
+        };
         let numbers = |name| exactly(name, size, tensors.f32(name)?);
         let lane_numbers = |name| exactly(name, fresh.lanes.len(), tensors.u64(name)?);
         let lanes = lane_numbers("lanes.episodes")?.into_iter().zip(lane_numbers("lanes.steps")?);
@@ -140,8 +175,8 @@ impl State {
             environment_steps: counts[1],
             episodes: counts[2],
             wall_s: exactly("wall_s", 1, tensors.f64("wall_s")?)?[0],
-            parameters: numbers("parameters")?,
-            previous_parameters: numbers("previous_parameters")?,
+            policy: policy("policy")?,
+            previous_policy: policy("previous_policy")?,
             optimizer,
             reward_scale: RewardScale { mean: scale[0], variance: scale[1], count: scale[2] },
             lanes: lanes.map(|(episodes, steps)| Lane { episodes, steps }).collect(),

@@ -6,7 +6,6 @@ use anyhow::Result;
 use protocol::messages::Phase;
 use protocol::summary::{EvaluationFigures, LogFigures, Summary};
 use protocol::trajectory::Encoded;
-use protocol::weights;
 
 use crate::trainer::Trainer;
 
@@ -59,7 +58,7 @@ impl Trainer {
             },
             wall_s: state.wall_s,
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
-            policy_sha256: weights::sha256([&state.parameters[..]]),
+            policy_sha256: state.policy.weights(state.iteration).sha256(),
             proximity_sha256: reward_update.weights_sha256,
             log: LogFigures {
                 trajectories: state.episodes + evaluation.len() as u64,

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use networks::{ActorCritic, Adam, PolicyArchitecture};
+use networks::{ActorCritic, Adam, PolicyArchitecture, RunningNormalizer};
 use prost::Message;
 use protocol::bus::{Bus, BusAddress};
 use protocol::config::{RunConfig, UpdateOrder};
@@ -13,9 +13,8 @@ use protocol::process::Stop;
 use protocol::run::{LEARNER_FILE, PROXIMITY_FILE, RunFolder};
 use protocol::seed::{self, Purpose};
 use protocol::summary::Seconds;
-use protocol::task::Spec;
+use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::{Encoded, Source};
-use protocol::weights::{self, Weights};
 
 use crate::algorithm::Figures;
 use crate::algorithm::ppo::{Ppo, Schedule};
@@ -23,7 +22,7 @@ use crate::batch::Batch;
 use crate::desk::{DeskHandle, Entry, Order, Setup};
 use crate::rollout::{LanePlan, Rollout};
 use crate::scoring::Scoring;
-use crate::state::State;
+use crate::state::{PolicyState, State};
 
 /// How often a waiting trainer looks whether it is to stop.
 const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
@@ -70,7 +69,7 @@ impl Trainer {
         let setup = Setup {
             address,
             spec,
-            weights_bytes: Weights::new(u64::MAX, &state.parameters).encoded_len(),
+            weights_bytes: state.policy.weights(u64::MAX).encoded_len(),
             lease_timeout: Duration::from_millis(config.resources.lease_timeout_ms),
             log: open_log(folder, &config)?,
         };
@@ -207,9 +206,14 @@ impl Trainer {
         }
         let schedule =
             Schedule { run_seed: self.config.seed, iteration: self.state.iteration, learning_rate };
-        let State { parameters, previous_parameters, optimizer, .. } = &mut self.state;
-        previous_parameters.clone_from(parameters);
-        Ok(self.ppo.update(parameters, optimizer, &batch, &schedule))
+        let State { policy, previous_policy, optimizer, .. } = &mut self.state;
+        previous_policy.clone_from(policy);
+        batch.normalize(&policy.normalizer);
+        let figures = self.ppo.update(&mut policy.parameters, optimizer, &batch, &schedule);
+        for encoded in trajectories {
+            policy.normalizer.update(encoded.trajectory.observations());
+        }
+        Ok(figures)
     }
 
     /// Falls linearly to 0 over `decay_steps`, or over the run.
@@ -252,7 +256,7 @@ impl Trainer {
             mean_proximity: mean(scores, |score| &score.proximity),
             mean_uncertainty: mean(scores, |score| &score.uncertainty),
             mean_episode_steps: steps as f64 / trajectories.len() as f64,
-            weights_sha256: weights::sha256([&self.state.parameters[..]]),
+            weights_sha256: self.state.policy.weights(self.state.iteration).sha256(),
             rollout_s: times.rollout_s,
             scoring_s: times.scoring_s,
             update_s: times.update_s,
@@ -296,10 +300,10 @@ impl Trainer {
     fn publish_weights(&mut self) -> Result<()> {
         let version = self.state.iteration;
         if self.config.rollout.lag == 1 && version > 0 {
-            let previous = Weights::new(version - 1, &self.state.previous_parameters);
+            let previous = self.state.previous_policy.weights(version - 1);
             self.desk.order(Order::Publish(previous))?;
         }
-        self.desk.order(Order::Publish(Weights::new(version, &self.state.parameters)))
+        self.desk.order(Order::Publish(self.state.policy.weights(version)))
     }
 
     /// Runs evaluation episodes with the final policy; none if a stop comes before their end.
@@ -322,7 +326,12 @@ fn initial_state(folder: &RunFolder, config: &RunConfig, network: &ActorCritic) 
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
     let optimizer = Adam::new(parameters.len(), config.ppo.adam_epsilon);
-    let fresh = State::fresh(parameters, optimizer, config.rollout.lanes);
+    let normalized = match config.task.spec().observation {
+        ObservationSpec::Vector { len } if config.policy.normalize_observations => len,
+        _ => 0,
+    };
+    let policy = PolicyState { parameters, normalizer: RunningNormalizer::new(normalized) };
+    let fresh = State::fresh(policy, optimizer, config.rollout.lanes);
     match folder.newest_checkpoint() {
         None => Ok(fresh),
         Some((iteration, checkpoint)) => {

@@ -2,7 +2,7 @@
 //!
 //! Batches are merged by Chan's parallel update in double precision, in the order they are given.
 
-use protocol::task::{floats, write_floats};
+use protocol::task::floats;
 use serde::{Deserialize, Serialize};
 
 /// What is added to a variance before its root is taken.
@@ -63,12 +63,30 @@ impl RunningNormalizer {
         Self { moments: vec![RunningMoments::default(); len] }
     }
 
+    /// Mean, variance and count of each number, one after another: all there is to keep.
+    pub fn to_numbers(&self) -> Vec<f64> {
+        let numbers = |moments: &RunningMoments| [moments.mean, moments.variance, moments.count];
+        self.moments.iter().flat_map(numbers).collect()
+    }
+
+    /// What [`RunningNormalizer::to_numbers`] gave.
+    pub fn from_numbers(numbers: &[f64]) -> Self {
+        let moments = |three: &[f64; 3]| {
+            let [mean, variance, count] = *three;
+            RunningMoments { mean, variance, count }
+        };
+        Self { moments: numbers.as_chunks().0.iter().map(moments).collect() }
+    }
+
     /// Takes in observations, given as their bytes one after another.
     ///
     /// # Panics
     /// If they are not whole observations.
     pub fn update(&mut self, observations: &[u8]) {
         let len = self.moments.len();
+        if len == 0 {
+            return;
+        }
         assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
         let rows = observations.len() / (4 * len);
         for (index, moments) in self.moments.iter_mut().enumerate() {
@@ -80,21 +98,23 @@ impl RunningNormalizer {
         }
     }
 
-    /// Writes normalized observations, given and written as bytes one after another.
+    /// Normalizes observations in place, given as their bytes one after another. A normalizer of
+    /// no numbers leaves them as they are.
     ///
     /// # Panics
-    /// If they are not whole observations, or the lengths differ.
-    pub fn normalize(&self, observations: &[u8], normalized: &mut [u8]) {
+    /// If they are not whole observations.
+    pub fn normalize(&self, observations: &mut [u8]) {
         let len = self.moments.len();
+        if len == 0 {
+            return;
+        }
         assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
-        assert_eq!(observations.len(), normalized.len(), "as many observations out as in");
-        let rows = observations.chunks_exact(4 * len).zip(normalized.chunks_exact_mut(4 * len));
-        for (row, normalized) in rows {
-            let numbers = floats(row).zip(&self.moments).map(|(number, moments)| {
-                let distance = (f64::from(number) - moments.mean) / moments.deviation();
-                distance.clamp(-CLIP, CLIP) as f32
-            });
-            write_floats(numbers, normalized);
+        for row in observations.chunks_exact_mut(4 * len) {
+            for (number, moments) in row.as_chunks_mut::<4>().0.iter_mut().zip(&self.moments) {
+                let distance = f64::from(f32::from_le_bytes(*number)) - moments.mean;
+                let normalized = (distance / moments.deviation()).clamp(-CLIP, CLIP);
+                *number = (normalized as f32).to_le_bytes();
+            }
         }
     }
 }
@@ -124,10 +144,11 @@ mod tests {
         };
         let mut normalizer = RunningNormalizer::new(2);
         normalizer.update(&bytes(&[1.0, 5.0, 3.0, 5.0]));
-        let mut normalized = vec![0; 16];
-        normalizer.normalize(&bytes(&[3.0, 5.0, 1e9, -1e9]), &mut normalized);
+        let mut normalized = bytes(&[3.0, 5.0, 1e9, -1e9]);
+        normalizer.normalize(&mut normalized);
         let numbers: Vec<f32> = floats(&normalized).collect();
         assert!((numbers[0] - 1.0).abs() < 1e-3 && numbers[1].abs() < 0.1);
         assert_eq!(numbers[2..], [10.0, -10.0]);
+        assert_eq!(RunningNormalizer::from_numbers(&normalizer.to_numbers()), normalizer);
     }
 }

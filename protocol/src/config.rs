@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::Error;
-use crate::task::Task;
+use crate::error::{out_of_range, within};
+use crate::setting::Setting;
+use crate::task::{ObservationSpec, Task};
 
 /// The preset a task's file holds without a table of its own.
 pub const DEFAULT_PRESET: &str = "goalward";
@@ -29,6 +31,9 @@ pub struct RunConfig {
     pub seed: u64,
     /// Environment steps to train for; the run ends with the iteration that reaches them.
     pub steps: u64,
+    /// The starts and goals the agent is trained and evaluated on, and how its actions act.
+    #[serde(default)]
+    pub environment: Setting,
     /// Which demonstrations the run learns from.
     pub demonstrations: DemonstrationConfig,
     /// How the policy is rolled out.
@@ -79,6 +84,9 @@ pub struct DemonstrationConfig {
     pub episodes: u64,
     /// Part of starts and goals they may use, in (0, 1].
     pub coverage: f64,
+    /// How far their starts and goals spread ([`Setting::noise`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
 }
 
 /// Lanes and their steps.
@@ -113,6 +121,8 @@ pub struct PolicyConfig {
     pub hidden: Vec<usize>,
     /// Whether actor and critic share the encoder, for grid tasks.
     pub shared_trunk: bool,
+    /// Whether observations are shifted and scaled by their running moments, for vector tasks.
+    pub normalize_observations: bool,
 }
 
 /// Proximal policy optimization.
@@ -337,6 +347,12 @@ impl RunConfig {
         stripped(self) == stripped(other)
     }
 
+    /// What an expert's demonstrations for this run start from and reach.
+    pub fn demonstration_setting(&self) -> Setting {
+        let DemonstrationConfig { coverage, noise, .. } = self.demonstrations;
+        Setting { coverage, noise, ..self.environment.clone() }
+    }
+
     /// Environment steps of one iteration, on average.
     pub fn iteration_steps(&self) -> u64 {
         self.rollout.lanes * self.rollout.lane_steps
@@ -367,6 +383,9 @@ impl RunConfig {
         for (key, number) in at_least_one {
             within(key, number >= 1, "at least 1", number)?;
         }
+        let spec = self.task.spec();
+        self.environment.check("environment", &spec)?;
+        self.demonstration_setting().check("demonstrations", &spec)?;
         self.check_limits()?;
         self.check_fractions()
     }
@@ -379,6 +398,9 @@ impl RunConfig {
         let (lane_steps, horizon) = (self.rollout.lane_steps, self.task.spec().horizon_steps);
         let expected = format!("at least the longest episode, {horizon}");
         within("rollout.lane_steps", lane_steps >= u64::from(horizon), &expected, lane_steps)?;
+        let normalized = self.policy.normalize_observations;
+        let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
+        within("policy.normalize_observations", vector || !normalized, "false for a grid", true)?;
         let actors = self.resources.actors;
         within("resources.actors", actors <= 64, "at most 64", actors)?;
         let ensemble = self.reward.ensemble;
@@ -417,7 +439,6 @@ impl RunConfig {
             within(key, number.is_finite() && number >= 0.0, "0 or above", number)?;
         }
         let unit = [
-            ("demonstrations.coverage", self.demonstrations.coverage),
             ("ppo.gamma", self.ppo.gamma),
             ("ppo.gae_lambda", self.ppo.gae_lambda),
             ("reward.delta", self.reward.delta),
@@ -449,21 +470,4 @@ fn parse_setting(setting: &str) -> Result<Table, String> {
     line.parse::<Table>()
         .or_else(|_| quoted().parse::<Table>())
         .map_err(|error| error.message().to_owned())
-}
-
-fn within(
-    key: &str,
-    holds: bool,
-    expected: &str,
-    found: impl std::fmt::Display,
-) -> Result<(), Error> {
-    if holds { Ok(()) } else { Err(out_of_range(key, expected, found)) }
-}
-
-fn out_of_range(key: &str, expected: &str, found: impl std::fmt::Display) -> Error {
-    Error::Configuration {
-        key: key.to_owned(),
-        expected: expected.to_owned(),
-        found: found.to_string(),
-    }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 /// What can go wrong while processes talk, record or read a configuration.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A task name that is none of ours.
     #[error("unknown task `{found}`; known tasks: {known}")]
@@ -99,4 +99,23 @@ pub enum Error {
         /// What was expected and what was met.
         message: String,
     },
+}
+
+/// Refuses a configuration value unless it holds.
+pub(crate) fn within(
+    key: &str,
+    holds: bool,
+    expected: &str,
+    found: impl std::fmt::Display,
+) -> Result<(), Error> {
+    if holds { Ok(()) } else { Err(out_of_range(key, expected, found)) }
+}
+
+/// The refusal of a configuration value.
+pub(crate) fn out_of_range(key: &str, expected: &str, found: impl std::fmt::Display) -> Error {
+    Error::Configuration {
+        key: key.to_owned(),
+        expected: expected.to_owned(),
+        found: found.to_string(),
+    }
 }

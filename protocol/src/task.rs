@@ -12,29 +12,47 @@ use serde::{Deserialize, Serialize};
 pub enum Task {
     /// Four rooms on a 19 x 19 grid (paper, Section 4.3).
     Navigation,
+    /// A gripper lifts a cube to a goal in the air (Section 4.4).
+    FetchPick,
+    /// A gripper pushes a cube to a goal on the table (Section 4.4).
+    FetchPush,
+    /// A quadruped walks to a goal five meters away (Section 4.5).
+    AntReach,
 }
 
 impl Task {
     /// Every task, in the order of the paper.
-    pub const ALL: [Task; 1] = [Task::Navigation];
+    pub const ALL: [Task; 4] = [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach];
 
     /// The name users type and the log carries.
     pub fn name(self) -> &'static str {
         match self {
             Task::Navigation => "navigation",
+            Task::FetchPick => "fetch-pick",
+            Task::FetchPush => "fetch-push",
+            Task::AntReach => "ant-reach",
         }
     }
 
     /// The shapes of the task (Table 1).
     pub fn spec(self) -> Spec {
-        match self {
-            Task::Navigation => Spec {
-                task: self,
-                observation: ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
-                action: ActionSpec::Discrete { count: 4 },
-                horizon_steps: 100,
-            },
-        }
+        let (observation, action, horizon_steps) = match self {
+            Task::Navigation => (
+                ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
+                ActionSpec::Discrete { count: 4 },
+                100,
+            ),
+            Task::FetchPick => {
+                (ObservationSpec::Vector { len: 16 }, ActionSpec::Continuous { len: 4 }, 50)
+            }
+            Task::FetchPush => {
+                (ObservationSpec::Vector { len: 16 }, ActionSpec::Continuous { len: 3 }, 60)
+            }
+            Task::AntReach => {
+                (ObservationSpec::Vector { len: 132 }, ActionSpec::Continuous { len: 8 }, 50)
+            }
+        };
+        Spec { task: self, observation, action, horizon_steps }
     }
 }
 

@@ -67,6 +67,9 @@ pub struct Trajectory {
     /// Hash of the environment's final state.
     #[prost(fixed64, tag = "18")]
     pub state_hash: u64,
+    /// Steps after which the goal was first reached; 0 if it was not.
+    #[prost(uint32, tag = "19")]
+    pub steps_to_goal: u32,
 }
 
 /// Who produced a trajectory, and what for.
@@ -157,6 +160,13 @@ impl Trajectory {
         if self.cells.is_empty() { &self.values } else { &self.cells }
     }
 
+    /// The observations up to the goal, its own included; all of them if it was not reached.
+    pub fn observations_to_goal(&self) -> &[u8] {
+        let all = self.observations();
+        let one = all.len() / (self.steps as usize + 1);
+        if self.success { &all[..one * (self.steps_to_goal as usize + 1)] } else { all }
+    }
+
     /// All actions, one after another, each of the spec's length in bytes.
     pub fn actions(&self) -> &[u8] {
         if self.discrete_actions.is_empty() {
@@ -175,6 +185,7 @@ impl Trajectory {
             let expected = format!("1 to {}", spec.horizon_steps);
             return Err(mismatch("steps", expected, steps));
         }
+        self.check_goal()?;
         let (cells, values) = match spec.observation {
             ObservationSpec::Cells { .. } => ((steps + 1) * spec.observation.bytes(), 0),
             ObservationSpec::Vector { .. } => (0, (steps + 1) * spec.observation.bytes()),
@@ -198,6 +209,16 @@ impl Trajectory {
         }
         let log_probs = if demonstration { 0 } else { 4 * self.steps as usize };
         expect("bytes of log-probabilities", log_probs, self.log_probs.len())
+    }
+
+    /// A demonstration ends at the goal, whatever it says of it.
+    fn check_goal(&self) -> Result<(), Error> {
+        let reached = if self.success { 1..=self.steps } else { 0..=0 };
+        let demonstration = self.source == Source::Demonstration as i32;
+        if demonstration || reached.contains(&self.steps_to_goal) {
+            return Ok(());
+        }
+        Err(mismatch("steps to the goal", format!("{reached:?}"), self.steps_to_goal))
     }
 
     fn check_contents(&self, spec: &Spec) -> Result<(), Error> {

@@ -18,24 +18,40 @@ pub struct Weights {
     /// Little-endian `f32` parameters, in the order of `networks::ActorCritic`.
     #[prost(bytes = "bytes", tag = "2")]
     pub parameters: Bytes,
+    /// Little-endian `f64` moments that observations are normalized by, in the order of
+    /// `networks::RunningNormalizer`; empty where they are taken as they are.
+    #[prost(bytes = "bytes", tag = "3")]
+    pub moments: Bytes,
 }
 
 impl Weights {
-    /// A version of the policy with these parameters.
-    pub fn new(version: u64, parameters: &[f32]) -> Weights {
-        Weights { version, parameters: to_bytes(parameters) }
+    /// A version of the policy with these parameters and moments.
+    pub fn new(version: u64, parameters: &[f32], moments: &[f64]) -> Weights {
+        let moments = moments.iter().flat_map(|number| number.to_le_bytes()).collect();
+        Weights { version, parameters: to_bytes(parameters), moments }
     }
 
     /// The parameters as numbers.
-    pub fn numbers(&self) -> Vec<f32> {
+    pub fn parameter_numbers(&self) -> Vec<f32> {
         task::floats(&self.parameters).collect()
+    }
+
+    /// The moments as numbers.
+    pub fn moment_numbers(&self) -> Vec<f64> {
+        self.moments.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+    }
+
+    /// SHA-256 of parameters and moments, in lower-case hexadecimal.
+    pub fn sha256(&self) -> String {
+        hexadecimal(Sha256::new().chain_update(&self.parameters).chain_update(&self.moments))
     }
 
     /// Writes a safetensors file.
     pub fn save(&self, path: &Path) -> Result<(), Error> {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
-        tensors.put_f32("parameters", self.numbers());
+        tensors.put_f32("parameters", self.parameter_numbers());
+        tensors.put_f64("moments", self.moment_numbers());
         tensors.save(path)
     }
 
@@ -44,8 +60,9 @@ impl Weights {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
         let tensors = Tensors::load(path)?;
         let parameters = tensors.f32("parameters").map_err(failed)?;
+        let moments = tensors.f64("moments").map_err(failed)?;
         match tensors.u64("version").map_err(failed)?[..] {
-            [version] => Ok(Weights::new(version, &parameters)),
+            [version] => Ok(Weights::new(version, &parameters, &moments)),
             _ => Err(failed("expected one version".to_owned())),
         }
     }
@@ -64,5 +81,9 @@ pub fn sha256<'a>(parts: impl IntoIterator<Item = &'a [f32]>) -> String {
     for part in parts {
         hasher.update(to_bytes(part));
     }
+    hexadecimal(hasher)
+}
+
+fn hexadecimal(hasher: Sha256) -> String {
     hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }

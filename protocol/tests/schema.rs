@@ -9,7 +9,7 @@ use bytes::Bytes;
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, ReflectMessage, Value};
 use protocol::log::Topic;
-use protocol::log::topic::SCHEMA;
+use protocol::log::topic::{SCENE_SCHEMA, SCHEMA};
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
 use protocol::trajectory::{Ending, Source, Trajectory, TrajectoryKey};
 
@@ -18,20 +18,22 @@ fn schema_folder() -> PathBuf {
 }
 
 #[test]
-fn the_committed_schema_is_what_the_proto_compiles_to() {
-    let mut compiler = protox::Compiler::new([schema_folder()]).unwrap();
-    compiler.include_source_info(false).include_imports(true);
-    compiler.open_file("goalward.proto").unwrap();
-    let compiled = compiler.encode_file_descriptor_set();
-    if std::env::var_os("GOALWARD_WRITE_SCHEMA").is_some() {
-        std::fs::write(schema_folder().join("goalward.bin"), &compiled).unwrap();
-        return;
+fn the_committed_schemas_are_what_the_protos_compile_to() {
+    for (name, committed) in [("goalward", SCHEMA), ("scene", SCENE_SCHEMA)] {
+        let mut compiler = protox::Compiler::new([schema_folder()]).unwrap();
+        compiler.include_source_info(false).include_imports(true);
+        compiler.open_file(format!("{name}.proto")).unwrap();
+        let compiled = compiler.encode_file_descriptor_set();
+        if std::env::var_os("GOALWARD_WRITE_SCHEMA").is_some() {
+            std::fs::write(schema_folder().join(format!("{name}.bin")), &compiled).unwrap();
+        } else {
+            assert!(
+                compiled == committed,
+                "schema/{name}.bin is not what schema/{name}.proto compiles to; \
+                 run this test once with GOALWARD_WRITE_SCHEMA=1"
+            );
+        }
     }
-    assert!(
-        compiled == SCHEMA,
-        "schema/goalward.bin is not what schema/goalward.proto compiles to; \
-         run this test once with GOALWARD_WRITE_SCHEMA=1"
-    );
 }
 
 /// Decodes our bytes by the schema: every field of the schema is there, and nothing else is.
@@ -91,6 +93,7 @@ fn trajectory() {
         ending: Ending::Truncated as i32,
         success: true,
         state_hash: 1 << 40,
+        steps_to_goal: 19,
     };
     let theirs = by_schema("goalward.v1.Trajectory", &ours.encode_to_vec());
     assert_eq!(text(&theirs, "task"), "navigation");
@@ -110,6 +113,7 @@ fn trajectory() {
     assert_eq!(number(&theirs, "ending"), 1.0);
     assert_eq!(number(&theirs, "success"), 1.0);
     assert_eq!(number(&theirs, "state_hash"), (1u64 << 40) as f64);
+    assert_eq!(number(&theirs, "steps_to_goal"), 19.0);
 }
 
 /// A trajectory whose arrays are declared as numbers, as anybody else would.

@@ -29,9 +29,9 @@ impl Experience {
         self.bytes.is_empty()
     }
 
-    /// Takes in every observation of an episode; the oldest make room.
+    /// Takes in the observations of an episode up to the goal; the oldest make room.
     pub fn push(&mut self, trajectory: &Trajectory) {
-        self.push_bytes(trajectory.observations());
+        self.push_bytes(trajectory.observations_to_goal());
     }
 
     /// Takes in observations, one after another.

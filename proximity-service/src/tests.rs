@@ -51,6 +51,7 @@ fn walk(row: f32, source: Source) -> Trajectory {
         discrete_actions: Bytes::from(vec![0; 10]),
         log_probs: vec![0; log_probs].into(),
         success: true,
+        steps_to_goal: 10,
         ..Trajectory::default()
     }
 }

@@ -54,6 +54,26 @@ pub const SMALL: [&str; 18] = [
     "resources.actors=2",
 ];
 
+/// What [`SMALL`] is for the physics tasks, but 8 iterations long.
+pub const SMALL_PHYSICS: [&str; 16] = [
+    "steps=3200",
+    "rollout.lanes=4",
+    "rollout.lane_steps=100",
+    "policy.hidden=[16, 16]",
+    "ppo.minibatches=2",
+    "ppo.epochs=1",
+    "reward.hidden=[16, 16]",
+    "reward.batch=32",
+    "reward.samples=64",
+    "reward.experience=500",
+    "reward.ensemble=2",
+    "demonstrations.episodes=10",
+    "evaluation.episodes=4",
+    "checkpoint.iterations=2",
+    "checkpoint.keep=10",
+    "resources.actors=2",
+];
+
 /// Nothing a test waits for takes as long on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(240);
 
@@ -121,11 +141,16 @@ impl TestRun {
         command
     }
 
-    /// Starts `goalward train` on a new run with [`SMALL`] and then `settings`.
+    /// Starts `goalward train navigation` on a new run with [`SMALL`] and then `settings`.
     pub fn train(&self, settings: &[&str]) -> Training<'_> {
+        self.train_task("navigation", &SMALL, settings)
+    }
+
+    /// Starts `goalward train` on a new run of a task with `small` and then `settings`.
+    pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
-        command.args(["train", "navigation"]);
-        for setting in SMALL.iter().chain(settings) {
+        command.args(["train", task]);
+        for setting in small.iter().chain(settings) {
             command.args(["--set", setting]);
         }
         self.start(command)

@@ -143,6 +143,8 @@ fn transport_and_log_are_behind_one_module_each() {
     keep("only protocol/src/bus names iceoryx2", bus);
     let log = places(outside("protocol/src/log/"), ["mcap::", "use mcap", "extern crate mcap"]);
     keep("only protocol/src/log names mcap", log);
+    let physics = places(outside("environments/src/"), ["rapier3d"]);
+    keep("only environments/src names rapier3d", physics);
 }
 
 #[test]

@@ -6,23 +6,30 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
+use protocol::config::{DEFAULT_PRESET, RunConfig};
 use protocol::task::Task;
 
 use crate::demonstrations::{self, Recording};
-use crate::programs;
 use crate::refusal::wrong_usage;
+use crate::{programs, tasks};
 
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation.
+    /// Task: navigation, fetch-pick, fetch-push or ant-reach.
     task: Task,
     /// Episodes to record.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: u64,
     /// Part of starts and goals that demonstrations may use, above 0 and at most 1.
-    #[arg(long, default_value_t = 1.0, value_parser = coverage)]
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     coverage: f64,
+    /// How far starts and goals spread, in the task's own measure.
+    #[arg(long, allow_negative_numbers = true)]
+    noise: Option<f64>,
+    /// Run whose policy is the expert; without it the task's own expert is.
+    #[arg(long, value_name = "RUN")]
+    policy: Option<PathBuf>,
     /// Seed of the starts and goals.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -33,18 +40,17 @@ pub(crate) struct Arguments {
 
 /// Records demonstrations; the exit code is that of the actor.
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let &Arguments { task, episodes, coverage, seed, ref out } = arguments;
+    let &Arguments { task, episodes, coverage, noise, ref policy, seed, ref out } = arguments;
     if out.exists() {
         return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
     }
-    let recording = Recording { task, episodes, coverage, seed, file: out };
+    let mut config = RunConfig::assemble(tasks::file_of(task), DEFAULT_PRESET, &[])?;
+    config.demonstrations.coverage = coverage;
+    config.demonstrations.noise = noise;
+    let setting = config.demonstration_setting();
+    setting.check("demonstrations", &task.spec())?;
+    let policy = policy.as_deref();
+    let recording = Recording { task, episodes, setting, policy, seed, file: out };
     let status = demonstrations::record(&recording, std::process::Command::status)?;
     Ok(programs::exit_code(status))
-}
-
-fn coverage(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(part) if part > 0.0 && part <= 1.0 => Ok(part),
-        _ => Err("expected a number above 0 and at most 1".to_owned()),
-    }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use protocol::bus::check_shared_memory_room;
-use protocol::config::RunConfig;
+use protocol::config::{Method, RunConfig};
 use protocol::log::require_room;
 use protocol::run::RunFolder;
 use protocol::summary::Summary;
@@ -25,7 +25,7 @@ const SHARED_MEMORY_BYTES: u64 = 300 << 20;
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation (the default).
+    /// Task: navigation (the default), fetch-pick, fetch-push or ant-reach.
     task: Option<Task>,
     /// Values to begin with: goalward (our best, the default), paper (its tables) or authors (what
     /// produced their curves).
@@ -43,6 +43,11 @@ pub(crate) struct Arguments {
     /// Part of starts and goals that demonstrations may use, above 0 and at most 1.
     #[arg(long, allow_negative_numbers = true)]
     coverage: Option<f64>,
+    /// How far the agent's starts and goals spread, in the task's own measure: a factor of the
+    /// demonstrations' ranges (fetch-pick, fetch-push), or half the width of the noise on the
+    /// starting pose (ant-reach).
+    #[arg(long, allow_negative_numbers = true)]
+    noise: Option<f64>,
     /// Actor processes; their number never changes the result.
     #[arg(long, allow_negative_numbers = true)]
     actors: Option<u64>,
@@ -68,6 +73,7 @@ impl Arguments {
             self.steps.map(|steps| format!("steps={steps}")),
             // The debug form always has a decimal point, as TOML wants it.
             self.coverage.map(|coverage| format!("demonstrations.coverage={coverage:?}")),
+            self.noise.map(|noise| format!("environment.noise={noise:?}")),
             self.actors.map(|actors| format!("resources.actors={actors}")),
             self.demonstrations.map(|file| {
                 format!("demonstrations.file={:?}", file.to_string_lossy().into_owned())
@@ -116,7 +122,9 @@ fn check(plan: &Plan) -> Result<()> {
 
 fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
-    if config.demonstrations.file.is_none() && !folder.demonstrations_file().exists() {
+    let imitates = config.method != Method::EnvironmentReward;
+    let recorded = config.demonstrations.file.is_some() || folder.demonstrations_file().exists();
+    if imitates && !recorded {
         let episodes = figures::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
         demonstrations::record_for_run(folder, config)?;
@@ -175,6 +183,7 @@ mod tests {
             seed: Some(3),
             steps: Some(10_000),
             coverage: Some(1.0),
+            noise: None,
             actors: Some(4),
             demonstrations: None,
             run: None,

@@ -69,8 +69,7 @@ impl Navigation {
     /// Builds the environment; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the coverage is not in (0, 1] or keeps fewer than two cells, and when the setting has
-    /// noise.
+    /// When the coverage keeps fewer than two cells.
     pub fn new(setting: &Setting) -> Result<Navigation, EnvironmentError> {
         let universe = universe::universe(setting)?;
         Ok(Navigation {

@@ -14,9 +14,6 @@ const CELLS_MIN: usize = 2;
 /// The cells that the setting keeps: the first `coverage` of all, rounded down.
 pub(super) fn universe(setting: &Setting) -> Result<&'static [Cell], EnvironmentError> {
     let (task, found) = (Task::Navigation, setting.coverage);
-    if let Some(found) = setting.noise {
-        return Err(EnvironmentError::Noise { task, found });
-    }
     // Also what a negative coverage, and one that is no number, end as: no cells.
     let cells = (CELLS.len() as f64 * found) as usize;
     if (CELLS_MIN..=CELLS.len()).contains(&cells) && found <= 1.0 {
@@ -74,7 +71,7 @@ mod tests {
     use super::*;
 
     fn with_coverage(coverage: f64) -> Result<&'static [Cell], EnvironmentError> {
-        universe(&Setting { coverage, noise: None })
+        universe(&Setting { coverage, ..Setting::default() })
     }
 
     #[test]
@@ -102,11 +99,6 @@ mod tests {
         assert_eq!(
             with_coverage(0.005).unwrap_err().to_string(),
             "navigation: coverage 0.005 must lie in (0, 1] and leave at least 2 cells, it leaves 1"
-        );
-        let noisy = Setting { coverage: 1.0, noise: Some(1.25) };
-        assert_eq!(
-            universe(&noisy).unwrap_err().to_string(),
-            "navigation: expected no noise, the task has none; found noise 1.25"
         );
     }
 }

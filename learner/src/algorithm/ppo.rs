@@ -16,8 +16,11 @@ use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::Figures;
 use crate::batch::Batch;
 
-/// Rows of a shard. Part of what a run means: changing it changes the order of sums.
+/// Most rows of a shard. Part of what a run means: changing it changes the order of sums.
 const SHARD_ROWS: usize = 128;
+
+/// A minibatch is cut into at least so many shards: what two threads can share.
+const SHARDS_MIN: usize = 2;
 
 /// The policy learner.
 pub struct Ppo {
@@ -155,7 +158,8 @@ impl Ppo {
         minibatch: &[u32],
     ) -> Figures {
         self.network.prepare_into(parameters, &mut self.prepared);
-        let count = minibatch.len().div_ceil(SHARD_ROWS);
+        let shard_rows = SHARD_ROWS.min(minibatch.len().div_ceil(SHARDS_MIN));
+        let count = minibatch.len().div_ceil(shard_rows);
         self.grow_shards(count);
         let loss = Loss {
             spec: &self.spec,
@@ -168,7 +172,7 @@ impl Ppo {
         };
         let shards = &mut self.shards[..count];
         self.threads.install(|| {
-            let rows = minibatch.par_chunks(SHARD_ROWS);
+            let rows = minibatch.par_chunks(shard_rows);
             shards.par_iter_mut().zip(rows).for_each(|(shard, rows)| loss.of_shard(shard, rows));
         });
         let (sum, further) = shards.split_at_mut(1);

@@ -17,7 +17,7 @@ use mcap::{Compression, McapError, WriteOptions};
 use super::folder::{ACTIVE, sync_folder_of, with_ending};
 use super::metadata::Metadata;
 use super::scan::LONGEST_RECORD;
-use super::topic::{SCHEMA, Topic};
+use super::topic::Topic;
 use super::write_error;
 use crate::Error;
 use crate::trajectory::Encoded;
@@ -103,7 +103,7 @@ impl FileWriter {
         writer.write_metadata(&mcap::records::Metadata { name, metadata })?;
         let mut channels = BTreeMap::new();
         for &topic in topics {
-            let schema = writer.add_schema(topic.schema(), "protobuf", SCHEMA)?;
+            let schema = writer.add_schema(topic.schema(), "protobuf", topic.schema_set())?;
             let id = writer.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new())?;
             channels.insert(topic, Channel { id, messages: 0 });
         }

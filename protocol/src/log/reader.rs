@@ -18,6 +18,7 @@ use super::scan::{Block, Damage, Message, Scanner, Tail};
 use super::topic::Topic;
 use crate::Error;
 use crate::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
+use crate::scene::SceneUpdate;
 
 /// What was recorded. Trajectories are encoded, as the actor published them;
 /// [`Encoded::decode`](crate::trajectory::Encoded::decode) takes them and checks them.
@@ -35,6 +36,8 @@ pub enum Record {
     RewardUpdate(RewardUpdate),
     /// On `/checkpoint`.
     Checkpoint(Checkpoint),
+    /// On `/evaluation/scene`.
+    Scene(SceneUpdate),
 }
 
 impl Record {
@@ -46,6 +49,7 @@ impl Record {
             Topic::PolicyUpdate => Record::PolicyUpdate(Box::new(PolicyUpdate::decode(bytes)?)),
             Topic::RewardUpdate => Record::RewardUpdate(RewardUpdate::decode(bytes)?),
             Topic::Checkpoint => Record::Checkpoint(Checkpoint::decode(bytes)?),
+            Topic::Scene => Record::Scene(SceneUpdate::decode(bytes)?),
         })
     }
 }

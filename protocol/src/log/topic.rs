@@ -1,12 +1,15 @@
 //! The topics of the log: their names, their schemas and the file they go to.
 //!
-//! The schema of every topic is `schema/goalward.proto`, compiled and committed, so that neither
-//! building nor reading the log needs a protobuf compiler.
+//! The schemas are `schema/goalward.proto` and, for what viewers draw, `schema/scene.proto`, compiled
+//! and committed, so that neither building nor reading the log needs a protobuf compiler.
 
 use crate::trajectory::{Source, Trajectory};
 
 /// `schema/goalward.proto` as a serialized `FileDescriptorSet`; `tests/schema.rs` makes it.
 pub const SCHEMA: &[u8] = include_bytes!("../../schema/goalward.bin");
+
+/// `schema/scene.proto` in the same form.
+pub const SCENE_SCHEMA: &[u8] = include_bytes!("../../schema/scene.bin");
 
 /// What a recorded message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -23,17 +26,20 @@ pub enum Topic {
     RewardUpdate,
     /// A checkpoint of both.
     Checkpoint,
+    /// What a viewer draws of an evaluation episode.
+    Scene,
 }
 
 impl Topic {
     /// Every topic.
-    pub const ALL: [Topic; 6] = [
+    pub const ALL: [Topic; 7] = [
         Topic::Trajectory,
         Topic::EvaluationTrajectory,
         Topic::Score,
         Topic::PolicyUpdate,
         Topic::RewardUpdate,
         Topic::Checkpoint,
+        Topic::Scene,
     ];
 
     /// The topic's name in MCAP.
@@ -45,6 +51,7 @@ impl Topic {
             Topic::PolicyUpdate => "/policy/update",
             Topic::RewardUpdate => "/proximity/update",
             Topic::Checkpoint => "/checkpoint",
+            Topic::Scene => "/evaluation/scene",
         }
     }
 
@@ -56,7 +63,13 @@ impl Topic {
             Topic::PolicyUpdate => "goalward.v1.PolicyUpdate",
             Topic::RewardUpdate => "goalward.v1.RewardUpdate",
             Topic::Checkpoint => "goalward.v1.Checkpoint",
+            Topic::Scene => "foxglove.SceneUpdate",
         }
+    }
+
+    /// The compiled schema that declares the topic's message.
+    pub fn schema_set(self) -> &'static [u8] {
+        if self == Topic::Scene { SCENE_SCHEMA } else { SCHEMA }
     }
 
     /// The topic that a trajectory goes to.
@@ -98,7 +111,7 @@ impl Contents {
     pub fn topics(self) -> &'static [Topic] {
         match self {
             Contents::Trajectories => &Topic::ALL[..3],
-            Contents::Updates => &Topic::ALL[3..],
+            Contents::Updates => &Topic::ALL[3..6],
         }
     }
 }

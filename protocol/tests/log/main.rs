@@ -136,6 +136,7 @@ fn encode(record: &Record) -> (Topic, Vec<u8>) {
         Record::PolicyUpdate(update) => (Topic::PolicyUpdate, update.encode_to_vec()),
         Record::RewardUpdate(update) => (Topic::RewardUpdate, update.encode_to_vec()),
         Record::Checkpoint(checkpoint) => (Topic::Checkpoint, checkpoint.encode_to_vec()),
+        Record::Scene(scene) => (Topic::Scene, scene.encode_to_vec()),
     }
 }
 

@@ -1,0 +1,147 @@
+//! Evaluation episodes as a viewer shows them: an episode is acted again, from its seeds and actions,
+//! and the solids of its environment are recorded where they were after each step.
+
+use anyhow::{Result, ensure};
+use environments::{Environment, Pose, Shape, Solid};
+use prost::Message;
+use protocol::log::{FileWriter, Topic};
+use protocol::scene::{
+    self, Color, CubePrimitive, CylinderPrimitive, FRAME, Quaternion, SceneEntity, SceneUpdate,
+    SpherePrimitive, Timestamp, Vector3,
+};
+use protocol::seed;
+use protocol::trajectory::{Source, Trajectory};
+
+/// Time between two frames, so that an episode is shown about as fast as it would happen.
+pub const FRAME_NS: u64 = 50_000_000;
+
+/// Records the scenes of an episode, the first at `start_ns`; returns the time after the last. A task
+/// without solids has none.
+pub fn draw(
+    writer: &mut FileWriter,
+    environment: &mut dyn Environment,
+    trajectory: &Trajectory,
+    start_ns: u64,
+) -> Result<u64> {
+    if environment.solids().is_empty() {
+        return Ok(start_ns);
+    }
+    let (purpose, _) = Source::try_from(trajectory.source)?.purposes();
+    let Trajectory { run_seed, lane, episode, .. } = *trajectory;
+    let mut starts = seed::stream(run_seed, purpose, lane, episode);
+    let spec = environment.spec();
+    let mut observation = vec![0; spec.observation.bytes()];
+    let mut poses = Vec::new();
+    let mut time_ns = start_ns;
+    environment.reset(&mut starts, &mut observation)?;
+    let mut frame = |environment: &dyn Environment| -> Result<()> {
+        poses.clear();
+        environment.append_poses(&mut poses);
+        let update = scene(environment.solids(), &poses, time_ns);
+        writer.message(Topic::Scene, time_ns, &update.encode_to_vec())?;
+        time_ns += FRAME_NS;
+        Ok(())
+    };
+    frame(environment)?;
+    for action in trajectory.actions().chunks_exact(spec.action.bytes()) {
+        environment.step(action, &mut observation)?;
+        frame(environment)?;
+    }
+    let found = environment.state_hash();
+    ensure!(
+        found == trajectory.state_hash,
+        "lane {lane} episode {episode}: expected the recorded state, found another"
+    );
+    Ok(time_ns)
+}
+
+fn scene(solids: &[Solid], poses: &[Pose], time_ns: u64) -> SceneUpdate {
+    let entities = solids.iter().zip(poses).map(|(solid, pose)| entity(solid, pose, time_ns));
+    SceneUpdate { entities: entities.collect() }
+}
+
+fn entity(solid: &Solid, pose: &Pose, time_ns: u64) -> SceneEntity {
+    let second = 1_000_000_000;
+    let mut entity = SceneEntity {
+        timestamp: Some(Timestamp {
+            seconds: (time_ns / second) as i64,
+            nanos: (time_ns % second) as i32,
+        }),
+        frame_id: FRAME.to_owned(),
+        id: solid.name.to_owned(),
+        ..SceneEntity::default()
+    };
+    let [r, g, b, a] = solid.color.map(f64::from);
+    let color = Some(Color { r, g, b, a });
+    let ball = |pose: &Pose, radius: f32| SpherePrimitive {
+        pose: Some(drawn(pose)),
+        size: Some(vector([2.0 * radius; 3])),
+        color,
+    };
+    match solid.shape {
+        Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
+            pose: Some(drawn(pose)),
+            size: Some(vector(half_extents.map(|half| 2.0 * half))),
+            color,
+        }),
+        Shape::Ball { radius } => entity.spheres.push(ball(pose, radius)),
+        Shape::Capsule { radius, half_length } => {
+            entity.cylinders.push(CylinderPrimitive {
+                pose: Some(drawn(pose)),
+                size: Some(vector([2.0 * radius, 2.0 * radius, 2.0 * half_length])),
+                bottom_scale: 1.0,
+                top_scale: 1.0,
+                color,
+            });
+            for end in [-half_length, half_length] {
+                entity.spheres.push(ball(&moved_along_own_z(pose, end), radius));
+            }
+        }
+    }
+    entity
+}
+
+fn moved_along_own_z(pose: &Pose, distance: f32) -> Pose {
+    let [x, y, z, w] = pose.orientation;
+    let own_z = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+    let mut position = pose.position;
+    position.iter_mut().zip(own_z).for_each(|(place, along)| *place += distance * along);
+    Pose { position, ..*pose }
+}
+
+fn drawn(pose: &Pose) -> scene::Pose {
+    let [x, y, z, w] = pose.orientation.map(f64::from);
+    let orientation = Some(Quaternion { x, y, z, w });
+    scene::Pose { position: Some(vector(pose.position)), orientation }
+}
+
+fn vector(numbers: [f32; 3]) -> Vector3 {
+    let [x, y, z] = numbers.map(f64::from);
+    Vector3 { x, y, z }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_capsule_is_a_cylinder_between_two_balls() {
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let solid = Solid {
+            name: "leg",
+            shape: Shape::Capsule { radius: 0.25, half_length: 2.0 },
+            color: [1.0, 0.5, 0.0, 1.0],
+        };
+        // A quarter turn about x brings its own z onto -y of the world.
+        let pose = Pose { position: [1.0, 2.0, 3.0], orientation: [half, 0.0, 0.0, half] };
+        let entity = entity(&solid, &pose, 1_250_000_000);
+        assert_eq!((entity.cylinders.len(), entity.spheres.len(), entity.cubes.len()), (1, 2, 0));
+        let ends: Vec<f64> = entity
+            .spheres
+            .iter()
+            .map(|ball| ball.pose.and_then(|pose| pose.position).map_or(f64::NAN, |place| place.y))
+            .collect();
+        assert!((ends[0] - 4.0).abs() < 1e-6 && ends[1].abs() < 1e-6, "{ends:?}");
+        assert_eq!(entity.timestamp, Some(Timestamp { seconds: 1, nanos: 250_000_000 }));
+    }
+}

@@ -1,0 +1,112 @@
+//! Plays a task for a program in another language: a JSON request a line on standard input, a JSON
+//! answer a line on standard output. `environments/fidelity/` compares the task with MuJoCo by it.
+//!
+//! Arguments: the name of the task, and its setting as JSON, such as `fetch-push '{"noise": 0}'`.
+//!
+//! | request | answer |
+//! |---|---|
+//! | `{"reset": 3}`, with the number of an episode | `{"observation": [...], "ended": false}` |
+//! | `{"step": [0.5, 0, 0]}`, with an action | the same |
+//! | `"expert"` | `{"action": [...]}`, or `{"action": null}` where there is none |
+//! | `{"time": 1000}`, with a number of steps | `{"thread_s": 0.2}` |
+//!
+//! The time is that of this thread on its processor, in seconds, for steps with random actions and a
+//! reset at every end; the actions are drawn before the clock runs.
+
+use std::error::Error;
+use std::io::{BufRead, Write};
+
+use environments::{Environment, Setting, create};
+use protocol::seed::{Purpose, Stream, stream};
+use protocol::task::{Task, floats, write_floats};
+use rand::RngExt;
+use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
+
+/// The seed that all episodes are drawn from.
+const SEED: u64 = 1;
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Request {
+    Reset(u64),
+    Step(Vec<f32>),
+    Expert,
+    Time(u32),
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Answer {
+    State { observation: Vec<f32>, ended: bool },
+    Expert { action: Option<Vec<f32>> },
+    Time { thread_s: f64 },
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let task: Task = arguments.next().ok_or("expected the name of a task")?.parse()?;
+    let setting: Setting = match arguments.next() {
+        Some(json) => serde_json::from_str(&json)?,
+        None => Setting::default(),
+    };
+    let mut environment = create(task, &setting)?;
+    let mut answers = std::io::stdout().lock();
+    for line in std::io::stdin().lock().lines() {
+        let answer = answer(&mut *environment, serde_json::from_str(&line?)?)?;
+        writeln!(answers, "{}", serde_json::to_string(&answer)?)?;
+        answers.flush()?;
+    }
+    Ok(())
+}
+
+fn answer(environment: &mut dyn Environment, request: Request) -> Result<Answer, Box<dyn Error>> {
+    let spec = environment.spec();
+    let mut observation = vec![0; spec.observation.bytes()];
+    Ok(match request {
+        Request::Reset(episode) => {
+            environment.reset(&mut start(episode), &mut observation)?;
+            Answer::State { observation: floats(&observation).collect(), ended: false }
+        }
+        Request::Step(numbers) => {
+            let mut action = vec![0; 4 * numbers.len()];
+            write_floats(numbers, &mut action);
+            let ended = environment.step(&action, &mut observation)?.ending.is_some();
+            Answer::State { observation: floats(&observation).collect(), ended }
+        }
+        Request::Expert => {
+            let mut action = vec![0; spec.action.bytes()];
+            let found = environment.expert_action(&mut action);
+            Answer::Expert { action: found.then(|| floats(&action).collect()) }
+        }
+        Request::Time(steps) => Answer::Time { thread_s: time_s(environment, steps)? },
+    })
+}
+
+/// Seconds that this thread spends on random steps.
+fn time_s(environment: &mut dyn Environment, steps: u32) -> Result<f64, Box<dyn Error>> {
+    let spec = environment.spec();
+    let (mut observation, width) = (vec![0; spec.observation.bytes()], spec.action.bytes());
+    let mut actions = vec![0; width * steps as usize];
+    let mut draws = stream(SEED, Purpose::TrainingActions, 0, 0);
+    write_floats((0..actions.len() / 4).map(|_| draws.random_range(-1.0f32..1.0)), &mut actions);
+    let mut episode = 0;
+    environment.reset(&mut start(episode), &mut observation)?;
+    let begun_s = thread_s();
+    for action in actions.chunks_exact(width) {
+        if environment.step(action, &mut observation)?.ending.is_some() {
+            episode += 1;
+            environment.reset(&mut start(episode), &mut observation)?;
+        }
+    }
+    Ok(thread_s() - begun_s)
+}
+
+fn start(episode: u64) -> Stream {
+    stream(SEED, Purpose::Demonstration, 0, episode)
+}
+
+fn thread_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}

@@ -1,0 +1,110 @@
+"""Measures Goalward's rapier tasks against MuJoCo and writes the table into docs/fidelity.md.
+
+Usage: compare.py [--episodes 200] [--ant-run RUN] [--out docs/fidelity.md]
+"""
+
+import argparse
+import datetime
+import pathlib
+import platform
+
+import mujoco
+
+import ant_measures
+import fetch_measures
+import table
+from policy import Policy
+from speed import speed
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+INTRODUCTION = """\
+# How near the physics is to MuJoCo
+
+Goalward steps Fetch Pick, Fetch Push and Ant Reach in rapier; the paper has them in MuJoCo. Here
+both play the same episodes: every start and goal is drawn by Goalward and set in MuJoCo, and the
+same actions, or the same expert, act on both. Fetch in MuJoCo is the scene of gymnasium-robotics;
+the ant is built from the numbers of the authors' model, without the goal marker, which touches
+nothing.
+
+Measured {date}, MuJoCo {mujoco}, {machine}, by:
+
+```
+{commands}
+```
+"""
+
+COMMANDS = """\
+pip install -r environments/fidelity/requirements.txt
+python environments/fidelity/compare.py"""
+
+
+def sections(arguments):
+    """The tables, from the smallest movement to the whole task."""
+    yield table.section(
+        "Fetch: gripper, fingers and cube",
+        "The start of every episode, with the cube in the middle of its range. An action of 1 asks "
+        "for 50 mm. The push has the closed fingers in front of the cube and drives them into it.",
+        fetch_measures.gripper()
+        + fetch_measures.fingers()
+        + fetch_measures.push()
+        + fetch_measures.press(),
+    )
+    rows = fetch_measures.hold(arguments.episodes)
+    for task in ["fetch-pick", "fetch-push"]:
+        rows += fetch_measures.experts(task, arguments.episodes)
+    for task in ["fetch-pick", "fetch-push"]:
+        rows += fetch_measures.random_actions(task, arguments.episodes)
+    yield table.section(
+        "Fetch: experts and random actions",
+        "Mean and standard deviation of episodes; differences are of the same episode on both "
+        "sides, ± the standard error of their mean. Goalward's own expert is compared with the "
+        "authors' in MuJoCo.",
+        rows,
+    )
+    yield table.section(
+        "Ant: passive, and under the same torques",
+        f"Errors are distances from MuJoCo's trajectory (RK4, 0.02 s), means over fifty steps and "
+        f"{ant_measures.SEQUENCES} sequences of random torques up to the amplitude. Under MuJoCo "
+        "stands MuJoCo's own error when its timestep is 0.005 s instead: what the choice of a "
+        "timestep alone makes of the same model.",
+        ant_measures.settling() + ant_measures.torque_sequences(),
+    )
+    rows = ant_measures.random_torques(arguments.episodes)
+    if arguments.ant_run:
+        rows += ant_measures.expert(Policy(arguments.ant_run), arguments.episodes)
+    yield table.section(
+        "Ant: a whole episode",
+        f"{arguments.episodes} episodes; mean and standard deviation, differences as above.",
+        rows,
+    )
+    yield table.section(
+        "Speed",
+        "One thread's processor time, the sides in turns; median, least and most of seven rounds, "
+        "and the median of their ratios. Goalward's steps write the observation and include "
+        "resets; `mj_step` alone does neither.",
+        speed(),
+    )
+
+
+def machine():
+    with open("/proc/cpuinfo") as file:
+        names = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
+    return f"{names[0]}, {platform.system()}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--ant-run", help="a run whose policy walks the ant")
+    parser.add_argument("--out", type=pathlib.Path, default=HERE.parents[1] / "docs/fidelity.md")
+    arguments = parser.parse_args()
+    introduction = INTRODUCTION.format(
+        date=datetime.date.today(), mujoco=mujoco.__version__, machine=machine(), commands=COMMANDS
+    )
+    reading = (HERE / "reading.md").read_text()
+    arguments.out.write_text("\n".join([introduction, *sections(arguments), reading]))
+
+
+if __name__ == "__main__":
+    main()

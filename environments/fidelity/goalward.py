@@ -1,0 +1,62 @@
+"""Goalward's side: the same tasks in rapier, played by `environments/examples/fidelity.rs`."""
+
+import functools
+import json
+import pathlib
+import subprocess
+
+import numpy as np
+
+WORKSPACE = pathlib.Path(__file__).resolve().parents[2]
+BUILD = "cargo build --release --package environments --example fidelity --message-format json"
+
+
+@functools.cache
+def executable():
+    """Builds the example and returns where it is."""
+    done = subprocess.run(
+        BUILD.split(), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE, text=True
+    )
+    messages = [json.loads(line) for line in done.stdout.splitlines()]
+    return next(message["executable"] for message in messages if message.get("executable"))
+
+
+class Goalward:
+    """Episodes of a task; every keyword is one of its setting."""
+
+    def __init__(self, task, **setting):
+        self.process = subprocess.Popen(
+            [executable(), task, json.dumps(setting)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.ended = True
+
+    def begin(self, episode):
+        """Begins the episode with this number and returns its first observation."""
+        return self.state({"reset": episode})
+
+    def step(self, action):
+        return self.state({"step": [float(number) for number in action]})
+
+    def expert_action(self):
+        """What the task's own expert does in the present state."""
+        return np.array(self.ask("expert")["action"])
+
+    def thread_s(self, steps):
+        """Processor seconds of so many random steps, resets included."""
+        return self.ask({"time": steps})["thread_s"]
+
+    def state(self, request):
+        answer = self.ask(request)
+        self.ended = answer["ended"]
+        return np.array(answer["observation"])
+
+    def ask(self, request):
+        self.process.stdin.write(json.dumps(request) + "\n")
+        self.process.stdin.flush()
+        answer = self.process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"no answer to {request}: the example has ended, see its message")
+        return json.loads(answer)

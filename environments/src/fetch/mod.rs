@@ -1,0 +1,200 @@
+//! Fetch Pick and Fetch Push: a gripper brings a cube to a goal (paper, Section 4.4 and Table 1).
+//!
+//! A cube of 5 cm and 2 kg lies on a table, a gripper hovers between it and the goal. In Fetch Pick the
+//! goal is 0.15 m over the table and the cube has to be grasped and carried; in Fetch Push the goal is
+//! on the table and the fingers stay closed. Cube and goal are drawn anew for every episode from the
+//! rectangles of the [`Setting`]. The robot is Gym's Fetch, whatever the paper calls it; its arm is
+//! reduced to what moves the gripper.
+//!
+//! # Action
+//! Four numbers in Fetch Pick, three in Fetch Push, multiplied with the [`Setting`]'s scale and clipped
+//! to [-1, 1]. They act for 0.04 s. The palm lags behind its target: an action of 1 moves it 3 cm.
+//!
+//! | index | meaning | 1 means |
+//! |---|---|---|
+//! | 0 to 2 | target of the palm along x, y, z, from where it is | 0.05 m |
+//! | 3 | target of each finger outward, from where it is; Fetch Pick only | 1 m |
+//!
+//! # Observation
+//! 16 numbers, no velocities; meters along the world's axes but for the angles.
+//!
+//! | index | meaning | unit |
+//! |---|---|---|
+//! | 0 to 2 | position of the grip site, between the fingertips | m |
+//! | 3 to 5 | position of the cube's center | m |
+//! | 6 to 8 | the cube's position minus the grip site's | m |
+//! | 9, 10 | how far the right and the left finger are open, 0 to 0.05 | m |
+//! | 11, 12 | rotations of the cube about x and y, as Euler angles x, y, z | rad |
+//! | 13 to 15 | position of the goal | m |
+//!
+//! # Ending, success and reward
+//! The cube's center within 0.05 m of the goal after a step is success and terminates the episode;
+//! otherwise step 50 of Fetch Pick and step 60 of Fetch Push truncates it. The environment's own reward
+//! is that of Gym's Fetch tasks: 0 for a step that ends in success, -1 for every other.
+
+mod expert;
+mod observation;
+mod sampling;
+mod scene;
+
+use crate::{Environment, EnvironmentError, Pose, Setting, Solid, Step, action};
+use expert::{Expert, View};
+use protocol::seed::Stream;
+use protocol::task::{Spec, Task, write_floats};
+use protocol::trajectory::Ending;
+use rapier3d::prelude::Vector;
+use sampling::Sampling;
+use scene::{GOAL_RADIUS, Scene};
+use xxhash_rust::xxh3::Xxh3;
+
+/// How far from the palm its target is at an action of one, meters.
+const PALM_REACH: f32 = 0.05;
+/// Height of Fetch Push's goals: that of a cube at rest in Gym's softer physics.
+const PUSH_GOAL_HEIGHT: f32 = 0.4247;
+/// Height of Fetch Pick's goals, 0.15 m over those.
+const PICK_GOAL_HEIGHT: f32 = 0.5747;
+
+/// The environment of [`Task::FetchPick`] and [`Task::FetchPush`].
+pub struct Fetch {
+    task: Task,
+    scale: action::Scale,
+    sampling: Sampling,
+    scene: Scene,
+    expert: Expert,
+    goal: Vector,
+    /// Steps taken in the episode.
+    steps: u32,
+    /// Whether the episode has begun and not ended.
+    running: bool,
+}
+
+impl Fetch {
+    /// Builds the environment of one of the two tasks; its first episode begins with a reset.
+    ///
+    /// # Errors
+    /// When the task does not have such a setting.
+    ///
+    /// # Panics
+    /// When the task is another one.
+    pub fn new(task: Task, setting: &Setting) -> Result<Fetch, EnvironmentError> {
+        assert!(matches!(task, Task::FetchPick | Task::FetchPush), "{task} is no Fetch task");
+        setting.check("environment", &task.spec())?;
+        Ok(Fetch {
+            task,
+            scale: action::Scale::new(setting),
+            sampling: Sampling::new(task, setting),
+            scene: Scene::new(grip_start(task)),
+            expert: Expert::new(task),
+            goal: Vector::ZERO,
+            steps: 0,
+            running: false,
+        })
+    }
+
+    fn observe(&self, observation: &mut [u8]) -> Result<(), EnvironmentError> {
+        self.scene.check_finite(self.task, self.steps)?;
+        observation::write(&self.scene, self.goal, observation);
+        Ok(())
+    }
+}
+
+/// Where the grip site is when an episode begins. Gym presses Push's fingers 5 mm into a soft table;
+/// here they stand on it.
+fn grip_start(task: Task) -> Vector {
+    match task {
+        Task::FetchPush => Vector::new(1.3455, 0.7490, 0.4186),
+        _ => Vector::new(1.3419, 0.7491, 0.5347),
+    }
+}
+
+impl Environment for Fetch {
+    fn spec(&self) -> Spec {
+        self.task.spec()
+    }
+
+    fn reset(
+        &mut self,
+        stream: &mut Stream,
+        observation: &mut [u8],
+    ) -> Result<(), EnvironmentError> {
+        let start = grip_start(self.task);
+        let ([cube_x, cube_y], [goal_x, goal_y]) = self.sampling.draw(stream);
+        let goal_z = match self.task {
+            Task::FetchPush => PUSH_GOAL_HEIGHT,
+            _ => PICK_GOAL_HEIGHT,
+        };
+        self.goal = Vector::new(start.x + goal_x, start.y + goal_y, goal_z);
+        self.scene.reset([start.x + cube_x, start.y + cube_y]);
+        self.expert = Expert::new(self.task);
+        self.steps = 0;
+        self.running = false;
+        self.observe(observation)?;
+        self.running = true;
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
+        let spec = self.spec();
+        action::check(&spec, action)?;
+        if !self.running {
+            return Err(EnvironmentError::NotRunning { task: self.task });
+        }
+        let [x, y, z, fingers] = self.scale.clipped(action);
+        self.scene.pull_palm([x, y, z].map(|number| PALM_REACH * number));
+        if self.task == Task::FetchPick {
+            self.scene.pull_fingers(fingers);
+        }
+        self.scene.simulate();
+        self.steps += 1;
+        // An episode whose physics fails is over.
+        self.running = false;
+        self.observe(observation)?;
+
+        let success = self.scene.cube().distance(self.goal) < GOAL_RADIUS;
+        let ending = if success {
+            Some(Ending::Terminated)
+        } else if self.steps == spec.horizon_steps {
+            Some(Ending::Truncated)
+        } else {
+            None
+        };
+        self.running = ending.is_none();
+        Ok(Step { reward: if success { 0.0 } else { -1.0 }, ending, success })
+    }
+
+    fn expert_action(&mut self, action: &mut [u8]) -> bool {
+        let bytes = self.spec().action.bytes();
+        assert_eq!(action.len(), bytes, "the caller sizes the action");
+        if !self.running {
+            return false;
+        }
+        let numbers = self.expert.action(&View {
+            grip: self.scene.grip(),
+            grip_start: grip_start(self.task),
+            fingers: self.scene.fingers(),
+            cube: self.scene.cube(),
+            goal: self.goal,
+        });
+        write_floats(self.scale.inverse(numbers).into_iter().take(bytes / 4), action);
+        true
+    }
+
+    fn state_hash(&self) -> u64 {
+        let mut hasher = Xxh3::new();
+        self.scene.hash(&mut hasher);
+        for number in self.goal.to_array() {
+            hasher.update(&number.to_le_bytes());
+        }
+        hasher.update(&self.steps.to_le_bytes());
+        hasher.update(&[u8::from(self.running)]);
+        hasher.digest()
+    }
+
+    fn solids(&self) -> &[Solid] {
+        &scene::SOLIDS
+    }
+
+    fn append_poses(&self, poses: &mut Vec<Pose>) {
+        self.scene.append_poses(self.goal, poses);
+    }
+}

@@ -1,0 +1,136 @@
+//! Where the cube and the goal of an episode lie (Appendix C and the authors' code).
+//!
+//! Both are drawn beside the gripper's start, 0.1 m to the left for the cube and 0.1 m to the right
+//! for the goal, from rectangles that the [`Setting`]'s ranges name and its noise stretches:
+//!
+//! | ranges | cube x | cube y | goal x | goal y |
+//! |---|---|---|---|---|
+//! | symmetric, Fetch Pick | ± 0.02 | ± 0.02 | ± 0.05 | ± 0.02 |
+//! | symmetric, Fetch Push | ± 0.05 | ± 0.02 | ± 0.05 | ± 0.02 |
+//! | one-sided | ± 0.05 | 0 to 0.04 | ± 0.05 | -0.04 to 0 |
+//!
+//! A coverage keeps some of the 4 x 4 bins of a rectangle: one, two, three or four bins of y beside
+//! each bin of x. Cube and goal are drawn independently of each other, each from the bins that are
+//! kept of its own rectangle.
+
+use crate::Setting;
+use protocol::seed::Stream;
+use protocol::setting::Ranges;
+use protocol::task::Task;
+use rand::RngExt;
+
+/// Bins along each side of a rectangle.
+const BINS: usize = 4;
+/// How far the centers of both rectangles are from the gripper's start, along y.
+const SIDE: f64 = 0.1;
+
+/// The bins of y that a coverage keeps beside each bin of x.
+type Kept = [&'static [u8]; BINS];
+
+/// Every coverage there is: the subsets of the bins of y in the order of the alphabet, the first four.
+const COVERAGES: [(f64, Kept); 4] = [
+    (0.25, [&[0], &[1], &[2], &[3]]),
+    (0.5, [&[0, 1], &[0, 2], &[0, 3], &[1, 2]]),
+    (0.75, [&[0, 1, 2], &[0, 1, 3], &[0, 2, 3], &[1, 2, 3]]),
+    (1.0, [&[0, 1, 2, 3]; BINS]),
+];
+
+/// Draws the places of cube and goal.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Sampling {
+    cube: Rectangle,
+    goal: Rectangle,
+    kept: Kept,
+}
+
+/// Offsets from the gripper's start, in meters: least and largest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rectangle {
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Sampling {
+    /// Draws by a setting that has been checked.
+    pub(super) fn new(task: Task, setting: &Setting) -> Sampling {
+        let (_, kept) = COVERAGES
+            .iter()
+            .find(|(coverage, _)| *coverage == setting.coverage)
+            .expect("a setting with another coverage is refused");
+        let (cube_x, cube_y, goal_y) = match (setting.ranges.unwrap_or_default(), task) {
+            (Ranges::Symmetric, Task::FetchPick) => (0.02, [-0.02, 0.02], [-0.02, 0.02]),
+            (Ranges::Symmetric, _) => (0.05, [-0.02, 0.02], [-0.02, 0.02]),
+            (Ranges::OneSided, _) => (0.05, [0.0, 0.04], [-0.04, 0.0]),
+        };
+        let rectangle = |x: f64, y: [f64; 2], side| {
+            Rectangle { x: [-x, x], y }.stretched(setting.noise.unwrap_or(1.0)).moved(side)
+        };
+        Sampling {
+            cube: rectangle(cube_x, cube_y, SIDE),
+            goal: rectangle(0.05, goal_y, -SIDE),
+            kept: *kept,
+        }
+    }
+
+    /// Draws where the cube lies and where the goal is, as x and y from the gripper's start.
+    pub(super) fn draw(&self, stream: &mut Stream) -> ([f32; 2], [f32; 2]) {
+        let cube = self.draw_from(&self.cube, stream);
+        let goal = self.draw_from(&self.goal, stream);
+        (cube, goal)
+    }
+
+    fn draw_from(&self, rectangle: &Rectangle, stream: &mut Stream) -> [f32; 2] {
+        let column = stream.random_range(0..BINS as u32) as usize;
+        let kept = self.kept[column];
+        let row = kept[stream.random_range(0..kept.len() as u32) as usize];
+        let mut within = |[least, largest]: [f64; 2], bin: f64| {
+            let bins = bin + stream.random::<f64>();
+            (least + (largest - least) * bins / BINS as f64) as f32
+        };
+        [within(rectangle.x, column as f64), within(rectangle.y, f64::from(row))]
+    }
+}
+
+impl Rectangle {
+    fn stretched(self, factor: f64) -> Rectangle {
+        Rectangle { x: self.x.map(|x| x * factor), y: self.y.map(|y| y * factor) }
+    }
+
+    fn moved(self, y: f64) -> Rectangle {
+        Rectangle { x: self.x, y: self.y.map(|side| side + y) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::seed::{Purpose, stream};
+
+    #[test]
+    fn every_bin_kept_is_drawn_as_often_as_any_other() {
+        for (coverage, kept) in COVERAGES {
+            let setting = Setting { coverage, noise: Some(1.75), ..Setting::default() };
+            let sampling = Sampling::new(Task::FetchPush, &setting);
+            let mut stream = stream(1, Purpose::Demonstration, 0, 0);
+            let mut counts = [[[0; BINS]; BINS]; 2];
+            for _ in 0..16_000 {
+                let (cube, goal) = sampling.draw(&mut stream);
+                for (index, (place, side)) in [(cube, SIDE), (goal, -SIDE)].into_iter().enumerate()
+                {
+                    let bin = |offset: f64, half: f64| ((offset + half) / half * 2.0) as usize;
+                    let x = bin(f64::from(place[0]), 1.75 * 0.05);
+                    let y = bin(f64::from(place[1]) - side, 1.75 * 0.02);
+                    counts[index][x][y] += 1;
+                }
+            }
+            for (x, y) in (0..BINS).flat_map(|x| (0..BINS).map(move |y| (x, y))) {
+                let expected = if kept[x].contains(&(y as u8)) { 4_000 / kept[x].len() } else { 0 };
+                for counts in counts {
+                    let found: usize = counts[x][y];
+                    let spread = if expected == 0 { 0 } else { 200 };
+                    assert!(found.abs_diff(expected) <= spread, "{coverage} {x} {y}: {found}");
+                }
+            }
+        }
+    }
+}

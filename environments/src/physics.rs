@@ -1,0 +1,274 @@
+//! The rigid-body world behind the Fetch tasks and Ant Reach: built once, stepped, and restored bit
+//! for bit at every reset.
+//!
+//! Rapier keeps more than poses and velocities from step to step: contacts carry their impulses
+//! over, and the tree of the broad phase depends on its past. Putting bodies back in place therefore
+//! does not repeat an episode. [`Physics::restore`] brings all of it back from a copy that was made
+//! before the first step, so that an episode depends on its start and its actions alone.
+
+use crate::EnvironmentError;
+use protocol::task::Task;
+use rapier3d::prelude::{
+    BroadPhaseBvh, ColliderSet, FrictionModel, ImpulseJointSet, IslandManager, MultibodyJointSet,
+    NarrowPhase, PhysicsWorld, RigidBody, RigidBodyHandle, RigidBodySet, SoftBodySet,
+    SpringCoefficients, Vector,
+};
+use xxhash_rust::xxh3::Xxh3;
+
+/// Acceleration of everything that has a gravity scale, meters per square second.
+const GRAVITY_Z: f32 = -9.81;
+
+/// How the world of a task is simulated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Dynamics {
+    /// What one call of [`Physics::step`] simulates.
+    pub(crate) timestep_s: f32,
+    /// Parts that a timestep is solved in, one after the other.
+    pub(crate) solver_iterations: usize,
+    /// How contacts give way, those with fixed bodies included.
+    pub(crate) contact_softness: SpringCoefficients<f32>,
+    /// Friction between bodies that no joint holds. Multibodies always have Coulomb's.
+    pub(crate) friction_model: FrictionModel,
+}
+
+/// A world, and the copy that every episode begins from.
+pub(crate) struct Physics {
+    /// The world as the task reads it and drives it between steps.
+    pub(crate) world: PhysicsWorld,
+    pristine: Pristine,
+    /// Name of every body, in the order of insertion.
+    body_names: &'static [&'static str],
+}
+
+/// Everything of a world that a step changes and the next one reads.
+struct Pristine {
+    islands: IslandManager,
+    broad_phase: BroadPhaseBvh,
+    narrow_phase: NarrowPhase,
+    bodies: RigidBodySet,
+    colliders: ColliderSet,
+    impulse_joints: ImpulseJointSet,
+    multibody_joints: MultibodyJointSet,
+    soft_bodies: SoftBodySet,
+}
+
+impl Physics {
+    /// Builds a world in two parts, and returns it with what the first part returned.
+    ///
+    /// `insert` adds bodies, colliders and joints. `adjust` runs after them, when every multibody
+    /// knows its degrees of freedom: armature, damping and springs belong there. `body_names` has
+    /// the name of every body in the order of insertion.
+    pub(crate) fn build<Handles>(
+        dynamics: Dynamics,
+        body_names: &'static [&'static str],
+        insert: impl FnOnce(&mut PhysicsWorld) -> Handles,
+        adjust: impl FnOnce(&mut PhysicsWorld, &Handles),
+    ) -> (Physics, Handles) {
+        let mut world = empty_world();
+        let handles = insert(&mut world);
+        assert_eq!(world.bodies.len(), body_names.len(), "every body has a name");
+        // A step of no time: it counts the degrees of freedom and moves nothing.
+        world.integration_parameters.dt = 0.0;
+        world.step();
+        adjust(&mut world, &handles);
+
+        let parameters = &mut world.integration_parameters;
+        parameters.dt = dynamics.timestep_s;
+        parameters.num_solver_iterations = dynamics.solver_iterations;
+        parameters.contact_softness = dynamics.contact_softness;
+        parameters.static_contact_softness = dynamics.contact_softness;
+        parameters.friction_model = dynamics.friction_model;
+        let pristine = Pristine::copy(&world);
+        (Physics { world, pristine, body_names }, handles)
+    }
+
+    /// Brings back the world as it was built.
+    pub(crate) fn restore(&mut self) {
+        let Pristine {
+            islands,
+            broad_phase,
+            narrow_phase,
+            bodies,
+            colliders,
+            impulse_joints,
+            multibody_joints,
+            soft_bodies,
+        } = &self.pristine;
+        self.world.islands.clone_from(islands);
+        self.world.broad_phase.clone_from(broad_phase);
+        self.world.narrow_phase.clone_from(narrow_phase);
+        self.world.bodies.clone_from(bodies);
+        self.world.colliders.clone_from(colliders);
+        self.world.impulse_joints.clone_from(impulse_joints);
+        self.world.multibody_joints.clone_from(multibody_joints);
+        self.world.soft_bodies.clone_from(soft_bodies);
+    }
+
+    /// Simulates one timestep.
+    pub(crate) fn step(&mut self) {
+        self.world.step();
+    }
+
+    /// Feeds the pose and velocity of every body, and the coordinates and velocities of every joint,
+    /// bit by bit into a hash. What contacts carry over is left out: it follows from the same past.
+    pub(crate) fn hash(&self, hasher: &mut Xxh3) {
+        let mut feed = |number: f32| hasher.update(&number.to_le_bytes());
+        for (_, body) in self.world.bodies.iter() {
+            numbers(body).into_iter().for_each(&mut feed);
+        }
+        for multibody in self.world.multibody_joints.multibodies() {
+            multibody.generalized_velocity().iter().copied().for_each(&mut feed);
+            for link in multibody.links() {
+                link.joint().coords().iter().copied().for_each(&mut feed);
+                link.joint().joint_rot().to_array().into_iter().for_each(&mut feed);
+            }
+        }
+    }
+
+    /// Checks that every body and joint is at finite numbers; call it before a state is used.
+    ///
+    /// # Errors
+    /// Names the first body that is not, or whose joint is not.
+    pub(crate) fn check_finite(&self, task: Task, step: u32) -> Result<(), EnvironmentError> {
+        let refused = |handle: RigidBodyHandle, found| {
+            let part = self.body_names[handle.into_raw_parts().0 as usize];
+            Err(EnvironmentError::StateNotFinite { task, part, found, step })
+        };
+        for (handle, body) in self.world.bodies.iter() {
+            // Rapier puts a body that left the finite numbers back to where it last was and takes
+            // it out of the simulation.
+            if !body.is_enabled() {
+                return refused(handle, f32::NAN);
+            }
+            if let Some(found) = numbers(body).into_iter().find(|number| !number.is_finite()) {
+                return refused(handle, found);
+            }
+        }
+        for multibody in self.world.multibody_joints.multibodies() {
+            for link in multibody.links() {
+                let velocities = multibody.joint_velocity(link);
+                if let Some(found) = velocities.iter().find(|number| !number.is_finite()) {
+                    return refused(link.rigid_body_handle(), *found);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Pristine {
+    fn copy(world: &PhysicsWorld) -> Pristine {
+        Pristine {
+            islands: world.islands.clone(),
+            broad_phase: world.broad_phase.clone(),
+            narrow_phase: world.narrow_phase.clone(),
+            bodies: world.bodies.clone(),
+            colliders: world.colliders.clone(),
+            impulse_joints: world.impulse_joints.clone(),
+            multibody_joints: world.multibody_joints.clone(),
+            soft_bodies: world.soft_bodies.clone(),
+        }
+    }
+}
+
+fn empty_world() -> PhysicsWorld {
+    let mut world = PhysicsWorld::new();
+    world.gravity = Vector::new(0.0, 0.0, GRAVITY_Z);
+    // Contacts that are kept while bodies creep make the gripper lose one cube in fifteen.
+    world.integration_parameters.contact_recycling = false;
+    world.integration_parameters.max_ccd_substeps = 0;
+    world
+}
+
+/// Position, orientation, linear and angular velocity of a body.
+fn numbers(body: &RigidBody) -> [f32; 13] {
+    let (position, orientation) = (body.translation(), body.rotation());
+    let (linear, angular) = (body.linvel(), body.angvel());
+    let mut numbers = [0.0; 13];
+    numbers[0..3].copy_from_slice(&position.to_array());
+    numbers[3..7].copy_from_slice(&orientation.to_array());
+    numbers[7..10].copy_from_slice(&linear.to_array());
+    numbers[10..13].copy_from_slice(&angular.to_array());
+    numbers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rapier3d::prelude::{ColliderBuilder, RigidBodyBuilder};
+
+    const DYNAMICS: Dynamics = Dynamics {
+        timestep_s: 0.01,
+        solver_iterations: 4,
+        contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
+        friction_model: FrictionModel::Simplified,
+    };
+
+    /// A ball that falls on a floor.
+    fn ball_on_floor() -> (Physics, RigidBodyHandle) {
+        Physics::build(
+            DYNAMICS,
+            &["floor", "ball"],
+            |world| {
+                let floor = ColliderBuilder::cuboid(1.0, 1.0, 0.1);
+                world.insert(RigidBodyBuilder::fixed(), floor);
+                let ball = RigidBodyBuilder::dynamic().translation(Vector::new(0.0, 0.0, 0.5));
+                world.insert(ball.can_sleep(false), ColliderBuilder::ball(0.1)).0
+            },
+            |world, ball| {
+                world.bodies[*ball].set_angvel(Vector::new(3.0, 0.0, 0.0), true);
+            },
+        )
+    }
+
+    fn hash(physics: &Physics) -> u64 {
+        let mut hasher = Xxh3::new();
+        physics.hash(&mut hasher);
+        hasher.digest()
+    }
+
+    fn hashes(physics: &mut Physics, steps: usize) -> Vec<u64> {
+        let mut hashes = vec![hash(physics)];
+        for _ in 0..steps {
+            physics.step();
+            hashes.push(hash(physics));
+        }
+        hashes
+    }
+
+    #[test]
+    fn a_restored_world_repeats_itself_amid_a_contact() {
+        let (mut physics, _) = ball_on_floor();
+        let first = hashes(&mut physics, 100);
+        assert!(first.windows(2).all(|pair| pair[0] != pair[1]), "every step counts");
+        for steps in [0, 1, 40, 100] {
+            physics.restore();
+            hashes(&mut physics, steps);
+            physics.restore();
+            assert_eq!(first, hashes(&mut physics, 100), "after {steps} steps");
+        }
+    }
+
+    #[test]
+    fn building_takes_no_time() {
+        let (physics, ball) = ball_on_floor();
+        assert_eq!(physics.world.bodies[ball].translation().z, 0.5);
+        assert_eq!(physics.world.bodies[ball].linvel(), Vector::ZERO);
+    }
+
+    #[test]
+    fn a_body_that_leaves_the_finite_numbers_is_named() {
+        let (mut physics, ball) = ball_on_floor();
+        physics.step();
+        assert_eq!(physics.check_finite(Task::FetchPush, 1), Ok(()));
+        physics.world.bodies[ball].add_force(Vector::new(f32::INFINITY, 0.0, 0.0), true);
+        physics.step();
+        physics.step();
+        assert_eq!(
+            physics.check_finite(Task::FetchPush, 2).unwrap_err().to_string(),
+            "fetch-push: expected finite numbers in the state, found NaN in ball at step 2"
+        );
+        physics.restore();
+        assert_eq!(physics.check_finite(Task::FetchPush, 0), Ok(()));
+    }
+}
