@@ -82,7 +82,7 @@ fn run(command: Command) -> Result<()> {
             let setting: Setting = serde_json::from_str(&setting).context("--setting")?;
             let expert = match policy {
                 Some(run) => Expert::of_run(&RunFolder::new(run), task)?,
-                None => Expert::Script,
+                None => Expert::of_task(task)?,
             };
             let request = Request { task, episodes, setting, seed, file: &out };
             let Recorded { steps, failures } = demonstrate(&request, expert)?;

@@ -86,10 +86,11 @@ impl Demonstrator {
             episodes_owed: u64::MAX,
             ..Lease::default()
         };
+        let setting = expert.setting(setting)?;
         Ok(Demonstrator {
             task: *task,
             expert,
-            lane: Lane::begin(lease, *task, setting, *seed)?,
+            lane: Lane::begin(lease, *task, &setting, *seed)?,
             action: vec![0; task.spec().action.bytes()],
         })
     }
@@ -99,15 +100,12 @@ impl Demonstrator {
             let ended = match &mut self.expert {
                 Expert::Script => {
                     let scripted = self.lane.episode.expert_action(&mut self.action);
-                    ensure!(
-                        scripted,
-                        "{} has no scripted expert; --policy names a run whose policy demonstrates",
-                        self.task
-                    );
+                    ensure!(scripted, "{}: expected a scripted expert, found none", self.task);
                     self.lane.step(&self.action, None)?
                 }
-                Expert::Policy(policy, version) => {
-                    policy.step(version, slice::from_mut(&mut self.lane), ActionChoice::Mode)?.pop()
+                Expert::Policy(expert) => {
+                    let lanes = slice::from_mut(&mut self.lane);
+                    expert.policy.step(&expert.version, lanes, ActionChoice::Mode)?.pop()
                 }
             };
             if let Some(trajectory) = ended {

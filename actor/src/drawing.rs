@@ -6,8 +6,8 @@ use environments::{Environment, Pose, Shape, Solid};
 use prost::Message;
 use protocol::log::{FileWriter, Topic};
 use protocol::scene::{
-    self, Color, CubePrimitive, CylinderPrimitive, FRAME, Quaternion, SceneEntity, SceneUpdate,
-    SpherePrimitive, Timestamp, Vector3,
+    self, Color, CylinderPrimitive, FRAME, Primitive, Quaternion, SceneEntity, SceneUpdate,
+    Timestamp, Vector3,
 };
 use protocol::seed;
 use protocol::trajectory::{Source, Trajectory};
@@ -73,18 +73,14 @@ fn entity(solid: &Solid, pose: &Pose, time_ns: u64) -> SceneEntity {
     };
     let [r, g, b, a] = solid.color.map(f64::from);
     let color = Some(Color { r, g, b, a });
-    let ball = |pose: &Pose, radius: f32| SpherePrimitive {
+    let primitive = |pose: &Pose, half_size: [f32; 3]| Primitive {
         pose: Some(drawn(pose)),
-        size: Some(vector([2.0 * radius; 3])),
+        size: Some(vector(half_size.map(|half| 2.0 * half))),
         color,
     };
     match solid.shape {
-        Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
-            pose: Some(drawn(pose)),
-            size: Some(vector(half_extents.map(|half| 2.0 * half))),
-            color,
-        }),
-        Shape::Ball { radius } => entity.spheres.push(ball(pose, radius)),
+        Shape::Cuboid { half_extents } => entity.cubes.push(primitive(pose, half_extents)),
+        Shape::Ball { radius } => entity.spheres.push(primitive(pose, [radius; 3])),
         Shape::Capsule { radius, half_length } => {
             entity.cylinders.push(CylinderPrimitive {
                 pose: Some(drawn(pose)),
@@ -94,7 +90,7 @@ fn entity(solid: &Solid, pose: &Pose, time_ns: u64) -> SceneEntity {
                 color,
             });
             for end in [-half_length, half_length] {
-                entity.spheres.push(ball(&moved_along_own_z(pose, end), radius));
+                entity.spheres.push(primitive(&moved_along_own_z(pose, end), [radius; 3]));
             }
         }
     }

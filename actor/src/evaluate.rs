@@ -2,18 +2,18 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use protocol::config::RunConfig;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
-use protocol::run::{POLICY_FILE, RunFolder};
+use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
 use serde::Serialize;
 
 use crate::drawing::draw;
 use crate::lane::Lane;
-use crate::policy::Policy;
+use crate::policy::{Policy, newest_weights};
 
 /// Episodes of a file that a viewer can draw, the first ones.
 const DRAWN_EPISODES: usize = 20;
@@ -37,10 +37,7 @@ pub struct Evaluation {
 /// that the run itself ends with, and more of them if asked.
 pub fn evaluate(folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
     let config = folder.config()?;
-    let (_, checkpoint) = folder.newest_checkpoint().with_context(|| {
-        format!("expected a checkpoint in {}, found none", folder.checkpoints().display())
-    })?;
-    let weights = Weights::load(&checkpoint.join(POLICY_FILE))?;
+    let weights = newest_weights(folder)?;
     let trajectories = act(&config, &weights, episodes)?;
     let file = record(folder, &config, &weights, &trajectories)?;
     let count = trajectories.len() as f64;

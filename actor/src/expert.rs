@@ -2,36 +2,105 @@
 //! environment's own reward.
 
 use anyhow::{Context, Result, ensure};
+use environments::Setting;
 use protocol::config::RunConfig;
-use protocol::run::{POLICY_FILE, RunFolder};
+use protocol::run::RunFolder;
 use protocol::task::Task;
 use protocol::weights::Weights;
 
-use crate::policy::{Policy, Version};
+use crate::policy::{Policy, Version, newest_weights};
 
 /// Who demonstrates a task.
 pub enum Expert {
     /// The script of the task's environment.
     Script,
     /// A policy, which takes its most probable actions.
-    Policy(Box<Policy>, Box<Version>),
+    Policy(Box<TrainedExpert>),
+}
+
+/// A policy that demonstrates.
+pub struct TrainedExpert {
+    /// The policy.
+    pub policy: Policy,
+    /// Its weights.
+    pub version: Version,
+    /// What it was trained in.
+    trained_in: Setting,
 }
 
 impl Expert {
+    /// The expert that comes with a task. That of Ant Reach is a policy; `actor/experts/README.md`
+    /// has the command it was trained with.
+    pub fn of_task(task: Task) -> Result<Expert> {
+        if task != Task::AntReach {
+            return Ok(Expert::Script);
+        }
+        let config = include_str!("../experts/ant_reach/config.toml");
+        let weights = include_bytes!("../experts/ant_reach/policy.safetensors");
+        let origin = "actor/experts/ant_reach";
+        let config = RunConfig::from_text(config, origin)?;
+        Expert::trained(&config, &Weights::from_file(weights).map_err(anyhow::Error::msg)?)
+            .context(origin)
+    }
+
     /// The policy of the newest checkpoint of a run.
     pub fn of_run(folder: &RunFolder, task: Task) -> Result<Expert> {
         let config = folder.config()?;
         let (shown, found) = (folder.path().display(), config.task);
         ensure!(found == task, "{shown}: expected a run of {task}, found one of {found}");
-        let (_, checkpoint) = folder
-            .newest_checkpoint()
-            .with_context(|| format!("expected a checkpoint in {shown}, found none"))?;
-        Expert::policy(&config, &Weights::load(&checkpoint.join(POLICY_FILE))?)
+        Expert::trained(&config, &newest_weights(folder)?)
     }
 
-    fn policy(config: &RunConfig, weights: &Weights) -> Result<Expert> {
+    fn trained(config: &RunConfig, weights: &Weights) -> Result<Expert> {
         let policy = Policy::new(config);
         let version = policy.version(weights)?;
-        Ok(Expert::Policy(Box::new(policy), Box::new(version)))
+        let trained_in = config.environment.clone();
+        Ok(Expert::Policy(Box::new(TrainedExpert { policy, version, trained_in })))
+    }
+
+    /// The setting to demonstrate in so that demonstrations are as `wanted`: a policy's actions
+    /// keep the scale they were trained with.
+    pub fn setting(&self, wanted: &Setting) -> Result<Setting> {
+        let Expert::Policy(expert) = self else { return Ok(wanted.clone()) };
+        let forces = |setting: &Setting| setting.contact_forces.unwrap_or(false);
+        let (expected, found) = (forces(&expert.trained_in), forces(wanted));
+        ensure!(
+            expected == found,
+            "environment.contact_forces: expected {expected}, as the expert was trained with, \
+             found {found}; --policy names a run of another expert"
+        );
+        Ok(Setting { action_scale: expert.trained_in.action_scale.clone(), ..wanted.clone() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demonstrate::{Request, demonstrate};
+
+    #[test]
+    fn the_expert_of_ant_reach_reaches_its_goals_whatever_the_scale_of_actions() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (number, action_scale) in [vec![], vec![0.4; 8]].into_iter().enumerate() {
+            let request = Request {
+                task: Task::AntReach,
+                episodes: 20,
+                setting: Setting { noise: Some(0.0), action_scale, ..Setting::default() },
+                seed: 7,
+                file: &folder.path().join(format!("{number}.mcap")),
+            };
+            let expert = Expert::of_task(request.task).expect("the expert");
+            let recorded = demonstrate(&request, expert).expect("demonstrations");
+            assert!(recorded.failures <= 2, "{} failures beside 20", recorded.failures);
+            assert!(recorded.steps < 20 * 30, "{} steps in 20 episodes", recorded.steps);
+        }
+    }
+
+    #[test]
+    fn an_expert_is_not_asked_for_what_it_never_saw() {
+        let expert = Expert::of_task(Task::AntReach).expect("the expert");
+        let wanted = Setting { contact_forces: Some(true), ..Setting::default() };
+        let refusal = expert.setting(&wanted).expect_err("forces").to_string();
+        assert!(refusal.contains("contact_forces: expected false"), "{refusal}");
     }
 }

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use networks::{
     ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
 };
 use protocol::config::{ActionChoice, RunConfig};
 use protocol::messages::ActorSeconds;
+use protocol::run::{POLICY_FILE, RunFolder};
 use protocol::task::Spec;
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
@@ -32,6 +33,14 @@ pub struct Version {
     pub number: u64,
     normalizer: RunningNormalizer,
     prepared: PreparedPolicy,
+}
+
+/// The weights of the newest checkpoint of a run.
+pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
+    let (_, checkpoint) = folder.newest_checkpoint().with_context(|| {
+        format!("expected a checkpoint in {}, found none", folder.checkpoints().display())
+    })?;
+    Ok(Weights::load(&checkpoint.join(POLICY_FILE))?)
 }
 
 impl Policy {

@@ -4,10 +4,16 @@
 use crate::{EnvironmentError, Setting};
 use protocol::task::{ActionSpec, Spec, floats};
 
+/// Refuses an action that does not fit the spec, and any while no episode is running.
+pub(crate) fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
+    check(spec, action)?;
+    if running { Ok(()) } else { Err(EnvironmentError::NotRunning { task: spec.task }) }
+}
+
 /// Refuses an action that does not fit the spec: its length in bytes, a discrete action that the
 /// task does not have, or a number that is not finite. Finite numbers outside [-1, 1] are fine, the
 /// environment clips them.
-pub(crate) fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
+fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
     let (task, expected) = (spec.task, spec.action.bytes());
     if action.len() != expected {
         return Err(EnvironmentError::ActionLength { task, expected, found: action.len() });

@@ -112,7 +112,6 @@ pub struct Step {
 /// # Errors
 /// When the task does not have such a setting.
 pub fn create(task: Task, setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
-    setting.check("environment", &task.spec())?;
     match task {
         Task::Navigation => Ok(Box::new(navigation::Navigation::new(setting)?)),
         Task::FetchPick | Task::FetchPush => Ok(Box::new(fetch::Fetch::new(task, setting)?)),

@@ -175,7 +175,7 @@ impl Trainer {
         let improved_s = reward_update.as_ref().map_or(0.0, |update| update.seconds);
         let scoring_s = begun.elapsed().as_secs_f64() - improved_s;
         let begun = Instant::now();
-        let learning_rate = self.learning_rate();
+        let learning_rate = self.config.policy_learning_rate().at(iteration);
         let figures = self.update_policy(trajectories, &scores, learning_rate)?;
         let update_s = begun.elapsed().as_secs_f64();
         if let Some(under_way) = improvement {
@@ -214,18 +214,6 @@ impl Trainer {
             policy.normalizer.update(encoded.trajectory.observations());
         }
         Ok(figures)
-    }
-
-    /// Falls linearly to 0 over `decay_steps`, or over the run.
-    fn learning_rate(&self) -> f64 {
-        let ppo = &self.config.ppo;
-        if !ppo.learning_rate_decay {
-            return ppo.learning_rate;
-        }
-        let steps = if ppo.decay_steps == 0 { self.config.steps } else { ppo.decay_steps };
-        let iterations = steps.div_ceil(self.config.iteration_steps());
-        let past = self.state.iteration as f64 / iterations as f64;
-        ppo.learning_rate * (1.0 - past).max(0.0)
     }
 
     fn policy_update(

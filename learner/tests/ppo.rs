@@ -30,6 +30,7 @@ fn config() -> PpoConfig {
         value_coefficient: 0.5,
         entropy_coefficient: 0.0,
         epochs: 4,
+        target_kl: 0.0,
         minibatches: 2,
         max_gradient_norm: 0.5,
         bootstrap_truncated: false,
@@ -63,11 +64,15 @@ fn batch(network: &ActorCritic, parameters: &[f32], iteration: u64) -> Batch {
 
 /// Parameters after some updates on so many threads, and the last mean reward.
 fn train(threads: usize, iterations: u64) -> (Vec<f32>, f32) {
+    train_with(config(), threads, iterations)
+}
+
+fn train_with(config: PpoConfig, threads: usize, iterations: u64) -> (Vec<f32>, f32) {
     let network = network();
     let mut parameters = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
     let mut optimizer = Adam::new(parameters.len(), 1e-5);
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let mut ppo = Ppo::new(BANDIT, config(), network.clone(), threads);
+    let mut ppo = Ppo::new(BANDIT, config, network.clone(), threads);
     let mut mean = 0.0;
     for iteration in 0..iterations {
         let batch = batch(&network, &parameters, iteration);
@@ -83,6 +88,18 @@ fn train(threads: usize, iterations: u64) -> (Vec<f32>, f32) {
 fn the_better_arm_is_found() {
     let (_, mean) = train(2, 25);
     assert!(mean > 0.9, "mean reward {mean} after 25 updates, 0.33 before");
+}
+
+#[test]
+fn no_pass_follows_one_beyond_the_target_divergence() {
+    let after = |epochs, target_kl| {
+        let config = PpoConfig { epochs, target_kl, ..config() };
+        train_with(config, 1, 1).0
+    };
+    // The second minibatch of the first pass already differs from the policy that acted.
+    assert_eq!(after(4, 1e-12), after(1, 0.0));
+    assert_eq!(after(4, 1e3), after(4, 0.0));
+    assert_ne!(after(4, 1e-12), after(4, 0.0));
 }
 
 #[test]

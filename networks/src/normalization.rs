@@ -63,6 +63,14 @@ impl RunningNormalizer {
         Self { moments: vec![RunningMoments::default(); len] }
     }
 
+    /// Leaves numbers that vary by less than a deviation as they are from now on: scaled up, the
+    /// first one that differs would outweigh all others.
+    pub fn leave_constant(&mut self, deviation: f64) {
+        for moments in self.moments.iter_mut().filter(|one| one.deviation() < deviation) {
+            *moments = RunningMoments::default();
+        }
+    }
+
     /// Mean, variance and count of each number, one after another: all there is to keep.
     pub fn to_numbers(&self) -> Vec<f64> {
         let numbers = |moments: &RunningMoments| [moments.mean, moments.variance, moments.count];
@@ -109,10 +117,12 @@ impl RunningNormalizer {
             return;
         }
         assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
+        let scales: Vec<_> =
+            self.moments.iter().map(|moments| (moments.mean, moments.deviation())).collect();
         for row in observations.chunks_exact_mut(4 * len) {
-            for (number, moments) in row.as_chunks_mut::<4>().0.iter_mut().zip(&self.moments) {
-                let distance = f64::from(f32::from_le_bytes(*number)) - moments.mean;
-                let normalized = (distance / moments.deviation()).clamp(-CLIP, CLIP);
+            for (number, (mean, deviation)) in row.as_chunks_mut::<4>().0.iter_mut().zip(&scales) {
+                let distance = f64::from(f32::from_le_bytes(*number)) - mean;
+                let normalized = (distance / deviation).clamp(-CLIP, CLIP);
                 *number = (normalized as f32).to_le_bytes();
             }
         }
@@ -150,5 +160,17 @@ mod tests {
         assert!((numbers[0] - 1.0).abs() < 1e-3 && numbers[1].abs() < 0.1);
         assert_eq!(numbers[2..], [10.0, -10.0]);
         assert_eq!(RunningNormalizer::from_numbers(&normalizer.to_numbers()), normalizer);
+    }
+
+    #[test]
+    fn numbers_that_hardly_vary_can_be_left_alone() {
+        let bytes = |numbers: [f32; 2]| numbers.map(f32::to_le_bytes).concat();
+        let mut normalizer = RunningNormalizer::new(2);
+        normalizer.update(&[bytes([1.0, 5.0]), bytes([3.0, 5.002])].concat().repeat(500));
+        normalizer.leave_constant(0.01);
+        let mut normalized = bytes([3.0, 7.0]);
+        normalizer.normalize(&mut normalized);
+        let numbers: Vec<f32> = floats(&normalized).collect();
+        assert!((numbers[0] - 1.0).abs() < 1e-3 && (numbers[1] - 7.0).abs() < 1e-3, "{numbers:?}");
     }
 }

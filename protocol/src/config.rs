@@ -151,6 +151,9 @@ pub struct PpoConfig {
     pub entropy_coefficient: f64,
     /// Passes over a batch.
     pub epochs: u64,
+    /// No pass follows one in which the mean divergence from the policy that acted was above this;
+    /// 0 never ends passes early.
+    pub target_kl: f64,
     /// Minibatches per pass.
     pub minibatches: u64,
     /// Largest norm of a gradient.
@@ -183,8 +186,15 @@ pub struct RewardConfig {
     pub features: usize,
     /// Hidden tanh layers.
     pub hidden: Vec<usize>,
-    /// Adam's learning rate.
+    /// Whether the ensemble sees observations shifted and scaled by the moments they have in the
+    /// demonstrations, for vector tasks.
+    pub normalize_observations: bool,
+    /// Adam's learning rate, offline and in the first iteration.
     pub learning_rate: f64,
+    /// Whether it falls linearly to 0, after which the ensemble learns no more.
+    pub learning_rate_decay: bool,
+    /// Environment steps over which it falls; 0 takes the run's own.
+    pub decay_steps: u64,
     /// Passes over the demonstrations before training; 0 switches offline training off.
     pub pretraining_epochs: u64,
     /// Observations of each kind in a batch.
@@ -195,6 +205,23 @@ pub struct RewardConfig {
     pub experience: usize,
     /// Order within an iteration.
     pub order: UpdateOrder,
+}
+
+/// A learning rate that stays as it is, or falls linearly to 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LearningRate {
+    /// That of the first iteration.
+    pub first: f64,
+    /// Iterations until it is 0, if it falls.
+    pub iterations: Option<u64>,
+}
+
+impl LearningRate {
+    /// The rate in an iteration.
+    pub fn at(&self, iteration: u64) -> f64 {
+        let Some(iterations) = self.iterations else { return self.first };
+        self.first * (1.0 - iteration as f64 / iterations as f64).max(0.0)
+    }
 }
 
 /// Reward per step.
@@ -363,6 +390,23 @@ impl RunConfig {
         self.steps.div_ceil(self.iteration_steps())
     }
 
+    /// The learning rate of the policy.
+    pub fn policy_learning_rate(&self) -> LearningRate {
+        let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.ppo;
+        self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
+    }
+
+    /// The learning rate of the reward model.
+    pub fn reward_learning_rate(&self) -> LearningRate {
+        let RewardConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.reward;
+        self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
+    }
+
+    fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
+        let steps = if decay_steps == 0 { self.steps } else { decay_steps };
+        LearningRate { first, iterations: decay.then(|| steps.div_ceil(self.iteration_steps())) }
+    }
+
     fn check(&self) -> Result<(), Error> {
         let at_least_one = [
             ("steps", self.steps),
@@ -401,6 +445,8 @@ impl RunConfig {
         let normalized = self.policy.normalize_observations;
         let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
         within("policy.normalize_observations", vector || !normalized, "false for a grid", true)?;
+        let normalized = self.reward.normalize_observations;
+        within("reward.normalize_observations", vector || !normalized, "false for a grid", true)?;
         let actors = self.resources.actors;
         within("resources.actors", actors <= 64, "at most 64", actors)?;
         let ensemble = self.reward.ensemble;
@@ -433,6 +479,7 @@ impl RunConfig {
             ("ppo.value_clip", self.ppo.value_clip),
             ("ppo.value_coefficient", self.ppo.value_coefficient),
             ("ppo.entropy_coefficient", self.ppo.entropy_coefficient),
+            ("ppo.target_kl", self.ppo.target_kl),
             ("reward.uncertainty", self.reward.uncertainty),
         ];
         for (key, number) in not_negative {

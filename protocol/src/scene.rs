@@ -28,10 +28,10 @@ pub struct SceneEntity {
     pub id: String,
     /// Boxes it consists of.
     #[prost(message, repeated, tag = "8")]
-    pub cubes: Vec<CubePrimitive>,
+    pub cubes: Vec<Primitive>,
     /// Balls it consists of.
     #[prost(message, repeated, tag = "9")]
-    pub spheres: Vec<SpherePrimitive>,
+    pub spheres: Vec<Primitive>,
     /// Cylinders it consists of.
     #[prost(message, repeated, tag = "10")]
     pub cylinders: Vec<CylinderPrimitive>,
@@ -48,27 +48,13 @@ pub struct Timestamp {
     pub nanos: i32,
 }
 
-/// A box.
+/// A box or a ball: `CubePrimitive` and `SpherePrimitive` of the schema have the same fields.
 #[derive(Clone, PartialEq, Message)]
-pub struct CubePrimitive {
+pub struct Primitive {
     /// Of its center.
     #[prost(message, optional, tag = "1")]
     pub pose: Option<Pose>,
-    /// Its sides, meters.
-    #[prost(message, optional, tag = "2")]
-    pub size: Option<Vector3>,
-    /// Its color.
-    #[prost(message, optional, tag = "3")]
-    pub color: Option<Color>,
-}
-
-/// A ball.
-#[derive(Clone, PartialEq, Message)]
-pub struct SpherePrimitive {
-    /// Of its center.
-    #[prost(message, optional, tag = "1")]
-    pub pose: Option<Pose>,
-    /// Its diameters, meters.
+    /// Its sides, or its diameters, meters.
     #[prost(message, optional, tag = "2")]
     pub size: Option<Vector3>,
     /// Its color.

@@ -6,6 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::trajectory::Ending;
+
 /// A task of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -84,6 +86,17 @@ pub struct Spec {
     pub action: ActionSpec,
     /// Longest episode, in environment steps.
     pub horizon_steps: u32,
+}
+
+impl Spec {
+    /// How an episode ends after so many steps, if it does: at the goal, where the task ends
+    /// there, or else at the horizon.
+    pub fn ending(&self, at_goal: bool, steps: u32) -> Option<Ending> {
+        if at_goal {
+            return Some(Ending::Terminated);
+        }
+        (steps == self.horizon_steps).then_some(Ending::Truncated)
+    }
 }
 
 /// Shape and layout of one observation.

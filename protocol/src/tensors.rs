@@ -73,8 +73,12 @@ impl Tensors {
     pub fn load(path: &Path) -> Result<Tensors, Error> {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
         let bytes = std::fs::read(path).map_err(|error| failed(error.to_string()))?;
-        let tensors =
-            SafeTensors::deserialize(&bytes).map_err(|error| failed(error.to_string()))?;
+        Tensors::from_file(&bytes).map_err(failed)
+    }
+
+    /// Reads the bytes of a safetensors file.
+    pub fn from_file(bytes: &[u8]) -> Result<Tensors, String> {
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| error.to_string())?;
         let array = |(name, view): (String, TensorView<'_>)| {
             (name, Array { kind: view.dtype(), bytes: view.data().to_vec() })
         };

@@ -58,12 +58,20 @@ impl Weights {
     /// Reads what [`Weights::save`] wrote.
     pub fn load(path: &Path) -> Result<Weights, Error> {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
-        let tensors = Tensors::load(path)?;
-        let parameters = tensors.f32("parameters").map_err(failed)?;
-        let moments = tensors.f64("moments").map_err(failed)?;
-        match tensors.u64("version").map_err(failed)?[..] {
+        Weights::from_tensors(&Tensors::load(path)?).map_err(failed)
+    }
+
+    /// Reads the bytes of a file that [`Weights::save`] wrote.
+    pub fn from_file(bytes: &[u8]) -> Result<Weights, String> {
+        Weights::from_tensors(&Tensors::from_file(bytes)?)
+    }
+
+    fn from_tensors(tensors: &Tensors) -> Result<Weights, String> {
+        let parameters = tensors.f32("parameters")?;
+        let moments = tensors.f64("moments")?;
+        match tensors.u64("version")?[..] {
             [version] => Ok(Weights::new(version, &parameters, &moments)),
-            _ => Err(failed("expected one version".to_owned())),
+            _ => Err("expected one version".to_owned()),
         }
     }
 }

@@ -71,6 +71,21 @@ fn only_what_changes_weights_makes_another_result() {
 }
 
 #[test]
+fn learning_rates_fall_over_their_own_steps_or_over_the_run() {
+    let rates = |settings: &[&str]| {
+        let config = assemble("goalward", settings).unwrap();
+        [config.policy_learning_rate(), config.reward_learning_rate()]
+    };
+    let at_first = ["ppo.learning_rate=0.5", "reward.learning_rate=0.25", "steps=8192"];
+    let [policy, reward] = rates(&at_first);
+    assert_eq!([0, 1, 2, 3].map(|iteration| policy.at(iteration)), [0.5, 0.25, 0.0, 0.0]);
+    assert_eq!((reward.at(0), reward.at(99)), (0.25, 0.25), "stays by default");
+    let decays = ["reward.learning_rate_decay=true", "reward.decay_steps=16384"];
+    let [_, reward] = rates(&[&at_first[..], &decays].concat());
+    assert_eq!([0, 1, 4, 5].map(|iteration| reward.at(iteration)), [0.25, 0.1875, 0.0, 0.0]);
+}
+
+#[test]
 fn episodes_are_spread_over_lanes() {
     let rollout = assemble("goalward", &["rollout.lanes=4"]).unwrap().rollout;
     assert_eq!(rollout.spread(10), [3, 3, 2, 2]);

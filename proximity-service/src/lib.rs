@@ -42,6 +42,8 @@ fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn Reward
         .num_threads(config.resources.service_threads)
         .thread_name(|number| format!("ensemble-{number}"))
         .build()?;
-    let model = GoalProximity::new(&spec, &config.reward, config.seed, demonstrations, threads);
+    let rate = config.reward_learning_rate();
+    let model =
+        GoalProximity::new(&spec, &config.reward, rate, config.seed, demonstrations, threads);
     Ok(Box::new(model))
 }

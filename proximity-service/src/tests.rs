@@ -1,7 +1,7 @@
 //! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
 
 use bytes::Bytes;
-use protocol::config::{Discounting, RewardConfig, RewardForm, UpdateOrder};
+use protocol::config::{Discounting, LearningRate, RewardConfig, RewardForm, UpdateOrder};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
@@ -20,7 +20,10 @@ pub(crate) fn config() -> RewardConfig {
         convolution_channels: [4, 4, 4],
         features: 8,
         hidden: vec![16, 16],
+        normalize_observations: false,
         learning_rate: 0.003,
+        learning_rate_decay: false,
+        decay_steps: 0,
         pretraining_epochs: 200,
         batch: 11,
         samples: 11,
@@ -59,7 +62,8 @@ fn walk(row: f32, source: Source) -> Trajectory {
 fn model(threads: usize) -> GoalProximity {
     let demonstrations = Demonstrations::of(&[walk(0.0, Source::Demonstration)], &config());
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    GoalProximity::new(&CORRIDOR, &config(), 1, demonstrations, threads)
+    let rate = LearningRate { first: 0.003, iterations: Some(100) };
+    GoalProximity::new(&CORRIDOR, &config(), rate, 1, demonstrations, threads)
 }
 
 fn place(place: f32, row: f32) -> Vec<u8> {
@@ -92,13 +96,22 @@ fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
     let before = model.estimate(&elsewhere).proximity[0];
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
     let mut last = None;
-    for iteration in 0..100 {
+    for iteration in 0..80 {
         last = Some(model.improve(iteration, &batch));
     }
     let after = model.estimate(&elsewhere).proximity[0];
     assert!(before > 0.4 && after < 0.2, "before {before}, after {after}");
     assert!(model.estimate(&place(0.9, 0.0)).proximity[0] > 0.6);
     assert_eq!(last.unwrap().experience, 100);
+}
+
+#[test]
+fn online_training_ends_when_the_learning_rate_is_zero() {
+    let mut model = model(1);
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    let (last, after) = (model.improve(99, &batch), model.improve(100, &batch));
+    assert_eq!((last.gradient_steps, after.gradient_steps), (1, 0));
+    assert_eq!(last.weights_sha256, after.weights_sha256);
 }
 
 #[test]

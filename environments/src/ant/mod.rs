@@ -60,7 +60,6 @@ use body::Body;
 use observation::Goal;
 use protocol::seed::Stream;
 use protocol::task::{Spec, Task, floats};
-use protocol::trajectory::Ending;
 use sampling::{GOAL_DISTANCE, Sampling};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -163,10 +162,7 @@ impl Environment for Ant {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::check(&spec, action)?;
-        if !self.running {
-            return Err(EnvironmentError::NotRunning { task: spec.task });
-        }
+        action::accept(&spec, self.running, action)?;
         self.act(&self.scale.clipped(action));
         self.steps += 1;
         // An episode whose physics fails is over.
@@ -176,8 +172,9 @@ impl Environment for Ant {
         let [x, y] = self.goal.from(state.position);
         let distance = (x * x + y * y).sqrt();
         self.success |= distance < SUCCESS_DISTANCE;
-        self.running = self.steps < spec.horizon_steps;
-        let ending = if self.running { None } else { Some(Ending::Truncated) };
+        // The goal ends no episode here.
+        let ending = spec.ending(false, self.steps);
+        self.running = ending.is_none();
         let effort: f32 = floats(action).map(|number| number * number).sum();
         let reward = 1.0 - distance / GOAL_DISTANCE - ACTION_COST * effort;
         Ok(Step { reward, ending, success: self.success })

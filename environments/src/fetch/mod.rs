@@ -41,7 +41,6 @@ use crate::{Environment, EnvironmentError, Pose, Setting, Solid, Step, action};
 use expert::{Expert, View};
 use protocol::seed::Stream;
 use protocol::task::{Spec, Task, write_floats};
-use protocol::trajectory::Ending;
 use rapier3d::prelude::Vector;
 use sampling::Sampling;
 use scene::{GOAL_RADIUS, Scene};
@@ -135,10 +134,7 @@ impl Environment for Fetch {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::check(&spec, action)?;
-        if !self.running {
-            return Err(EnvironmentError::NotRunning { task: self.task });
-        }
+        action::accept(&spec, self.running, action)?;
         let [x, y, z, fingers] = self.scale.clipped(action);
         self.scene.pull_palm([x, y, z].map(|number| PALM_REACH * number));
         if self.task == Task::FetchPick {
@@ -151,13 +147,7 @@ impl Environment for Fetch {
         self.observe(observation)?;
 
         let success = self.scene.cube().distance(self.goal) < GOAL_RADIUS;
-        let ending = if success {
-            Some(Ending::Terminated)
-        } else if self.steps == spec.horizon_steps {
-            Some(Ending::Truncated)
-        } else {
-            None
-        };
+        let ending = spec.ending(success, self.steps);
         self.running = ending.is_none();
         Ok(Step { reward: if success { 0.0 } else { -1.0 }, ending, success })
     }

@@ -43,7 +43,6 @@ use crate::{Environment, EnvironmentError, Setting, Step, action};
 use expert::Distances;
 use protocol::seed::Stream;
 use protocol::task::{Spec, Task};
-use protocol::trajectory::Ending;
 use rand::RngExt;
 use rooms::{CELL_COUNT, Cell, Rooms};
 use xxhash_rust::xxh3::xxh3_64;
@@ -69,8 +68,9 @@ impl Navigation {
     /// Builds the environment; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the coverage keeps fewer than two cells.
+    /// When the task does not have such a setting, or its coverage keeps fewer than two cells.
     pub fn new(setting: &Setting) -> Result<Navigation, EnvironmentError> {
+        setting.check("environment", &Task::Navigation.spec())?;
         let universe = universe::universe(setting)?;
         Ok(Navigation {
             universe,
@@ -114,10 +114,7 @@ impl Environment for Navigation {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::check(&spec, action)?;
-        if !self.running {
-            return Err(EnvironmentError::NotRunning { task: spec.task });
-        }
+        action::accept(&spec, self.running, action)?;
         let target = self.agent.neighbor(usize::from(action[0]));
         if self.rooms.is_free(target) {
             self.agent = target;
@@ -126,13 +123,7 @@ impl Environment for Navigation {
         observation::write(&self.rooms, self.agent, self.goal, observation);
 
         let success = self.agent == self.goal;
-        let ending = if success {
-            Some(Ending::Terminated)
-        } else if self.steps == spec.horizon_steps {
-            Some(Ending::Truncated)
-        } else {
-            None
-        };
+        let ending = spec.ending(success, self.steps);
         self.running = ending.is_none();
         let reward =
             if success { 1.0 - 0.9 * self.steps as f32 / spec.horizon_steps as f32 } else { 0.0 };

@@ -33,11 +33,22 @@ fn the_states_of_two_episodes_are_golden() {
 
 #[test]
 fn random_actions_never_leave_the_finite_numbers() {
+    wander(20_000);
+}
+
+#[test]
+#[ignore = "a million steps of each task, four minutes of one core"]
+fn a_million_random_actions_never_leave_the_finite_numbers() {
+    wander(1_000_000);
+}
+
+/// Takes so many random steps of each task.
+fn wander(steps: u32) {
     for task in TASKS {
         let mut fetch = Fetch::open(task, &noise(2.0));
         let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
         let (mut episode, mut begun) = (0, false);
-        for _ in 0..20_000 {
+        for _ in 0..steps {
             if !begun {
                 fetch.reset(episode);
                 episode += 1;

@@ -67,7 +67,8 @@ impl Ppo {
         Ppo { spec, config, network, threads, shards: Vec::new(), prepared }
     }
 
-    /// Improves the parameters with a batch: several epochs of minibatches.
+    /// Improves the parameters with a batch: several epochs of minibatches, none after one that took
+    /// the policy farther than `target_kl`.
     pub fn update(
         &mut self,
         parameters: &mut [f32],
@@ -79,21 +80,31 @@ impl Ppo {
         let size = batch.len() / self.config.minibatches as usize;
         let mut rows: Vec<u32> = (0..batch.len() as u32).collect();
         let mut figures = Figures::default();
+        let mut epochs = 0;
         for epoch in 0..self.config.epochs {
-            let Schedule { run_seed, iteration, .. } = *schedule;
+            let Schedule { run_seed, iteration, learning_rate } = *schedule;
             let purpose = Purpose::PolicyMinibatches;
             rows.shuffle(&mut seed::stream(run_seed, purpose, iteration, epoch));
-            for minibatch in rows.chunks_exact(size) {
+            let minibatches = rows.chunks_exact(size);
+            let count = minibatches.len() as f64;
+            let mut of_epoch = Figures::default();
+            for minibatch in minibatches {
                 let mut own = self.gradient(parameters, batch, &targets, minibatch);
                 let gradient = &mut self.shards[0].gradient;
                 let largest = self.config.max_gradient_norm;
                 own.gradient_norm = networks::clip_global_norm(gradient, largest);
-                optimizer.update(parameters, gradient, schedule.learning_rate);
-                figures.add(&own);
+                optimizer.update(parameters, gradient, learning_rate);
+                of_epoch.add(&own);
+            }
+            let of_epoch = of_epoch.divided_by(count);
+            figures.add(&of_epoch);
+            epochs += 1;
+            let target = self.config.target_kl;
+            if target > 0.0 && of_epoch.approximate_kl > target {
+                break;
             }
         }
-        let minibatches = (batch.len() / size) as u64 * self.config.epochs;
-        figures.divided_by(minibatches as f64)
+        figures.divided_by(f64::from(epochs))
     }
 
     /// Values under the current policy, and from them advantages and returns.

@@ -8,13 +8,13 @@ use std::time::Instant;
 
 use anyhow::Result;
 use networks::{
-    Adam, Batch as Rows, Ensemble, Network, Prepared, RewardArchitecture, Score as RowScore,
-    Workspace, squared_error,
+    Adam, Batch as Rows, Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer,
+    Score as RowScore, Workspace, squared_error,
 };
-use protocol::config::RewardConfig;
+use protocol::config::{LearningRate, RewardConfig};
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::seed::{self, Purpose};
-use protocol::task::Spec;
+use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use protocol::weights;
@@ -31,16 +31,21 @@ use crate::target::AGENT_TARGET;
 /// Adam's epsilon, as in the authors' code.
 const ADAM_EPSILON: f64 = 1e-8;
 
+/// Numbers that vary by less in the demonstrations are not normalized; meters, radians, or per second.
+const LEAST_DEVIATION: f64 = 0.01;
+
 /// Observations scored at a time by one thread.
 const SHARD_ROWS: usize = 64;
 
 /// The goal proximity function, its training and its reward.
 pub struct GoalProximity {
     config: RewardConfig,
+    learning_rate: LearningRate,
     observation_bytes: usize,
     run_seed: u64,
     demonstrations: Demonstrations,
     experience: Experience,
+    normalizer: RunningNormalizer,
     ensemble: Ensemble,
     trainers: Vec<Trainer>,
     prepared: Vec<Prepared>,
@@ -77,6 +82,7 @@ impl GoalProximity {
     pub fn new(
         spec: &Spec,
         config: &RewardConfig,
+        learning_rate: LearningRate,
         run_seed: u64,
         demonstrations: Demonstrations,
         threads: ThreadPool,
@@ -95,8 +101,10 @@ impl GoalProximity {
             gradient: vec![0.0; parameters],
         };
         GoalProximity {
+            learning_rate,
             observation_bytes: spec.observation.bytes(),
             run_seed,
+            normalizer: normalizer(spec, config, &demonstrations),
             demonstrations,
             experience: Experience::new(config.experience, spec.observation.bytes()),
             trainers: vec![trainer; config.ensemble],
@@ -124,12 +132,13 @@ impl GoalProximity {
             self.experience.append_to(position, &mut minibatch.observations);
             minibatch.targets.push(AGENT_TARGET);
         }
+        self.normalizer.normalize(&mut minibatch.observations);
         minibatch
     }
 
     /// One optimizer step of every member.
-    fn train(&mut self, minibatch: &Minibatch) -> Losses {
-        let (network, learning_rate) = (&self.ensemble.network, self.config.learning_rate);
+    fn train(&mut self, minibatch: &Minibatch, learning_rate: f64) -> Losses {
+        let network = &self.ensemble.network;
         let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
         let train = |(member, trainer): (&mut Vec<f32>, &mut Trainer)| {
             let losses = trainer.differentiate(network, member, minibatch);
@@ -164,7 +173,9 @@ impl GoalProximity {
     fn row_scores(&self, observations: &[u8]) -> Vec<RowScore> {
         let score = |workspace: &mut Workspace, shard: &[u8]| {
             let (mut outputs, mut scores) = (Vec::new(), Vec::new());
-            let rows = Rows::new(shard);
+            let mut shard = shard.to_vec();
+            self.normalizer.normalize(&mut shard);
+            let rows = Rows::new(&shard);
             self.ensemble.score(&self.prepared, rows, workspace, &mut outputs, &mut scores);
             scores
         };
@@ -172,6 +183,22 @@ impl GoalProximity {
         let scores = || shards.map_init(Workspace::default, score).collect::<Vec<_>>();
         self.threads.install(scores).concat()
     }
+}
+
+/// What the ensemble's observations are normalized by.
+fn normalizer(
+    spec: &Spec,
+    config: &RewardConfig,
+    demonstrations: &Demonstrations,
+) -> RunningNormalizer {
+    let ObservationSpec::Vector { len } = spec.observation else {
+        return RunningNormalizer::new(0);
+    };
+    let mut normalizer =
+        RunningNormalizer::new(if config.normalize_observations { len } else { 0 });
+    normalizer.update(&demonstrations.observations);
+    normalizer.leave_constant(LEAST_DEVIATION);
+    normalizer
 }
 
 impl Trainer {
@@ -213,7 +240,7 @@ impl RewardModel for GoalProximity {
             order.shuffle(&mut seed::stream(self.run_seed, purpose, epoch, 0));
             for positions in order.chunks_exact(self.config.batch) {
                 let minibatch = self.minibatch(positions, &[]);
-                losses.push(self.train(&minibatch));
+                losses.push(self.train(&minibatch, self.learning_rate.first));
             }
         }
         self.updated(0, &losses, begun)
@@ -225,8 +252,9 @@ impl RewardModel for GoalProximity {
             self.experience.push(&encoded.trajectory);
         }
         let samples = self.config.samples.min(self.demonstrations.len());
+        let learning_rate = self.learning_rate.at(iteration);
         let mut losses = Vec::new();
-        if samples > 0 && self.experience.len() >= samples {
+        if learning_rate > 0.0 && samples > 0 && self.experience.len() >= samples {
             let purpose = Purpose::ImprovementBatches;
             let mut stream = seed::stream(self.run_seed, purpose, iteration, 0);
             let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
@@ -237,7 +265,7 @@ impl RewardModel for GoalProximity {
             let size = self.config.batch;
             for (own, agent) in own.chunks_exact(size).zip(agent.chunks_exact(size)) {
                 let minibatch = self.minibatch(own, agent);
-                losses.push(self.train(&minibatch));
+                losses.push(self.train(&minibatch, learning_rate));
             }
         }
         self.updated(iteration, &losses, begun)
@@ -284,6 +312,7 @@ impl RewardModel for GoalProximity {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
         tensors.put_u8("experience", self.experience.to_bytes());
+        tensors.put_f64("moments", self.normalizer.to_numbers());
         let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
         for (number, (member, trainer)) in members {
             let adam = &trainer.optimizer;
@@ -302,6 +331,7 @@ impl RewardModel for GoalProximity {
             ref other => Err(format!("array `{name}`: expected 1 number, found {}", other.len())),
         };
         self.version = single("version")?;
+        self.normalizer = RunningNormalizer::from_numbers(&tensors.f64("moments")?);
         let bytes = tensors.u8("experience")?;
         if bytes.len() % self.observation_bytes != 0 {
             return Err(format!("array `experience`: found {} bytes", bytes.len()));
