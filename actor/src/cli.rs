@@ -10,6 +10,7 @@ use environments::Setting;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 use protocol::task::Task;
+use serde::Serialize;
 
 use crate::demonstrate::{Recorded, Request, demonstrate};
 use crate::expert::Expert;
@@ -62,6 +63,15 @@ enum Command {
         #[arg(long)]
         episodes: u64,
     },
+    /// Acts every recorded episode of a run again and compares.
+    Verify {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Threads; 0 takes all cores.
+        #[arg(long, default_value_t = 0)]
+        threads: usize,
+    },
 }
 
 /// Runs the process.
@@ -96,8 +106,15 @@ fn run(command: Command) -> Result<()> {
         Command::Evaluate { run, episodes } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             let evaluation = crate::evaluate::evaluate(&RunFolder::new(run), episodes)?;
-            let text = serde_json::to_string(&evaluation)?;
-            Ok(writeln!(std::io::stdout(), "{text}")?)
+            print(&evaluation)
+        }
+        Command::Verify { run, threads } => {
+            print(&crate::verify::verify(&RunFolder::new(run), threads)?)
         }
     }
+}
+
+/// Prints figures for `goalward`, as JSON.
+fn print(figures: &impl Serialize) -> Result<()> {
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(figures)?)?)
 }

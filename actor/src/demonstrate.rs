@@ -42,11 +42,12 @@ pub struct Recorded {
 /// Records demonstrations: episodes of the expert that reach the goal, up to the goal.
 pub fn demonstrate(request: &Request<'_>, expert: Expert) -> Result<Recorded> {
     let Request { task, episodes, setting, seed, file } = request;
+    let setting = expert.setting(setting)?;
     let metadata = Metadata::new(Kind::Demonstrations, task.name(), *seed)
         .with("episodes", episodes)
-        .with("setting", serde_json::to_string(setting)?);
+        .with("setting", serde_json::to_string(&setting)?);
     let mut writer = FileWriter::create(file, &metadata, &[Topic::Trajectory])?;
-    let mut demonstrator = Demonstrator::begin(request, expert)?;
+    let mut demonstrator = Demonstrator::begin(*task, &setting, *seed, expert)?;
     let mut recorded = Recorded { steps: 0, failures: 0 };
     let mut number = 0;
     while number < *episodes {
@@ -79,18 +80,16 @@ struct Demonstrator {
 }
 
 impl Demonstrator {
-    fn begin(request: &Request<'_>, expert: Expert) -> Result<Demonstrator> {
-        let Request { task, setting, seed, .. } = request;
+    fn begin(task: Task, setting: &Setting, seed: u64, expert: Expert) -> Result<Demonstrator> {
         let lease = Lease {
             source: Source::Demonstration as i32,
             episodes_owed: u64::MAX,
             ..Lease::default()
         };
-        let setting = expert.setting(setting)?;
         Ok(Demonstrator {
-            task: *task,
+            task,
             expert,
-            lane: Lane::begin(lease, *task, &setting, *seed)?,
+            lane: Lane::begin(lease, task, setting, seed)?,
             action: vec![0; task.spec().action.bytes()],
         })
     }

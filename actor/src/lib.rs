@@ -1,7 +1,7 @@
 //! The actor: acts in environments and publishes trajectories; owns no learning.
 //!
-//! [`rollout`] is the process of a training run, [`demonstrate`] and [`evaluate`] work without a
-//! bus. [`episode`] and [`lane`] turn a lease into trajectories, [`policy`] chooses the actions.
+//! [`rollout`] is the process of a training run, [`demonstrate`], [`evaluate`] and [`verify`]
+//! work without a bus. [`episode`] and [`lane`] turn a lease into trajectories, [`policy`] chooses the actions.
 
 pub mod cli;
 pub mod demonstrate;
@@ -12,3 +12,4 @@ pub mod expert;
 pub mod lane;
 pub mod policy;
 pub mod rollout;
+pub mod verify;

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::commands::{demonstrate, evaluate, log, status, train};
+use crate::commands::{demonstrate, evaluate, log, replay, status, train};
 use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
@@ -27,6 +27,8 @@ enum Verb {
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
+    /// Check a run against its log: every recorded episode is acted again.
+    Replay(replay::Arguments),
     /// Look into recorded files, or repair what a crash left.
     #[command(subcommand)]
     Log(log::Verb),
@@ -45,6 +47,7 @@ pub(crate) fn run() -> Result<ExitCode> {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
+        Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Log(verb) => log::run(&verb),
     }
 }
@@ -79,6 +82,7 @@ mod tests {
             "goalward status r",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
+            "goalward replay r --verify",
             "goalward log info r",
             "goalward log repair a.mcap b.mcap",
         ] {

@@ -99,7 +99,7 @@ def draw(path, title, curves):
     by_steps.set_xlabel("environment steps, millions")
     by_time.set_xlabel("wall time, minutes")
     by_steps.set_ylabel("success, last 100 training episodes")
-    by_steps.legend(loc="lower right")
+    by_steps.legend(loc="best")
     for axes in (by_steps, by_time):
         axes.set_ylim(0, 1.02)
         axes.grid(alpha=0.3)
@@ -109,13 +109,13 @@ def draw(path, title, curves):
 
 
 def print_table(curves):
-    print("label, seed".ljust(24), *(f"{steps / 1e6:>6.2f}" for steps in PRINTED_STEPS), "  last")
+    print("label, seed".ljust(32), *(f"{steps / 1e6:>6.2f}" for steps in PRINTED_STEPS), "  last")
     for (label, seed), rows in sorted(curves.items()):
         steps, success = column(rows, "env_steps"), column(rows, "success_rate")
         near = [success[abs(steps - point) <= WINDOW_STEPS] for point in PRINTED_STEPS]
         reached = [f"{100 * part.mean():6.0f}" if point <= steps[-1] + WINDOW_STEPS else " " * 6
                    for point, part in zip(PRINTED_STEPS, near)]
-        print(f"{label}, {seed}".ljust(24), *reached, f"{100 * success[-1]:6.0f}")
+        print(f"{label}, {seed}".ljust(32), *reached, f"{100 * success[-1]:6.0f}")
 
 
 def main():

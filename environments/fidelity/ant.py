@@ -96,6 +96,19 @@ class Ant:
         mujoco.mj_step(self.model, self.data, self.timesteps)
         return self.observation()
 
+    def depth(self, observation):
+        """How deep the lowest ball or capsule of an observed ant is in the floor, meters."""
+        self.begin(observation)
+        mujoco.mj_kinematics(self.model, self.data)
+        lowest = np.inf
+        for geom in range(1, self.model.ngeom):
+            radius, half_length, _ = self.model.geom_size[geom]
+            tilt = abs(self.data.geom_xmat[geom][8])
+            is_ball = self.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
+            reach = radius if is_ball else radius + half_length * tilt
+            lowest = min(lowest, self.data.geom_xpos[geom][2] - reach)
+        return max(0.0, -lowest)
+
     def act(self, action):
         self.data.ctrl[:] = np.clip(action, -1, 1)
 

@@ -58,7 +58,8 @@ def torque_sequences():
 
 
 def gait(observations):
-    """Travel, height (mean, least, most), speed, rates of the joints, share of time on its back."""
+    """Travel, height (mean, least, most), speed, rates of the joints, share on its back, depth."""
+    probe = ant.Ant()
     place, height = ant.torso_xy(observations), observations[:, ant.HEIGHT]
     x, y = observations[:, ant.ORIENTATION][:, 1:3].T
     return [
@@ -69,6 +70,7 @@ def gait(observations):
         np.mean(np.linalg.norm(observations[:, ant.VELOCITY], axis=1)),
         np.mean(np.abs(observations[:, ant.JOINT_RATES])),
         np.mean(1 - 2 * (x**2 + y**2) < 0),
+        max(probe.depth(observation) for observation in observations),
     ]
 
 
@@ -89,9 +91,12 @@ def random_torques(episodes):
         "mean speed, m/s",
         "mean rate of a joint, rad/s",
         "share of time on its back",
+        "largest depth in the floor, m",
     ]
     found = np.transpose(found, (2, 1, 0))
-    return [table.samples(f"random torques: {name}", *both) for name, both in zip(names, found)]
+    rows = [table.samples(f"random torques: {name}", *both) for name, both in zip(names, found)]
+    deepest = [np.max(depths) for depths in found[-1]]
+    return [*rows, table.numbers("random torques: deepest of all episodes, m", *deepest, digits=3)]
 
 
 def expert(policy, episodes):

@@ -1,4 +1,4 @@
-"""A policy that Goalward has trained, read from the newest checkpoint of a run."""
+"""A policy that Goalward has trained, such as the expert of Ant Reach."""
 
 import json
 import pathlib
@@ -22,14 +22,18 @@ def tensors(path):
     }
 
 
-class Policy:
-    """The mean action of the policy of a run; hidden layers with tanh, as all vector tasks have."""
+ANT_EXPERT = pathlib.Path(__file__).resolve().parents[2] / "actor/experts/ant_reach"
 
-    def __init__(self, run, observation_len=132, action_len=8):
-        run = pathlib.Path(run)
-        config = tomllib.loads((run / "config.toml").read_text())
-        newest = max((run / "checkpoints").iterdir())
-        arrays = tensors(newest / "policy.safetensors")
+
+class Policy:
+    """The mean action of a policy; hidden layers with tanh, as all vector tasks have.
+
+    Its folder holds a run's config.toml and the policy.safetensors of a checkpoint.
+    """
+
+    def __init__(self, folder, observation_len=132, action_len=8):
+        config = tomllib.loads((folder / "config.toml").read_text())
+        arrays = tensors(folder / "policy.safetensors")
         widths = [observation_len, *config["policy"]["hidden"], action_len]
         self.layers = []
         left = arrays["parameters"]

@@ -3,5 +3,6 @@
 pub(crate) mod demonstrate;
 pub(crate) mod evaluate;
 pub(crate) mod log;
+pub(crate) mod replay;
 pub(crate) mod status;
 pub(crate) mod train;

@@ -1,0 +1,75 @@
+//! `goalward replay`: a run from its log.
+//!
+//! The actor acts every recorded episode again and prints its figures as JSON; this shows them.
+
+use std::path::PathBuf;
+use std::process::{ExitCode, Stdio};
+
+use anyhow::{Context, Result, bail};
+use protocol::run::RunFolder;
+use serde::Deserialize;
+
+use crate::figures;
+use crate::programs::{self, Program};
+use crate::progress::print_line;
+use crate::refusal::Refusal;
+
+/// Flags of `goalward replay`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Act every recorded episode again, on all cores, and compare bit for bit.
+    #[arg(long, required = true)]
+    verify: bool,
+}
+
+/// What the actor says.
+#[derive(Debug, Deserialize)]
+struct Verification {
+    episodes: u64,
+    steps: u64,
+    equal: u64,
+    first_difference: Option<String>,
+    damaged: Vec<String>,
+    seconds: f64,
+}
+
+/// Replays a run. Verification fails when an episode differs, and loses data when a file is damaged.
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let folder = RunFolder::new(&arguments.run);
+    folder.config()?;
+    let ended = Program::Actor
+        .command()?
+        .arg("verify")
+        .arg("--run")
+        .arg(folder.path())
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .context("starting the verification")?;
+    if !ended.status.success() {
+        return Ok(programs::exit_code(ended.status));
+    }
+    let verification: Verification =
+        serde_json::from_slice(&ended.stdout).context("reading the figures of the verification")?;
+    print_line(table(&verification).trim_end());
+    let Verification { episodes, equal, damaged, .. } = verification;
+    if let Some(difference) = verification.first_difference {
+        bail!("{} of {episodes} episodes differ; the first: {difference}", episodes - equal);
+    }
+    if !damaged.is_empty() {
+        return Err(Refusal::DataLost(damaged.join("; ")).into());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn table(verification: &Verification) -> String {
+    let Verification { episodes, steps, equal, seconds, .. } = verification;
+    let (equal, episodes) = (figures::count(*equal), figures::count(*episodes));
+    let (steps, rate) = (figures::count(*steps), figures::rate(*steps as f64 / seconds));
+    figures::table(&[
+        ("the same", format!("{equal} of {episodes} episodes")),
+        ("time", format!("{}, {steps} steps, {rate}", figures::duration(*seconds))),
+    ])
+}
