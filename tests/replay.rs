@@ -11,11 +11,15 @@ use std::process::Output;
 use protocol::log::{LogOptions, LogWriter, Record, read_run};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Trajectory};
-use system_tests::{SMALL, SMALL_PHYSICS, TestRun, programs};
+use system_tests::{SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs};
+
+fn replay(run: &TestRun, what: &[&str]) -> Output {
+    let mut replay = run.program("goalward");
+    replay.arg("replay").arg(run.folder().path()).args(what).output().unwrap()
+}
 
 fn verify(run: &TestRun) -> Output {
-    let mut replay = run.program("goalward");
-    replay.arg("replay").arg(run.folder().path()).arg("--verify").output().unwrap()
+    replay(run, &["--verify"])
 }
 
 #[test]
@@ -41,10 +45,20 @@ fn rewrite(run: &TestRun, change: impl Fn(&mut Trajectory)) {
     let mut reader = read_run(&old).unwrap();
     let mut writer = LogWriter::create(&log, reader.metadata(), LogOptions::default()).unwrap();
     for entry in &mut reader {
-        let Record::Trajectory(bytes) = entry.unwrap().record else { continue };
-        let mut trajectory = Encoded::decode(bytes, &Task::Navigation.spec()).unwrap().trajectory;
-        change(&mut trajectory);
-        writer.trajectory(&Encoded::encode(trajectory)).unwrap();
+        let decode = |bytes| Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
+        match entry.unwrap().record {
+            Record::Trajectory(bytes) => {
+                let mut trajectory = decode(bytes).trajectory;
+                change(&mut trajectory);
+                writer.trajectory(&Encoded::encode(trajectory)).unwrap();
+            }
+            Record::EvaluationTrajectory(bytes) => writer.trajectory(&decode(bytes)).unwrap(),
+            Record::Score(score) => writer.score(&score).unwrap(),
+            Record::PolicyUpdate(update) => writer.policy_update(&update).unwrap(),
+            Record::RewardUpdate(update) => writer.reward_update(&update).unwrap(),
+            Record::Checkpoint(checkpoint) => writer.checkpoint(&checkpoint).unwrap(),
+            Record::Scene(_) => panic!("expected no scenes in the log of a run"),
+        }
     }
     writer.finish().unwrap();
 }
@@ -72,4 +86,60 @@ fn a_log_that_is_cut_off_is_verified_as_far_as_it_goes() {
     let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
     assert_eq!(status.code(), Some(3), "{stdout}{stderr}");
     assert!(stdout.contains("the same") && stderr.contains("cut off"), "{stdout}{stderr}");
+}
+
+#[test]
+fn a_run_is_trained_again_from_its_log_alone() {
+    for settings in [&[][..], &["rollout.lag=1"], &["method=environment-reward"]] {
+        let run = TestRun::new(programs!());
+        let summary = run.finish(settings);
+        let out = run.path("again");
+        let Output { status, stdout, stderr } =
+            replay(&run, &["--retrain", "--out", out.to_str().unwrap()]);
+        let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+        assert!(status.success(), "{settings:?}: {stdout}{stderr}");
+        assert!(stdout.contains(&summary.policy_sha256), "{settings:?}: {stdout}");
+        let again = fs::read_to_string(out.join("summary.json")).unwrap();
+        let again: Summary = serde_json::from_str(&again).unwrap();
+        assert_eq!(again.hashes(), summary.hashes());
+        assert_eq!(again.evaluation, summary.evaluation);
+    }
+}
+
+#[test]
+fn a_run_that_was_killed_is_trained_again_as_far_as_its_log_goes() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["steps=4000000"]);
+    training.await_checkpoint(8);
+    for process in run.processes() {
+        process.signal(Signal::Kill);
+    }
+    training.signal(Signal::Kill);
+    training.end();
+    let Output { status, stdout, stderr } = replay(&run, &["--retrain"]);
+    let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    assert!(status.success(), "{stdout}{stderr}");
+    assert!(stdout.contains("the weights after"), "{stdout}");
+    assert!(!run.folder().path().join("retrained").exists(), "removed when all is the same");
+
+    let Output { status, stdout, .. } = replay(&run, &["--retrain", "--until", "3"]);
+    let stdout = String::from_utf8_lossy(&stdout);
+    // Three updates of the policy, three of the ensemble, and its offline training.
+    assert!(status.success() && stdout.contains("the weights after 7 updates"), "{stdout}");
+}
+
+#[test]
+fn a_run_whose_log_was_changed_is_trained_into_other_weights() {
+    let run = TestRun::new(programs!());
+    run.finish(&[]);
+    rewrite(&run, |trajectory| {
+        if trajectory.iteration == 5 {
+            let log_probs = trajectory.log_probs.iter().map(|&byte| byte ^ 1).collect::<Vec<_>>();
+            trajectory.log_probs = log_probs.into();
+        }
+    });
+    let Output { status, stderr, .. } = replay(&run, &["--retrain"]);
+    let stderr = String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("the policy differs first after update 6"), "{stderr}");
 }

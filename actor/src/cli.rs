@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::demonstrate::{Recorded, Request, demonstrate};
 use crate::expert::Expert;
+use crate::replay::{Recording, replay};
 
 /// Acts in environments.
 #[derive(Debug, Parser)]
@@ -33,6 +34,21 @@ enum Command {
         /// Name on the bus, of no other process of the run: actor-0, actor-1 and so on.
         #[arg(long)]
         name: String,
+    },
+    /// Takes leases of a run's learner and publishes what a log has of them.
+    Replay {
+        /// Folder of the run that learns.
+        #[arg(long)]
+        run: PathBuf,
+        /// Name on the bus.
+        #[arg(long)]
+        name: String,
+        /// Folder of the log.
+        #[arg(long)]
+        log: PathBuf,
+        /// Iterations to replay; without it the whole log.
+        #[arg(long)]
+        iterations: Option<u64>,
     },
     /// Records demonstrations by the task's expert.
     Demonstrate {
@@ -83,9 +99,15 @@ pub fn main() -> ExitCode {
 fn run(command: Command) -> Result<()> {
     match command {
         Command::Rollout { run, name } => {
-            ensure!(name.starts_with("actor"), "expected a name like actor-0, found {name}");
+            check_name(&name)?;
             let stop = Stop::at_end_of_input();
             crate::rollout::rollout(&RunFolder::new(run), &name, &stop)
+        }
+        Command::Replay { run, name, log, iterations } => {
+            check_name(&name)?;
+            let stop = Stop::at_end_of_input();
+            let recording = Recording { log, iterations };
+            replay(&RunFolder::new(run), &name, &recording, &stop)
         }
         Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
@@ -112,6 +134,11 @@ fn run(command: Command) -> Result<()> {
             print(&crate::verify::verify(&RunFolder::new(run), threads)?)
         }
     }
+}
+
+fn check_name(name: &str) -> Result<()> {
+    ensure!(name.starts_with("actor"), "expected a name like actor-0, found {name}");
+    Ok(())
 }
 
 /// Prints figures for `goalward`, as JSON.

@@ -1,7 +1,8 @@
 //! The actor: acts in environments and publishes trajectories; owns no learning.
 //!
-//! [`rollout`] is the process of a training run, [`demonstrate`], [`evaluate`] and [`verify`]
-//! work without a bus. [`episode`] and [`lane`] turn a lease into trajectories, [`policy`] chooses the actions.
+//! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log.
+//! [`demonstrate`], [`evaluate`] and [`verify`] work without a bus. [`episode`] and [`lane`] turn a
+//! lease into trajectories, [`policy`] chooses the actions.
 
 pub mod cli;
 pub mod demonstrate;
@@ -11,5 +12,7 @@ pub mod evaluate;
 pub mod expert;
 pub mod lane;
 pub mod policy;
+pub mod ports;
+pub mod replay;
 pub mod rollout;
 pub mod verify;

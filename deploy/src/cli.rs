@@ -27,7 +27,7 @@ enum Verb {
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
-    /// Check a run against its log: every recorded episode is acted again.
+    /// Check a run against its log: act its episodes again, or train again from them.
     Replay(replay::Arguments),
     /// Look into recorded files, or repair what a crash left.
     #[command(subcommand)]
@@ -47,7 +47,7 @@ pub(crate) fn run() -> Result<ExitCode> {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
-        Verb::Replay(arguments) => replay::run(&arguments),
+        Verb::Replay(arguments) => replay::run(arguments),
         Verb::Log(verb) => log::run(&verb),
     }
 }
@@ -83,6 +83,7 @@ mod tests {
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
             "goalward replay r --verify",
+            "goalward replay r --retrain --until 40 --out s",
             "goalward log info r",
             "goalward log repair a.mcap b.mcap",
         ] {
@@ -101,6 +102,9 @@ mod tests {
             "goalward demonstrate navigation --out d.mcap",
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
             "goalward log info",
+            "goalward replay r",
+            "goalward replay r --verify --retrain",
+            "goalward replay r --verify --until 40",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();
             let text = in_one_line(&error.to_string());

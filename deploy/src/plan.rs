@@ -54,6 +54,15 @@ impl Plan {
         Ok(Plan { folder, config: with_absolute_paths(config)?, resumed: false })
     }
 
+    /// A new run with the configuration of another one.
+    ///
+    /// # Errors
+    /// When the folder is not free.
+    pub(crate) fn copy_of(config: RunConfig, folder: RunFolder) -> Result<Plan> {
+        refuse_unless_free(&folder)?;
+        Ok(Plan { folder, config, resumed: false })
+    }
+
     /// A run that is continued: its configuration is the one in its folder. Only what changes no
     /// result can be changed.
     ///

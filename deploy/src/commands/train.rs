@@ -13,7 +13,7 @@ use protocol::task::Task;
 
 use crate::plan::{Plan, Wishes};
 use crate::progress::{ProgressView, print_line};
-use crate::supervisor::{Outcome, supervise};
+use crate::supervisor::{Outcome, Source, supervise};
 use crate::{demonstrations, figures, programs, summary};
 
 /// What a run's folder can grow by, with room to spare.
@@ -105,7 +105,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
             let summary = Summary::of_run(&plan.folder)?;
             print_end(&plan.folder, &summary.context("the learner left no summary")?);
         }
-        Outcome::Stopped => print_how_to_resume(&plan.folder),
+        Outcome::Stopped | Outcome::EndOfLog => print_how_to_resume(&plan.folder),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -129,11 +129,20 @@ fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome
         view.activity(&format!("recording {episodes} demonstrations"));
         demonstrations::record_for_run(folder, config)?;
     }
+    block_on_supervision(folder, &Source::Environments(config.resources.actors), view)
+}
+
+/// Starts a run's processes and watches over them to its end.
+pub(crate) fn block_on_supervision(
+    folder: &RunFolder,
+    source: &Source,
+    view: &mut ProgressView,
+) -> Result<Outcome> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .context("starting the supervisor")?;
-    runtime.block_on(supervise(folder, config, view))
+    runtime.block_on(supervise(folder, source, view))
 }
 
 /// The deepest folder on the way to `path` that exists.

@@ -1,6 +1,7 @@
 //! All processes of a run: one learner, one proximity service, any number of actors.
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -19,38 +20,67 @@ const STOP_PATIENCE: Duration = Duration::from_secs(10);
 /// the actor was wrong and comes back.
 const COMEBACK: Duration = Duration::from_secs(1);
 
+/// What the trajectories of a run come from.
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    /// Environments, in so many actors.
+    Environments(u64),
+    /// The log of a run, by one actor.
+    Log {
+        /// Folder of the log.
+        log: PathBuf,
+        /// Iterations to take from it; all that it has if absent.
+        iterations: Option<u64>,
+    },
+}
+
 /// The processes of a run.
 pub(super) struct Fleet {
     pub(super) learner: Process,
     pub(super) service: Process,
     actors: Vec<Actor>,
+    /// Whether actors that have done their work come back.
+    actors_return: bool,
 }
 
 struct Actor {
     process: Process,
     deaths: ActorDeaths,
+    /// Whether it has ended without an error.
+    ended_well: bool,
     /// When it is started again, if it has ended.
     start_at: Option<Instant>,
 }
 
 impl Fleet {
     /// The processes of the run in `folder`, none of them started.
-    pub(super) fn new(folder: &RunFolder, actor_count: u64) -> Self {
+    pub(super) fn new(folder: &RunFolder, source: &Source) -> Self {
         let run = || [OsString::from("--run"), folder.path().into()];
-        let process = |program, name: &str, before: &[&str], after: &[&str]| {
-            let before = before.iter().map(OsString::from);
-            let arguments = before.chain(run()).chain(after.iter().map(OsString::from)).collect();
-            Process::new(folder, program, name, arguments)
-        };
-        let actor = |number: u64| {
+        let core = |program, name| Process::new(folder, program, name, run().to_vec());
+        let actor = |number: u64, verb: &str, further: &[OsString]| {
             let name = format!("actor-{number}");
-            let process = process(Program::Actor, &name, &["rollout"], &["--name", &name]);
-            Actor { process, deaths: ActorDeaths::default(), start_at: None }
+            let named = ["--name".into(), OsString::from(&name)];
+            let arguments = [&[verb.into()], &run()[..], &named, further].concat();
+            let process = Process::new(folder, Program::Actor, &name, arguments);
+            Actor { process, deaths: ActorDeaths::default(), ended_well: false, start_at: None }
+        };
+        let actors = match source {
+            Source::Environments(count) => {
+                (0..*count).map(|number| actor(number, "rollout", &[])).collect()
+            }
+            Source::Log { log, iterations } => {
+                let count =
+                    iterations.map(|count| ["--iterations".into(), count.to_string().into()]);
+                let log = ["--log".into(), log.into()];
+                let further = [&log[..], count.as_ref().map_or(&[], |count| &count[..])].concat();
+                vec![actor(0, "replay", &further)]
+            }
         };
         Fleet {
-            learner: process(Program::Learner, "learner", &[], &[]),
-            service: process(Program::ProximityService, "proximity-service", &[], &[]),
-            actors: (0..actor_count).map(actor).collect(),
+            learner: core(Program::Learner, "learner"),
+            service: core(Program::ProximityService, "proximity-service"),
+            actors,
+            actors_return: matches!(source, Source::Environments(_)),
         }
     }
 
@@ -66,19 +96,21 @@ impl Fleet {
         self.learner.start()
     }
 
-    /// Starts actors again that have ended.
+    /// Starts actors again that have ended; returns whether one has come to the end of its log.
     ///
     /// # Errors
     /// When one of them dies too often.
-    pub(super) fn look_after_actors(&mut self, view: &ProgressView) -> Result<()> {
+    pub(super) fn look_after_actors(&mut self, view: &ProgressView) -> Result<bool> {
         let now = Instant::now();
         for actor in &mut self.actors {
             match actor.process.reap()? {
-                Some(status) if status.success() => actor.start_at = Some(now + COMEBACK),
+                Some(status) if status.success() => {
+                    (actor.ended_well, actor.start_at) = (true, Some(now + COMEBACK));
+                }
                 Some(status) if actor.deaths.allow_restart(now) => {
                     let name = actor.process.name();
                     view.note(&format!("{name} ended ({status}) and is started again"));
-                    actor.start_at = Some(now);
+                    (actor.ended_well, actor.start_at) = (false, Some(now));
                 }
                 Some(status) => {
                     let seconds = DEATH_WINDOW.as_secs();
@@ -89,10 +121,13 @@ impl Fleet {
             }
             if actor.start_at.is_some_and(|at| at <= now) {
                 actor.start_at = None;
+                if actor.ended_well && !self.actors_return {
+                    return Ok(true);
+                }
                 actor.process.start()?;
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Ends all processes: politely at first, by force after [`STOP_PATIENCE`] or when the user

@@ -15,12 +15,12 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use protocol::bus::BusAddress;
-use protocol::config::RunConfig;
 use protocol::run::RunFolder;
 
 use crate::progress::ProgressView;
 use bus_watch::BusWatch;
 use fleet::Fleet;
+pub(crate) use fleet::Source;
 use restart::{CoreRestarts, MOST_RESTARTS};
 use signals::Signals;
 
@@ -47,15 +47,18 @@ pub(crate) enum Outcome {
     Finished,
     /// The user stopped it; it can be continued.
     Stopped,
+    /// The log it learned from has no more.
+    EndOfLog,
 }
 
-/// Trains the run in `folder`, which has its configuration and demonstrations, to its end.
+/// Trains the run in `folder`, which has its configuration and demonstrations, to its end, or to that
+/// of the log it learns from.
 ///
 /// # Errors
 /// When a process cannot start or dies too often, or the bus fails. No process is left behind.
 pub(crate) async fn supervise(
     folder: &RunFolder,
-    config: &RunConfig,
+    source: &Source,
     view: &mut ProgressView,
 ) -> Result<Outcome> {
     let mut signals = Signals::listen()?;
@@ -65,7 +68,7 @@ pub(crate) async fn supervise(
     }
     address.remove()?;
     let watch = BusWatch::start(&address)?;
-    let fleet = Fleet::new(folder, config.resources.actors);
+    let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
     let mut supervision = Supervision { folder, view, signals, watch, fleet, restarts };
     let outcome = supervision.run().await;
@@ -137,34 +140,40 @@ impl Supervision<'_> {
                 progress = self.watch.next() => self.view.show(&progress?),
                 () = tokio::time::sleep(TICK) => self.view.tick(),
             }
-            if self.look_after().await? {
-                return Ok(Outcome::Finished);
+            if let Some(outcome) = self.look_after().await? {
+                return Ok(outcome);
             }
         }
     }
 
-    /// Notices deaths and starts again what died; returns whether the run is finished.
-    async fn look_after(&mut self) -> Result<bool> {
+    /// Notices deaths and starts again what died; returns how the run has ended, if it has.
+    async fn look_after(&mut self) -> Result<Option<Outcome>> {
         if let Some(status) = self.fleet.learner.reap()? {
             if status.success() && self.is_finished() {
-                return Ok(true);
+                return Ok(Some(Outcome::Finished));
             }
             return self.restart_core(Core::Learner, status).await;
         }
         if let Some(status) = self.fleet.service.reap()? {
             return self.restart_core(Core::Service, status).await;
         }
-        self.fleet.look_after_actors(self.view)?;
-        Ok(false)
+        if self.fleet.look_after_actors(self.view)? {
+            self.end_learner().await?;
+            return Ok(Some(self.unless_finished(Outcome::EndOfLog)));
+        }
+        Ok(None)
+    }
+
+    fn unless_finished(&self, outcome: Outcome) -> Outcome {
+        if self.is_finished() { Outcome::Finished } else { outcome }
     }
 
     fn is_finished(&self) -> bool {
         self.folder.summary_file().exists()
     }
 
-    /// Starts learner and proximity service again, one of which has died; returns whether the run
-    /// is finished instead.
-    async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<bool> {
+    /// Starts learner and proximity service again, one of which has died, unless the run is finished.
+    async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<Option<Outcome>> {
         let Fleet { learner, service, .. } = &mut self.fleet;
         let (dead, survivor) = match dead {
             Core::Learner => (learner, service),
@@ -177,7 +186,7 @@ impl Supervision<'_> {
             survivor.kill()?;
         }
         if self.folder.summary_file().exists() {
-            return Ok(true);
+            return Ok(Some(Outcome::Finished));
         }
         let checkpoint = self.folder.newest_checkpoint().map(|(iteration, _)| iteration);
         if !self.restarts.allow_restart(checkpoint) {
@@ -193,16 +202,21 @@ impl Supervision<'_> {
             dead.name()
         ));
         self.fleet.start_core()?;
-        Ok(false)
+        Ok(None)
     }
 
-    /// Ends the learner as the user wishes: with a checkpoint. The other processes are needed for
-    /// it, so they end later.
+    /// Ends the run as the user wishes.
     async fn stop(&mut self) -> Result<Outcome> {
         self.view.note(
             "stopping: the learner finishes its iteration and writes a checkpoint (Ctrl-C again: \
              at once)",
         );
+        self.end_learner().await?;
+        Ok(self.unless_finished(Outcome::Stopped))
+    }
+
+    /// Ends the learner with a checkpoint. The other processes are needed for it, so they end later.
+    async fn end_learner(&mut self) -> Result<()> {
         let learner = &mut self.fleet.learner;
         learner.ask_to_stop();
         let status = tokio::select! {
@@ -217,7 +231,7 @@ impl Supervision<'_> {
                 self.fleet.learner.kill().context("ending the learner")?;
             }
         }
-        Ok(if self.is_finished() { Outcome::Finished } else { Outcome::Stopped })
+        Ok(())
     }
 }
 

@@ -1,8 +1,6 @@
-//! `goalward replay`: a run from its log.
-//!
-//! The actor acts every recorded episode again and prints its figures as JSON; this shows them.
+//! `goalward replay --verify`: the actor acts every recorded episode again and prints its figures as
+//! JSON; this shows them.
 
-use std::path::PathBuf;
 use std::process::{ExitCode, Stdio};
 
 use anyhow::{Context, Result, bail};
@@ -13,16 +11,6 @@ use crate::figures;
 use crate::programs::{self, Program};
 use crate::progress::print_line;
 use crate::refusal::Refusal;
-
-/// Flags of `goalward replay`.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
-    /// Folder of the run.
-    run: PathBuf,
-    /// Act every recorded episode again, on all cores, and compare bit for bit.
-    #[arg(long, required = true)]
-    verify: bool,
-}
 
 /// What the actor says.
 #[derive(Debug, Deserialize)]
@@ -35,10 +23,8 @@ struct Verification {
     seconds: f64,
 }
 
-/// Replays a run. Verification fails when an episode differs, and loses data when a file is damaged.
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let folder = RunFolder::new(&arguments.run);
-    folder.config()?;
+/// Verifies a run's log: fails when an episode differs, and has lost data when a file is damaged.
+pub(super) fn verify(folder: &RunFolder) -> Result<ExitCode> {
     let ended = Program::Actor
         .command()?
         .arg("verify")

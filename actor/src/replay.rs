@@ -1,0 +1,126 @@
+//! `goalward-actor replay`: an actor whose source is the log of a run. It takes leases like any other
+//! and publishes the trajectories that were recorded of them, byte by byte; no environment is asked.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, ensure};
+use protocol::log::{Contents, Record, RunReader, read_contents};
+use protocol::messages::{ActorSeconds, Lease};
+use protocol::process::Stop;
+use protocol::run::RunFolder;
+use protocol::task::Spec;
+use protocol::trajectory::Encoded;
+
+use crate::ports::Ports;
+
+/// Leases taken at once.
+const LEASES_AT_ONCE: usize = 16;
+
+/// What is replayed.
+pub struct Recording {
+    /// Folder of the log.
+    pub log: PathBuf,
+    /// Iterations to replay; the whole log if absent.
+    pub iterations: Option<u64>,
+}
+
+/// Publishes what a log has of the leases it is granted, until the run is over, a stop is requested,
+/// or a lease comes that is not in the log as a whole.
+pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop) -> Result<()> {
+    let spec = folder.config()?.task.spec();
+    let mut source = Source::open(&recording.log, spec)?;
+    let (mut ports, _bus) = Ports::open(folder, name)?;
+    while !stop.is_requested() && !ports.is_over() {
+        let leases = ports.granted()?;
+        for lease in &leases {
+            let wanted = recording.iterations.is_none_or(|count| lease.iteration < count);
+            let recorded = if wanted { source.of_lease(lease)? } else { None };
+            let Some(trajectories) = recorded else {
+                tracing::info!("the log ends in iteration {}", lease.iteration);
+                return Ok(());
+            };
+            for encoded in trajectories {
+                ports.publish(encoded)?;
+            }
+            ports.finish(*lease);
+        }
+        ports.ask(LEASES_AT_ONCE, &mut ActorSeconds::default());
+        if leases.is_empty() {
+            ports.wait()?;
+        }
+    }
+    Ok(())
+}
+
+/// Who acted, iteration and lane.
+type LaneName = (i32, u64, u64);
+
+/// A log that is read as far as leases ask for it.
+struct Source {
+    log: PathBuf,
+    spec: Spec,
+    reader: RunReader,
+    /// What was read and may still be asked for, by episode.
+    lanes: BTreeMap<LaneName, BTreeMap<u64, Encoded>>,
+    /// Trajectories of earlier iterations are forgotten.
+    kept_from: u64,
+}
+
+impl Source {
+    fn open(log: &Path, spec: Spec) -> Result<Source> {
+        let reader = read_contents(log, Contents::Trajectories)?;
+        Ok(Source { log: log.to_owned(), spec, reader, lanes: BTreeMap::new(), kept_from: 0 })
+    }
+
+    /// The trajectories of a lease, in order; none if the log does not have all of them.
+    fn of_lease(&mut self, lease: &Lease) -> Result<Option<Vec<&Encoded>>> {
+        if lease.iteration < self.kept_from {
+            // The learner went back to a checkpoint.
+            *self = Source::open(&self.log, self.spec)?;
+        }
+        while owed(&self.lanes, lease).is_none() {
+            let Some(entry) = self.reader.next() else { return Ok(None) };
+            let (Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes)) = entry?.record
+            else {
+                continue;
+            };
+            let encoded = Encoded::decode(bytes, &self.spec)?;
+            let trajectory = &encoded.trajectory;
+            let lane = (trajectory.source, trajectory.iteration, trajectory.lane);
+            self.lanes.entry(lane).or_default().insert(trajectory.episode, encoded);
+        }
+        // With lag 1 the rollout before may still be under way.
+        self.kept_from = self.kept_from.max(lease.iteration.saturating_sub(1));
+        self.lanes.retain(|(_, iteration, _), _| *iteration >= self.kept_from);
+        let trajectories = owed(&self.lanes, lease).unwrap_or_default();
+        for encoded in &trajectories {
+            let (expected, found) = (lease.policy_version, encoded.trajectory.policy_version);
+            ensure!(
+                expected == found,
+                "lane {} episode {}: expected policy version {expected}, found {found} in the log",
+                lease.lane,
+                encoded.key.episode
+            );
+        }
+        Ok(Some(trajectories))
+    }
+}
+
+/// The trajectories a lease owes, if all of them are there.
+fn owed<'a>(
+    lanes: &'a BTreeMap<LaneName, BTreeMap<u64, Encoded>>,
+    lease: &Lease,
+) -> Option<Vec<&'a Encoded>> {
+    let lane = lanes.get(&(lease.source, lease.iteration, lease.lane))?;
+    let (mut steps, mut trajectories) = (0, Vec::new());
+    for episode in lease.first_episode.. {
+        if steps >= lease.steps_owed && trajectories.len() as u64 >= lease.episodes_owed {
+            break;
+        }
+        let encoded = lane.get(&episode)?;
+        steps += u64::from(encoded.trajectory.steps);
+        trajectories.push(encoded);
+    }
+    Some(trajectories)
+}

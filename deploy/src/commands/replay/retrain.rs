@@ -1,0 +1,134 @@
+//! `goalward replay --retrain`: learner and proximity service train again, from the log of a run
+//! instead of environments, and must arrive at the same weights after every iteration.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail, ensure};
+use protocol::config::{Method, RunConfig};
+use protocol::log::{Contents, Record, read_contents};
+use protocol::run::RunFolder;
+
+use crate::commands::train::block_on_supervision;
+use crate::figures;
+use crate::plan::Plan;
+use crate::progress::{ProgressView, print_line};
+use crate::refusal::wrong_usage;
+use crate::supervisor::{Outcome, Source};
+
+/// Hashes of the weights after every update, by what was updated.
+type Hashes = BTreeMap<(&'static str, u64), String>;
+
+/// Trains a run again from its log and compares.
+///
+/// # Errors
+/// For the first update after which the weights differ.
+pub(super) fn retrain(
+    recorded: &RunFolder,
+    until: Option<u64>,
+    out: Option<PathBuf>,
+) -> Result<ExitCode> {
+    let kept = out.is_some();
+    let folder = RunFolder::new(out.unwrap_or_else(|| recorded.path().join("retrained")));
+    let plan = Plan::copy_of(configuration(recorded)?, folder)?;
+    let expected = hashes(recorded)?;
+    ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
+    let log = fs::canonicalize(recorded.log()).context("the log")?;
+    let lock = plan.lay_out()?;
+    let mut view = ProgressView::new();
+    let source = Source::Log { log, iterations: until };
+    let outcome = block_on_supervision(&plan.folder, &source, &mut view);
+    view.finish();
+    if outcome? == Outcome::Stopped {
+        bail!("stopped; what was trained again is in {}", plan.folder.path().display());
+    }
+    compare(&expected, &hashes(&plan.folder)?)?;
+    drop(lock);
+    if !kept {
+        fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The configuration of the run that is trained again: the same, with the demonstrations where the
+/// first one has them.
+fn configuration(recorded: &RunFolder) -> Result<RunConfig> {
+    let mut config = recorded.config()?;
+    let file = recorded.demonstrations_file();
+    if config.method != Method::EnvironmentReward && config.demonstrations.file.is_none() {
+        let file = fs::canonicalize(&file)
+            .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
+        config.demonstrations.file = Some(file);
+    }
+    Ok(config)
+}
+
+fn hashes(folder: &RunFolder) -> Result<Hashes> {
+    let mut hashes = Hashes::new();
+    for entry in read_contents(&folder.log(), Contents::Updates)? {
+        match entry?.record {
+            Record::PolicyUpdate(update) => {
+                hashes.insert(("policy", update.policy_version), update.weights_sha256);
+            }
+            Record::RewardUpdate(update) => {
+                hashes.insert(("ensemble", update.model_version), update.weights_sha256);
+            }
+            _ => {}
+        }
+    }
+    Ok(hashes)
+}
+
+fn compare(expected: &Hashes, found: &Hashes) -> Result<()> {
+    let mut equal = 0;
+    // By version, so that the first difference in time comes first.
+    let mut names: Vec<_> = found.keys().filter(|name| expected.contains_key(name)).collect();
+    names.sort_by_key(|(kind, version)| (*version, *kind));
+    for name in names {
+        let (kind, version) = name;
+        ensure!(
+            expected[name] == found[name],
+            "the {kind} differs first after update {version}: expected {}, found {}",
+            expected[name],
+            found[name]
+        );
+        equal += 1;
+    }
+    ensure!(equal > 0, "expected updates to compare, found none");
+    let last = |kind: &str| found.iter().rev().find(|((name, _), _)| *name == kind);
+    let mut rows =
+        vec![("the same", format!("the weights after {} updates", figures::count(equal)))];
+    for (title, kind) in [("policy sha256", "policy"), ("ensemble sha256", "ensemble")] {
+        rows.extend(last(kind).map(|(_, hash)| (title, hash.clone())));
+    }
+    print_line(figures::table(&rows).trim_end());
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_update_that_differs_is_named() {
+        let hashes = |of_policy: [&str; 3], of_ensemble: [&str; 2]| {
+            let named = |kind, hashes: &[&str]| -> Hashes {
+                (1..)
+                    .zip(hashes)
+                    .map(|(number, hash)| ((kind, number), (*hash).to_owned()))
+                    .collect()
+            };
+            let mut all = named("policy", &of_policy);
+            all.extend(named("ensemble", &of_ensemble));
+            all
+        };
+        let recorded = hashes(["a", "b", "c"], ["x", "y"]);
+        compare(&recorded, &recorded).unwrap();
+        let other = hashes(["a", "b", "d"], ["x", "z"]);
+        let error = compare(&recorded, &other).unwrap_err().to_string();
+        assert!(error.contains("ensemble differs first after update 2: expected y"), "{error}");
+        assert!(compare(&recorded, &Hashes::new()).is_err());
+    }
+}
