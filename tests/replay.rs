@@ -5,13 +5,18 @@
 //! with `protocol::log` alone.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+use std::collections::BTreeSet;
 use std::fs;
-use std::process::Output;
+use std::io::{BufRead, BufReader};
+use std::process::{Output, Stdio};
 
+use protocol::bus::{Bus, BusAddress};
 use protocol::log::{LogOptions, LogWriter, Record, read_run};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Trajectory};
-use system_tests::{SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs};
+use system_tests::{
+    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs,
+};
 
 fn replay(run: &TestRun, what: &[&str]) -> Output {
     let mut replay = run.program("goalward");
@@ -142,4 +147,64 @@ fn a_run_whose_log_was_changed_is_trained_into_other_weights() {
     let stderr = String::from_utf8_lossy(&stderr);
     assert_eq!(status.code(), Some(1), "{stderr}");
     assert!(stderr.contains("the policy differs first after update 6"), "{stderr}");
+}
+
+#[test]
+fn a_log_is_published_for_whoever_listens() {
+    let run = TestRun::new(programs!());
+    let summary = run.finish(&[]);
+    let mut publishing = run.program("goalward");
+    publishing.arg("replay").arg(run.folder().path()).arg("--publish");
+    let mut publishing = publishing.stdout(Stdio::piped()).spawn().unwrap();
+    let mut said = BufReader::new(publishing.stdout.take().unwrap());
+    let mut line = String::new();
+    said.read_line(&mut line).unwrap();
+    assert!(line.contains("when somebody listens"), "{line}");
+    let bus: Bus = Bus::open(&BusAddress::of_run(run.folder().path()).unwrap(), "test").unwrap();
+    let subscriber = bus.trajectory_subscriber().unwrap();
+    let mut hashes = BTreeSet::new();
+    await_some("every trajectory of the log", PATIENCE, || {
+        while let Some((header, bytes)) = subscriber.receive().unwrap() {
+            let encoded = Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
+            assert_eq!(header.hash, encoded.key.hash);
+            hashes.insert(header.hash);
+        }
+        (hashes.len() as u64 == summary.log.trajectories).then_some(())
+    });
+    line.clear();
+    said.read_line(&mut line).unwrap();
+    assert_eq!(line, format!("published {} trajectories; readers: 1\n", hashes.len()));
+    assert!(publishing.wait().unwrap().success());
+}
+
+#[test]
+fn recorded_episodes_are_scored_again_by_another_reward() {
+    let run = TestRun::new(programs!());
+    let summary = run.finish(&[]);
+    let returns = |what: &[&str]| {
+        let Output { status, stdout, stderr } = replay(&run, what);
+        let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+        assert!(status.success(), "{what:?}: {stdout}{stderr}");
+        let lines = fs::read_to_string(run.folder().path().join("rescored.csv")).unwrap();
+        let both = |line: &str| {
+            let (line, other) = line.rsplit_once(',').unwrap();
+            let recorded = line.rsplit_once(',').unwrap().1;
+            [recorded, other].map(|number| number.parse::<f64>().unwrap())
+        };
+        lines.lines().skip(1).map(both).collect::<Vec<_>>()
+    };
+    // The same reward again is what was learned from.
+    let same = returns(&["--with", "reward.uncertainty=0.01"]);
+    assert_eq!(same.len() as u64, summary.episodes);
+    assert!(same.iter().all(|[recorded, other]| recorded == other));
+    let dearer = returns(&["--with", "reward.uncertainty=0.5"]);
+    assert!(dearer.iter().all(|[recorded, other]| other < recorded));
+    let own = run.folder().path().display().to_string();
+    let trained = returns(&["--with", &format!("model={own}")]);
+    assert!(trained.iter().any(|[recorded, other]| recorded != other));
+
+    let refused = replay(&run, &["--with", "ppo.clip=0.1"]);
+    let stderr = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("--with ppo.clip=0.1: expected a key such as"), "{stderr}");
 }

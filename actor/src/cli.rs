@@ -50,6 +50,15 @@ enum Command {
         #[arg(long)]
         iterations: Option<u64>,
     },
+    /// Publishes the trajectories of a run's log for whoever listens on its bus.
+    Publish {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Times the pace of the recording; without it as fast as readers take them.
+        #[arg(long)]
+        speed: Option<f64>,
+    },
     /// Records demonstrations by the task's expert.
     Demonstrate {
         /// The task.
@@ -108,6 +117,10 @@ fn run(command: Command) -> Result<()> {
             let stop = Stop::at_end_of_input();
             let recording = Recording { log, iterations };
             replay(&RunFolder::new(run), &name, &recording, &stop)
+        }
+        Command::Publish { run, speed } => {
+            let stop = Stop::at_end_of_input();
+            print(&crate::publish::publish(&RunFolder::new(run), speed, &stop)?)
         }
         Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");

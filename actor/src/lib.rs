@@ -1,6 +1,7 @@
 //! The actor: acts in environments and publishes trajectories; owns no learning.
 //!
-//! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log.
+//! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
+//! [`publish`] puts a log onto the bus for anybody.
 //! [`demonstrate`], [`evaluate`] and [`verify`] work without a bus. [`episode`] and [`lane`] turn a
 //! lease into trajectories, [`policy`] chooses the actions.
 
@@ -13,6 +14,7 @@ pub mod expert;
 pub mod lane;
 pub mod policy;
 pub mod ports;
+pub mod publish;
 pub mod replay;
 pub mod rollout;
 pub mod verify;

@@ -16,7 +16,7 @@ use protocol::trajectory::Encoded;
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 
 /// How long a reader's full queue is waited for.
-const READER_PATIENCE: Duration = Duration::from_secs(120);
+pub const READER_PATIENCE: Duration = Duration::from_secs(120);
 
 /// A request is answered when there are leases. Asking again after this long shows the learner that
 /// the actor lives, and finds a learner that was restarted.
@@ -115,13 +115,17 @@ impl Ports {
     /// Publishes a trajectory. What a reader misses it asks for: the learner by leasing again, the
     /// service by name.
     pub fn publish(&mut self, encoded: &Encoded) -> Result<()> {
-        let header = TrajectoryHeader {
-            iteration: encoded.trajectory.iteration,
-            lane: encoded.key.lane,
-            episode: encoded.key.episode,
-            hash: encoded.key.hash,
-        };
-        self.trajectories.publish(&encoded.bytes, header)?;
+        self.trajectories.publish(&encoded.bytes, header(encoded))?;
         Ok(())
+    }
+}
+
+/// What a reader sees of a trajectory before it decodes it.
+pub fn header(encoded: &Encoded) -> TrajectoryHeader {
+    TrajectoryHeader {
+        iteration: encoded.trajectory.iteration,
+        lane: encoded.key.lane,
+        episode: encoded.key.episode,
+        hash: encoded.key.hash,
     }
 }

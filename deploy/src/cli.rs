@@ -84,6 +84,8 @@ mod tests {
             "goalward evaluate r --episodes 100",
             "goalward replay r --verify",
             "goalward replay r --retrain --until 40 --out s",
+            "goalward replay r --publish --speed 2.5",
+            "goalward replay r --with reward.uncertainty=0.1 --with model=s --out r.csv",
             "goalward log info r",
             "goalward log repair a.mcap b.mcap",
         ] {

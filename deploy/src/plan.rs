@@ -134,7 +134,10 @@ pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
 }
 
 /// `old` with settings laid over it.
-fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
+///
+/// # Errors
+/// When the settings make no sound configuration.
+pub(crate) fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
     // The preset is laid out in the values already; only its name is to be kept.
     let mut all = vec![format!("preset={:?}", old.preset)];
     all.extend_from_slice(settings);

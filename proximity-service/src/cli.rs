@@ -1,9 +1,13 @@
-//! The command line of `goalward-proximity-service`. People type `goalward train`, which starts it.
+//! The command line of `goalward-proximity-service`. People type `goalward`, which starts it.
 
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use protocol::config::RunConfig;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 
@@ -11,14 +15,57 @@ use protocol::run::RunFolder;
 #[derive(Debug, Parser)]
 #[command(name = "goalward-proximity-service", version)]
 struct Arguments {
-    /// Folder of the run.
-    #[arg(long)]
-    run: PathBuf,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serves a run.
+    Serve {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+    },
+    /// Scores the episodes of a run's log again by another reward model.
+    Rescore {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Configuration of the other model.
+        #[arg(long)]
+        config: PathBuf,
+        /// Run whose trained model scores, without learning further.
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// File for one line per episode.
+        #[arg(long)]
+        out: PathBuf,
+    },
 }
 
 /// Runs the process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let stop = Stop::at_end_of_input();
-    process::run(|| crate::run(&RunFolder::new(arguments.run), &stop))
+    process::run(|| match arguments.command {
+        Command::Serve { run } => crate::run(&RunFolder::new(run), &Stop::at_end_of_input()),
+        Command::Rescore { run, config, model, out } => {
+            let text = fs::read_to_string(&config).context("--config")?;
+            let config = RunConfig::from_text(&text, &config.display().to_string())?;
+            rescore(&RunFolder::new(run), &config, model.map(RunFolder::new), &out)
+        }
+    })
+}
+
+fn rescore(
+    folder: &RunFolder,
+    config: &RunConfig,
+    model: Option<RunFolder>,
+    out: &std::path::Path,
+) -> Result<()> {
+    let file = File::create(out).with_context(|| out.display().to_string())?;
+    let mut lines = BufWriter::new(file);
+    let comparison = crate::rescore::rescore(folder, config, model.as_ref(), &mut lines)?;
+    lines.flush().with_context(|| out.display().to_string())?;
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&comparison)?)?)
 }

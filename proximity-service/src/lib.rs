@@ -1,12 +1,14 @@
 //! The proximity service: learns the reward and answers for it, to the learner and to any tool.
 //!
-//! [`run`] is the process, [`service`] its one loop, [`model`] what it learns. All other modules are
+//! [`run`] is the process, [`service`] its one loop, [`model`] what it learns; [`rescore`] takes a
+//! model through a log. All other modules are
 //! pure functions of their arguments.
 
 pub mod cli;
 pub mod demonstrations;
 pub mod experience;
 pub mod model;
+pub mod rescore;
 pub mod reward;
 pub mod service;
 pub mod target;

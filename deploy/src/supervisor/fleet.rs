@@ -56,7 +56,9 @@ impl Fleet {
     /// The processes of the run in `folder`, none of them started.
     pub(super) fn new(folder: &RunFolder, source: &Source) -> Self {
         let run = || [OsString::from("--run"), folder.path().into()];
-        let core = |program, name| Process::new(folder, program, name, run().to_vec());
+        let core = |program, name, verb: &[OsString]| {
+            Process::new(folder, program, name, [verb, &run()].concat())
+        };
         let actor = |number: u64, verb: &str, further: &[OsString]| {
             let name = format!("actor-{number}");
             let named = ["--name".into(), OsString::from(&name)];
@@ -77,8 +79,8 @@ impl Fleet {
             }
         };
         Fleet {
-            learner: core(Program::Learner, "learner"),
-            service: core(Program::ProximityService, "proximity-service"),
+            learner: core(Program::Learner, "learner", &[]),
+            service: core(Program::ProximityService, "proximity-service", &["serve".into()]),
             actors,
             actors_return: matches!(source, Source::Environments(_)),
         }

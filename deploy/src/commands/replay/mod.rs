@@ -1,5 +1,7 @@
 //! `goalward replay`: a run from its log.
 
+mod publish;
+mod rescore;
 mod retrain;
 mod verify;
 
@@ -17,10 +19,14 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     what: What,
     /// Iterations to train again; by default all that the log has.
-    #[arg(long, value_name = "ITERATION", conflicts_with = "verify")]
+    #[arg(long, value_name = "ITERATION", conflicts_with_all = ["verify", "publish", "with"])]
     until: Option<u64>,
-    /// Folder for the run trained again; by default it is removed when all hashes are the same.
-    #[arg(long, value_name = "DIR", conflicts_with = "verify")]
+    /// Times the pace of the recording; without it as fast as readers take trajectories.
+    #[arg(long, value_name = "X", conflicts_with_all = ["verify", "retrain", "with"])]
+    speed: Option<f64>,
+    /// Folder for the run trained again, which is removed by default when all hashes are the same;
+    /// or file for the rewards, by default RUN/rescored.csv.
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["verify", "publish"])]
     out: Option<PathBuf>,
 }
 
@@ -34,6 +40,14 @@ struct What {
     /// Train again from the log alone, without environments, and compare the weights' hashes.
     #[arg(long)]
     retrain: bool,
+    /// Publish the recorded trajectories on the run's bus, for whoever listens there.
+    #[arg(long)]
+    publish: bool,
+    /// Score the recorded episodes again by another reward: a key of the reward's configuration,
+    /// such as reward.uncertainty=0.1, or model=RUN for the trained model of another run; can be
+    /// given again.
+    #[arg(long, value_name = "KEY=VALUE")]
+    with: Vec<String>,
 }
 
 /// Replays a run.
@@ -43,5 +57,11 @@ pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
         folder.config()?;
         return verify::verify(&folder);
     }
-    retrain::retrain(&folder, arguments.until, arguments.out)
+    if arguments.what.publish {
+        return publish::publish(&folder, arguments.speed);
+    }
+    if arguments.what.retrain {
+        return retrain::retrain(&folder, arguments.until, arguments.out);
+    }
+    rescore::rescore(&folder, &arguments.what.with, arguments.out)
 }

@@ -1,0 +1,62 @@
+//! `goalward replay --publish`: an actor puts the recorded trajectories onto the run's bus again.
+
+use std::process::{ExitCode, Stdio};
+
+use anyhow::{Context, Result};
+use protocol::bus::BusAddress;
+use protocol::run::RunFolder;
+use serde::Deserialize;
+
+use crate::figures;
+use crate::plan;
+use crate::programs::{self, Program};
+use crate::progress::print_line;
+use crate::refusal::wrong_usage;
+
+/// What the actor says.
+#[derive(Debug, Deserialize)]
+struct Published {
+    trajectories: u64,
+    readers: u64,
+}
+
+/// Publishes a log once somebody listens; Ctrl-C ends it.
+pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<ExitCode> {
+    folder.config()?;
+    if let Some(speed) = speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
+        return Err(wrong_usage(format!("--speed: expected a number above 0, found {speed}")));
+    }
+    // Nobody trains on this bus meanwhile.
+    let _lock = plan::lock(folder)?;
+    let address = BusAddress::of_run(folder.path())?;
+    // Whoever listens already stays connected.
+    if !address.is_anyone_alive()? {
+        address.remove()?;
+    }
+    let mut actor = Program::Actor.command()?;
+    actor.arg("publish").arg("--run").arg(folder.path());
+    if let Some(speed) = speed {
+        actor.args(["--speed", &speed.to_string()]);
+    }
+    print_line(&format!("publishing {} when somebody listens", folder.log().display()));
+    let mut actor = actor
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::inherit())
+        .spawn()
+        .context("starting the publisher")?;
+    // The actor ends when its input does, so it does not outlive this process.
+    let input = actor.stdin.take();
+    let ended = actor.wait_with_output().context("publishing")?;
+    drop(input);
+    if !address.is_anyone_alive()? {
+        address.remove()?;
+    }
+    if ended.status.success() {
+        let Published { trajectories, readers } = serde_json::from_slice(&ended.stdout)
+            .context("reading the figures of the publisher")?;
+        let trajectories = figures::count(trajectories);
+        print_line(&format!("published {trajectories} trajectories; readers: {readers}"));
+    }
+    Ok(programs::exit_code(ended.status))
+}

@@ -1,0 +1,129 @@
+//! `goalward replay --with`: the rewards that the recorded episodes would have earned from another
+//! reward model. The proximity service computes them; this shows them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{ExitCode, Stdio};
+
+use anyhow::{Context, Result};
+use protocol::run::RunFolder;
+use serde::Deserialize;
+
+use crate::figures;
+use crate::plan;
+use crate::programs::{self, Program};
+use crate::progress::print_line;
+use crate::refusal::wrong_usage;
+
+/// What a change begins with that names a run whose trained model scores.
+const MODEL: &str = "model=";
+
+/// What the service says; of two numbers the first is of the recorded rewards.
+#[derive(Debug, Deserialize)]
+struct Comparison {
+    episodes: u64,
+    reached: Option<[f64; 2]>,
+    missed: Option<[f64; 2]>,
+    correlation: Option<f64>,
+    ordered: Option<[f64; 2]>,
+}
+
+/// Scores a log again with `changes` to the configuration of its reward, each `key=value`.
+///
+/// # Errors
+/// Of wrong usage when a change is not of the reward.
+pub(super) fn rescore(
+    folder: &RunFolder,
+    changes: &[String],
+    out: Option<PathBuf>,
+) -> Result<ExitCode> {
+    let (models, settings): (Vec<_>, Vec<_>) =
+        changes.iter().partition(|change| change.starts_with(MODEL));
+    let model = match models[..] {
+        [] => None,
+        [one] => Some(RunFolder::new(&one[MODEL.len()..])),
+        _ => return Err(wrong_usage("expected one model=RUN, found several")),
+    };
+    let recorded = folder.config()?;
+    let mut config = recorded.clone();
+    if let Some(model) = &model {
+        config.reward = model.config()?.reward;
+    }
+    let settings: Vec<String> = settings.into_iter().cloned().collect();
+    if let Some(other) = settings.iter().find(|setting| !setting.starts_with("reward.")) {
+        return Err(wrong_usage(format!(
+            "--with {other}: expected a key such as reward.uncertainty, or model=RUN"
+        )));
+    }
+    let config = plan::changed(&config, &settings)?;
+    let out = out.unwrap_or_else(|| folder.path().join("rescored.csv"));
+    let configuration = out.with_extension("toml");
+    fs::write(&configuration, config.to_text())
+        .with_context(|| configuration.display().to_string())?;
+    let ended = command(folder, &configuration, model.as_ref(), &out)?
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .context("starting the proximity service")?;
+    if ended.status.success() {
+        let comparison: Comparison =
+            serde_json::from_slice(&ended.stdout).context("reading the service's figures")?;
+        print_line(table(&comparison, &out).trim_end());
+    }
+    Ok(programs::exit_code(ended.status))
+}
+
+fn command(
+    folder: &RunFolder,
+    configuration: &Path,
+    model: Option<&RunFolder>,
+    out: &Path,
+) -> Result<std::process::Command> {
+    let mut service = Program::ProximityService.command()?;
+    service.arg("rescore").arg("--run").arg(folder.path());
+    service.arg("--config").arg(configuration).arg("--out").arg(out);
+    if let Some(model) = model {
+        service.arg("--model").arg(model.path());
+    }
+    Ok(service)
+}
+
+fn table(comparison: &Comparison, out: &Path) -> String {
+    let Comparison { episodes, reached, missed, correlation, ordered } = comparison;
+    let pair = |pair: &Option<[f64; 2]>| match pair {
+        Some([recorded, other]) => format!("{recorded:.4} recorded, {other:.4} now"),
+        None => "no such episode".to_owned(),
+    };
+    let shares = |pair: &Option<[f64; 2]>| match pair {
+        Some(shares) => {
+            let [recorded, other] = shares.map(|share| figures::percent(share, 1));
+            format!("{recorded} recorded, {other} now")
+        }
+        None => "no such pair".to_owned(),
+    };
+    let correlation = correlation.map_or("none".to_owned(), |number| format!("{number:.3}"));
+    figures::table(&[
+        ("episodes", figures::count(*episodes)),
+        ("mean return, goal reached", pair(reached)),
+        ("mean return, goal missed", pair(missed)),
+        ("correlation of the returns", correlation),
+        ("reached above missed, of all pairs", shares(ordered)),
+        ("every episode in", out.display().to_string()),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_services_figures_become_a_table() {
+        let text = r#"{"episodes": 1234, "reached": [0.5, 0.25], "missed": null,
+            "correlation": 0.98765, "ordered": [0.9, 0.8]}"#;
+        let table = table(&serde_json::from_str(text).unwrap(), Path::new("r/rescored.csv"));
+        let parts = ["1,234", "0.5000 recorded, 0.2500 now", "no such episode", "0.988", "80.0 %"];
+        for part in parts {
+            assert!(table.contains(part), "expected {part} in\n{table}");
+        }
+    }
+}

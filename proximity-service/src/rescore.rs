@@ -1,0 +1,219 @@
+//! `goalward replay --with`: the rewards that the episodes of a log would have earned from another
+//! reward model. The model goes through the recorded batches as it would have in a run, learning
+//! from each, or is the trained one of another run and stays as it is.
+
+use std::collections::HashMap;
+use std::io::Write;
+
+use anyhow::{Context, Result, ensure};
+use protocol::config::{RunConfig, UpdateOrder};
+use protocol::log::{Record, read_run};
+use protocol::messages::Score;
+use protocol::run::{PROXIMITY_FILE, RunFolder};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, TrajectoryKey};
+use serde::Serialize;
+
+use crate::model::RewardModel;
+use crate::reward_model;
+
+/// An episode and its two returns: undiscounted sums of rewards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Returns {
+    /// Of the rewards that were learned from.
+    pub recorded: f64,
+    /// Of the other ones.
+    pub other: f64,
+    /// Whether the episode reached its goal.
+    pub success: bool,
+}
+
+/// How returns differ, as it is printed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Episodes scored again.
+    pub episodes: u64,
+    /// Mean returns of those that reached the goal: recorded, other.
+    pub reached: Option<[f64; 2]>,
+    /// Mean returns of those that did not.
+    pub missed: Option<[f64; 2]>,
+    /// Correlation of both returns over all episodes.
+    pub correlation: Option<f64>,
+    /// Share of pairs of a successful and a failed episode that the returns order rightly.
+    pub ordered: Option<[f64; 2]>,
+}
+
+/// Scores the batches of a run's log again under `config`, or by the trained model of another run,
+/// and writes one line per episode.
+pub fn rescore(
+    folder: &RunFolder,
+    config: &RunConfig,
+    trained: Option<&RunFolder>,
+    lines: &mut impl Write,
+) -> Result<Comparison> {
+    let mut model = reward_model(folder, config)?;
+    match trained {
+        None => drop(model.pretrain()),
+        Some(other) => restore(&mut *model, other)?,
+    }
+    writeln!(lines, "iteration,lane,episode,steps,success,recorded_return,other_return")?;
+    let mut trajectories: HashMap<TrajectoryKey, Encoded> = HashMap::new();
+    let mut scores: HashMap<(u64, u64), Score> = HashMap::new();
+    let mut returns = Vec::new();
+    for entry in read_run(&folder.log())? {
+        match entry?.record {
+            Record::Trajectory(bytes) => {
+                let encoded = Encoded::decode(bytes, &config.task.spec())?;
+                trajectories.insert(encoded.key, encoded);
+            }
+            Record::Score(score) => {
+                scores.insert((score.lane, score.episode), score);
+            }
+            Record::PolicyUpdate(update) => {
+                let taken = |key: &TrajectoryKey| trajectories.remove(key);
+                let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();
+                let batch = batch.with_context(|| {
+                    format!("iteration {}: expected its whole batch in the log", update.iteration)
+                })?;
+                let again = score(&mut *model, update.iteration, &batch, config, trained.is_some());
+                for (encoded, again) in batch.iter().zip(&again) {
+                    let key = (encoded.key.lane, encoded.key.episode);
+                    let recorded = scores.remove(&key).with_context(|| {
+                        format!("lane {} episode {}: expected its score in the log", key.0, key.1)
+                    })?;
+                    let pair = compare(encoded, &recorded, again)?;
+                    write_line(lines, encoded, &pair)?;
+                    returns.push(pair);
+                }
+            }
+            _ => {}
+        }
+    }
+    ensure!(!returns.is_empty(), "expected updates in {}, found none", folder.log().display());
+    Ok(comparison(&returns))
+}
+
+fn restore(model: &mut dyn RewardModel, other: &RunFolder) -> Result<()> {
+    let shown = other.path().display();
+    let (_, checkpoint) = other
+        .newest_checkpoint()
+        .with_context(|| format!("{shown}: expected a checkpoint, found none"))?;
+    let tensors = Tensors::load(&checkpoint.join(PROXIMITY_FILE))?;
+    model.restore(&tensors).map_err(anyhow::Error::msg).with_context(|| format!("{shown}"))
+}
+
+/// What the service would do in an iteration.
+fn score(
+    model: &mut dyn RewardModel,
+    iteration: u64,
+    batch: &[Encoded],
+    config: &RunConfig,
+    stays: bool,
+) -> Vec<Score> {
+    let first = config.reward.order == UpdateOrder::ImproveFirst;
+    if first && !stays {
+        model.improve(iteration, batch);
+    }
+    let scores = model.score(iteration, batch);
+    if !first && !stays {
+        model.improve(iteration, batch);
+    }
+    scores
+}
+
+fn compare(encoded: &Encoded, recorded: &Score, again: &Score) -> Result<Returns> {
+    let (expected, found) = (recorded.rewards.len(), again.rewards.len());
+    ensure!(expected == found, "expected {expected} rewards, found {found}");
+    let sum = |score: &Score| score.rewards.iter().map(|reward| f64::from(*reward)).sum();
+    Ok(Returns { recorded: sum(recorded), other: sum(again), success: encoded.trajectory.success })
+}
+
+fn write_line(lines: &mut impl Write, encoded: &Encoded, returns: &Returns) -> Result<()> {
+    let trajectory = &encoded.trajectory;
+    let Returns { recorded, other, success } = returns;
+    let success = u8::from(*success);
+    let protocol::trajectory::Trajectory { iteration, lane, episode, steps, .. } = trajectory;
+    writeln!(lines, "{iteration},{lane},{episode},{steps},{success},{recorded:.6},{other:.6}")?;
+    Ok(())
+}
+
+fn comparison(returns: &[Returns]) -> Comparison {
+    let side = |wanted: bool| {
+        let chosen: Vec<_> = returns.iter().filter(|pair| pair.success == wanted).collect();
+        let mean = |of: fn(&Returns) -> f64| {
+            chosen.iter().map(|pair| of(pair)).sum::<f64>() / chosen.len() as f64
+        };
+        (!chosen.is_empty()).then(|| [mean(|pair| pair.recorded), mean(|pair| pair.other)])
+    };
+    let of_both = [|pair: &Returns| pair.recorded, |pair: &Returns| pair.other];
+    let ordered = of_both.map(|of| ordered(returns, of));
+    Comparison {
+        episodes: returns.len() as u64,
+        reached: side(true),
+        missed: side(false),
+        correlation: correlation(returns),
+        ordered: match ordered {
+            [Some(recorded), Some(other)] => Some([recorded, other]),
+            _ => None,
+        },
+    }
+}
+
+/// Pearson's correlation; none where one side does not vary.
+fn correlation(returns: &[Returns]) -> Option<f64> {
+    let count = returns.len() as f64;
+    let mean = |of: fn(&Returns) -> f64| returns.iter().map(of).sum::<f64>() / count;
+    let (recorded, other) = (mean(|pair| pair.recorded), mean(|pair| pair.other));
+    let sums = returns.iter().fold([0.0; 3], |[both, own, others], pair| {
+        let (x, y) = (pair.recorded - recorded, pair.other - other);
+        [both + x * y, own + x * x, others + y * y]
+    });
+    let [both, own, others] = sums;
+    let scale = (own * others).sqrt();
+    (scale > 0.0).then(|| both / scale)
+}
+
+/// Share of pairs of a successful and a failed episode in which the former has the larger return;
+/// none where there is no such pair.
+fn ordered(returns: &[Returns], of: impl Fn(&Returns) -> f64) -> Option<f64> {
+    let mut sorted: Vec<_> = returns.iter().map(|pair| (of(pair), pair.success)).collect();
+    sorted.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let (mut failed, mut pairs) = (0.0, 0.0);
+    for group in sorted.chunk_by(|one, other| one.0 == other.0) {
+        let reached = group.iter().filter(|(_, success)| *success).count() as f64;
+        let missed = group.len() as f64 - reached;
+        pairs += reached * (failed + missed / 2.0);
+        failed += missed;
+    }
+    let reached = sorted.len() as f64 - failed;
+    (reached * failed > 0.0).then(|| pairs / (reached * failed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn returns(recorded: f64, other: f64, success: bool) -> Returns {
+        Returns { recorded, other, success }
+    }
+
+    #[test]
+    fn a_comparison_says_which_returns_tell_success() {
+        let found = comparison(&[
+            returns(1.0, -1.0, true),
+            returns(0.5, -0.5, true),
+            returns(0.0, 0.0, false),
+            returns(0.5, -0.5, false),
+        ]);
+        assert_eq!(found.episodes, 4);
+        assert_eq!((found.reached, found.missed), (Some([0.75, -0.75]), Some([0.25, -0.25])));
+        assert!((found.correlation.unwrap() + 1.0).abs() < 1e-12);
+        assert_eq!(found.ordered, Some([0.875, 0.125]));
+    }
+
+    #[test]
+    fn what_cannot_be_said_is_left_out() {
+        let found = comparison(&[returns(1.0, 2.0, true), returns(1.0, 3.0, true)]);
+        assert_eq!((found.missed, found.correlation, found.ordered), (None, None, None));
+    }
+}
