@@ -10,7 +10,7 @@
 
 use std::sync::LazyLock;
 
-use system_tests::{Hashes, ITERATIONS, Signal, TestRun, programs};
+use system_tests::{Hashes, ITERATIONS, PATIENCE, Signal, TestRun, await_some, programs};
 
 /// What the undisturbed run with two actors and lag 0 learns.
 static UNDISTURBED: LazyLock<Hashes> = LazyLock::new(|| trained(&[]));
@@ -29,6 +29,30 @@ fn actors_and_threads_change_nothing() {
     let threads = ["resources.learner_threads=3", "resources.service_threads=3"];
     let four = trained(&["resources.actors=4", threads[0], threads[1]]);
     assert_eq!(four, *UNDISTURBED);
+}
+
+#[test]
+fn actors_that_come_and_go_change_nothing() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["resources.actors=1"]);
+    for (checkpoint, actors) in [(4, "4"), (8, "2")] {
+        training.await_checkpoint(checkpoint);
+        let mut scale = run.program("goalward");
+        scale.arg("scale").arg(run.folder().path()).args(["--actors", actors]);
+        assert!(scale.status().unwrap().success());
+        expect_actors(&run, actors.parse().unwrap());
+    }
+    assert_eq!(training.finish().hashes(), *UNDISTURBED);
+    expect_remark(&run, "actors: 2 from now on");
+}
+
+/// Waits until so many actors live.
+fn expect_actors(run: &TestRun, count: usize) {
+    await_some("the actors wanted", PATIENCE, || {
+        let processes = run.processes();
+        let actors = processes.iter().filter(|process| process.name.starts_with("actor"));
+        (actors.count() == count).then_some(())
+    });
 }
 
 #[test]
@@ -87,7 +111,7 @@ fn what_dies_before_the_first_checkpoint_begins_again() {
     let training = run.train(&["checkpoint.iterations=1000"]);
     let learner = run.process("learner");
     // By then trajectories are in the log and all of them must come again.
-    system_tests::await_some("a log", system_tests::PATIENCE, || {
+    await_some("a log", PATIENCE, || {
         let files = protocol::log::log_files(&run.folder().log()).unwrap_or_default();
         (!files.is_empty()).then_some(())
     });

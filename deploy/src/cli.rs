@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::commands::{demonstrate, evaluate, log, replay, status, train};
+use crate::commands::{demonstrate, evaluate, log, replay, scale, status, train};
 use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
@@ -23,6 +23,8 @@ enum Verb {
     Train(train::Arguments),
     /// Say how a run stands, whether it is live, finished or stopped.
     Status(status::Arguments),
+    /// Give a run more or fewer actors while it trains; the result does not change.
+    Scale(scale::Arguments),
     /// Let a task's expert record demonstrations.
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
@@ -45,6 +47,7 @@ pub(crate) fn run() -> Result<ExitCode> {
     match line.verb {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        Verb::Scale(arguments) => scale::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
         Verb::Replay(arguments) => replay::run(arguments),
@@ -80,6 +83,7 @@ mod tests {
             "goalward train",
             "goalward train --resume --run r",
             "goalward status r",
+            "goalward scale r --actors 4",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
             "goalward replay r --verify",
@@ -106,6 +110,7 @@ mod tests {
             "goalward log info",
             "goalward replay r",
             "goalward replay r --verify --retrain",
+            "goalward scale r --actors 0",
             "goalward replay r --verify --until 40",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();

@@ -52,6 +52,11 @@ impl RunFolder {
         self.path.join("summary.json")
     }
 
+    /// How many actors the run is to have from now on, if that was changed while it trained.
+    pub fn actors_file(&self) -> PathBuf {
+        self.path.join("actors")
+    }
+
     /// Reads the effective configuration.
     pub fn config(&self) -> Result<RunConfig, Error> {
         let file = self.config_file();

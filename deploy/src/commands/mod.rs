@@ -4,5 +4,6 @@ pub(crate) mod demonstrate;
 pub(crate) mod evaluate;
 pub(crate) mod log;
 pub(crate) mod replay;
+pub(crate) mod scale;
 pub(crate) mod status;
 pub(crate) mod train;

@@ -4,11 +4,13 @@
 //! learner. Learner and proximity service hold one state between them, so if one dies both are
 //! started again, and continue from their last common checkpoint. Neither changes the result.
 
+mod actors;
 mod bus_watch;
 mod fleet;
 mod process;
 mod restart;
 mod signals;
+mod wanted;
 
 use std::process::ExitStatus;
 use std::time::Duration;
@@ -18,11 +20,14 @@ use protocol::bus::BusAddress;
 use protocol::run::RunFolder;
 
 use crate::progress::ProgressView;
+pub(crate) use actors::Source;
 use bus_watch::BusWatch;
 use fleet::Fleet;
-pub(crate) use fleet::Source;
+
 use restart::{CoreRestarts, MOST_RESTARTS};
 use signals::Signals;
+use wanted::ActorsWanted;
+pub(crate) use wanted::want_actors;
 
 /// How often the processes are looked after if no signal says so.
 const TICK: Duration = Duration::from_millis(250);
@@ -67,10 +72,11 @@ pub(crate) async fn supervise(
         return Ok(Outcome::Stopped);
     }
     address.remove()?;
+    let wanted = ActorsWanted::fresh(folder)?;
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
-    let mut supervision = Supervision { folder, view, signals, watch, fleet, restarts };
+    let mut supervision = Supervision { folder, view, signals, watch, fleet, restarts, wanted };
     let outcome = supervision.run().await;
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
@@ -127,6 +133,7 @@ struct Supervision<'a> {
     watch: BusWatch,
     fleet: Fleet,
     restarts: CoreRestarts,
+    wanted: ActorsWanted,
 }
 
 impl Supervision<'_> {
@@ -157,7 +164,11 @@ impl Supervision<'_> {
         if let Some(status) = self.fleet.service.reap()? {
             return self.restart_core(Core::Service, status).await;
         }
-        if self.fleet.look_after_actors(self.view)? {
+        if let Some(count) = self.wanted.changed()? {
+            self.view.note(&format!("actors: {count} from now on"));
+            self.fleet.actors.scale(count)?;
+        }
+        if self.fleet.actors.look_after(self.view)? {
             self.end_learner().await?;
             return Ok(Some(self.unless_finished(Outcome::EndOfLog)));
         }

@@ -1,0 +1,38 @@
+//! `goalward scale`: more or fewer actors for a run that is being trained.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use protocol::bus::MAX_ACTORS;
+use protocol::run::RunFolder;
+
+use crate::progress::print_line;
+use crate::refusal::wrong_usage;
+use crate::{plan, supervisor};
+
+/// Flags of `goalward scale`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Actor processes from now on.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=MAX_ACTORS as u64))]
+    actors: u64,
+}
+
+/// Tells the supervisor of a run how many actors there are to be.
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let Arguments { run, actors } = arguments;
+    let folder = RunFolder::new(run);
+    folder.config()?;
+    if plan::lock(&folder).is_ok() {
+        return Err(wrong_usage(format!(
+            "nobody trains the run in {}; --resume takes --actors {actors}",
+            run.display()
+        )));
+    }
+    supervisor::want_actors(&folder, *actors)?;
+    print_line(&format!("actors: {actors}"));
+    Ok(ExitCode::SUCCESS)
+}
