@@ -299,6 +299,11 @@ impl Training<'_> {
         assert!(!is_over, "the run ended ({ended:?}) before {what}\n{}", self.run.words());
     }
 
+    /// Whether the supervisor has ended.
+    pub fn has_ended(&mut self) -> bool {
+        self.supervisor.try_wait().unwrap().is_some()
+    }
+
     /// Sends a signal to the supervisor.
     pub fn signal(&self, signal: Signal) {
         process::send(self.supervisor.id(), signal);

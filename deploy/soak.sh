@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Plays random schedules of faults against short runs of all tasks, for as long as you like: kills,
+# held processes, changes of scale, Ctrl-C, power cuts. Ends at the first run whose weights differ from
+# the undisturbed one's, and names its schedule.
+#
+#   deploy/soak.sh [--minutes N] [--seed FIRST]      # 10 minutes, schedules from 100 on
+#   deploy/soak.sh --minutes 0 --seed 117            # schedule 117 alone
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+cd "$root"
+
+refuse() {
+    printf 'soak: %s\n' "$*" >&2
+    exit 2
+}
+
+while [ $# -gt 0 ]; do
+    [[ ${2:-} =~ ^[0-9]+$ ]] || refuse "$1: expected a number, found ${2:-none}"
+    case $1 in
+        --minutes) export GOALWARD_SOAK_MINUTES=$2 ;;
+        --seed) export GOALWARD_SOAK_SEED=$2 ;;
+        *) refuse "expected --minutes N or --seed N, found $1" ;;
+    esac
+    shift 2
+done
+exec cargo test --locked -p system-tests --test faults -- --ignored --exact --nocapture soak
