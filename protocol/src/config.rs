@@ -207,23 +207,6 @@ pub struct RewardConfig {
     pub order: UpdateOrder,
 }
 
-/// A learning rate that stays as it is, or falls linearly to 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LearningRate {
-    /// That of the first iteration.
-    pub first: f64,
-    /// Iterations until it is 0, if it falls.
-    pub iterations: Option<u64>,
-}
-
-impl LearningRate {
-    /// The rate in an iteration.
-    pub fn at(&self, iteration: u64) -> f64 {
-        let Some(iterations) = self.iterations else { return self.first };
-        self.first * (1.0 - iteration as f64 / iterations as f64).max(0.0)
-    }
-}
-
 /// Reward per step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -388,23 +371,6 @@ impl RunConfig {
     /// Iterations the run takes.
     pub fn iterations(&self) -> u64 {
         self.steps.div_ceil(self.iteration_steps())
-    }
-
-    /// The learning rate of the policy.
-    pub fn policy_learning_rate(&self) -> LearningRate {
-        let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.ppo;
-        self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
-    }
-
-    /// The learning rate of the reward model.
-    pub fn reward_learning_rate(&self) -> LearningRate {
-        let RewardConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.reward;
-        self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
-    }
-
-    fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
-        let steps = if decay_steps == 0 { self.steps } else { decay_steps };
-        LearningRate { first, iterations: decay.then(|| steps.div_ceil(self.iteration_steps())) }
     }
 
     fn check(&self) -> Result<(), Error> {

@@ -8,6 +8,7 @@
 pub mod bus;
 pub mod config;
 pub mod error;
+pub mod learning_rate;
 pub mod log;
 pub mod messages;
 pub mod process;

@@ -1,7 +1,8 @@
 //! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
 
 use bytes::Bytes;
-use protocol::config::{Discounting, LearningRate, RewardConfig, RewardForm, UpdateOrder};
+use protocol::config::{Discounting, RewardConfig, RewardForm, UpdateOrder};
+use protocol::learning_rate::LearningRate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 

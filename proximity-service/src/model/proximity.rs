@@ -11,7 +11,8 @@ use networks::{
     Adam, Batch as Rows, Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer,
     Score as RowScore, Workspace, squared_error,
 };
-use protocol::config::{LearningRate, RewardConfig};
+use protocol::config::RewardConfig;
+use protocol::learning_rate::LearningRate;
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
