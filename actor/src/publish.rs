@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use protocol::bus::{Bus, BusAddress};
-use protocol::log::{Contents, Record, read_contents};
+use protocol::log::{Contents, read_contents};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
 use protocol::trajectory::Encoded;
@@ -43,10 +43,9 @@ pub fn publish(folder: &RunFolder, speed: Option<f64>, stop: &Stop) -> Result<Pu
     let mut published = Published::default();
     for entry in read_contents(&folder.log(), Contents::Trajectories)? {
         let entry = entry?;
-        let (Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes)) = entry.record else {
-            continue;
-        };
-        let since_first = entry.log_time_ns - *first_ns.get_or_insert(entry.log_time_ns);
+        let log_time_ns = entry.log_time_ns;
+        let Some(bytes) = entry.record.trajectory() else { continue };
+        let since_first = log_time_ns - *first_ns.get_or_insert(log_time_ns);
         let due = speed.map_or(Duration::ZERO, |speed| time_of(since_first, speed));
         while begun.elapsed() < due && !stop.is_requested() {
             thread::sleep(TICK.min(due.saturating_sub(begun.elapsed())));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use protocol::log::{Contents, Record, RunReader, read_contents};
+use protocol::log::{Contents, RunReader, read_contents};
 use protocol::messages::{ActorSeconds, Lease};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
@@ -81,10 +81,7 @@ impl Source {
         }
         while owed(&self.lanes, lease).is_none() {
             let Some(entry) = self.reader.next() else { return Ok(None) };
-            let (Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes)) = entry?.record
-            else {
-                continue;
-            };
+            let Some(bytes) = entry?.record.trajectory() else { continue };
             let encoded = Encoded::decode(bytes, &self.spec)?;
             let trajectory = &encoded.trajectory;
             let lane = (trajectory.source, trajectory.iteration, trajectory.lane);

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use environments::Setting;
-use protocol::log::{Contents, FileReader, Record, read_contents};
+use protocol::Error;
+use protocol::log::{Contents, Entry, FileReader, read_contents};
 use protocol::run::RunFolder;
 use protocol::task::{Spec, Task};
 use protocol::trajectory::{Encoded, Source, Trajectory};
@@ -48,10 +49,7 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
         let setting = reader.metadata().get("setting").context("demonstrations: setting")?;
         let setting = serde_json::from_str(setting).context("demonstrations: setting")?;
         let mut verifier = Verifier::new(&threads, config.task, setting, &mut verification);
-        for entry in &mut reader {
-            verifier.take(entry?.record)?;
-        }
-        verifier.finish()?;
+        verifier.take_all(&mut reader)?;
         if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
             verification.damaged.push(format!("{}: {ending}", file.display()));
         }
@@ -60,10 +58,7 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
     let mut reader = read_contents(&folder.log(), Contents::Trajectories)?;
     let setting = config.environment.clone();
     let mut verifier = Verifier::new(&threads, config.task, setting, &mut verification);
-    for entry in &mut reader {
-        verifier.take(entry?.record)?;
-    }
-    verifier.finish()?;
+    verifier.take_all(&mut reader)?;
     let damaged = reader.endings().iter().filter(|(_, ending)| ending.lost());
     let damaged = damaged.map(|(path, ending)| format!("{}: {ending}", path.display()));
     verification.damaged.extend(damaged);
@@ -92,17 +87,20 @@ impl<'a> Verifier<'a> {
         Verifier { threads, spec: task.spec(), actors, waiting: Vec::new(), verification }
     }
 
-    /// Takes a record; acts again when there are enough.
-    fn take(&mut self, record: Record) -> Result<()> {
-        let (Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes)) = record else {
-            return Ok(());
-        };
-        self.waiting.push(Encoded::decode(bytes, &self.spec)?.trajectory);
-        if self.waiting.len() == CHUNK * self.actors.len() { self.finish() } else { Ok(()) }
+    /// Acts every episode of a log again, many at a time.
+    fn take_all(&mut self, log: impl Iterator<Item = Result<Entry, Error>>) -> Result<()> {
+        for entry in log {
+            let Some(bytes) = entry?.record.trajectory() else { continue };
+            self.waiting.push(Encoded::decode(bytes, &self.spec)?.trajectory);
+            if self.waiting.len() == CHUNK * self.actors.len() {
+                self.act_waiting()?;
+            }
+        }
+        self.act_waiting()
     }
 
     /// Acts what waits.
-    fn finish(&mut self) -> Result<()> {
+    fn act_waiting(&mut self) -> Result<()> {
         let of_chunk = |(actor, recorded): (&mut Actor, &[Trajectory])| -> Result<Vec<_>> {
             recorded.iter().map(|recorded| actor.difference(recorded)).collect()
         };

@@ -1,9 +1,10 @@
 //! Where the programs of a run are: beside `goalward` itself.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, ExitStatus};
+use std::process::{Command, ExitCode, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, ensure};
+use serde::de::DeserializeOwned;
 
 /// A program that `goalward` starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +49,20 @@ impl Program {
         );
         Ok(path)
     }
+}
+
+/// Runs a program that prints its figures as JSON, its diagnostics going where ours go. A failure has
+/// been explained by the program itself; then there is only its exit code.
+///
+/// # Errors
+/// When it cannot start, or prints something else.
+pub(crate) fn figures<T: DeserializeOwned>(program: &mut Command) -> Result<Result<T, ExitCode>> {
+    let program = program.stdin(Stdio::null()).stderr(Stdio::inherit());
+    let ended = program.output().context("starting a program")?;
+    if !ended.status.success() {
+        return Ok(Err(exit_code(ended.status)));
+    }
+    Ok(Ok(serde_json::from_slice(&ended.stdout).context("reading a program's figures")?))
 }
 
 /// Checks that every program is there.

@@ -3,9 +3,9 @@
 //! The actor does it and prints its figures as JSON; this shows them to people.
 
 use std::path::PathBuf;
-use std::process::{ExitCode, Stdio};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
@@ -38,22 +38,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
-    let ended = Program::Actor
-        .command()?
-        .arg("evaluate")
-        .arg("--run")
-        .arg(folder.path())
-        .args(["--episodes", &episodes.to_string()])
-        .stdin(Stdio::null())
-        .stderr(Stdio::inherit())
-        .output()
-        .context("starting the evaluation")?;
-    if ended.status.success() {
-        let evaluation = serde_json::from_slice(&ended.stdout)
-            .context("reading the figures of the evaluation")?;
-        print_line(table(&evaluation).trim_end());
-    }
-    Ok(programs::exit_code(ended.status))
+    let mut actor = Program::Actor.command()?;
+    actor.arg("evaluate").arg("--run").arg(folder.path());
+    actor.args(["--episodes", &episodes.to_string()]);
+    Ok(match programs::figures(&mut actor)? {
+        Ok(evaluation) => {
+            print_line(table(&evaluation).trim_end());
+            ExitCode::SUCCESS
+        }
+        Err(code) => code,
+    })
 }
 
 fn table(evaluation: &Evaluation) -> String {

@@ -41,6 +41,14 @@ pub enum Record {
 }
 
 impl Record {
+    /// The encoded trajectory, of training or of evaluation, if it is one.
+    pub fn trajectory(self) -> Option<Bytes> {
+        match self {
+            Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes) => Some(bytes),
+            _ => None,
+        }
+    }
+
     fn decode(topic: Topic, bytes: Bytes) -> Result<Self, DecodeError> {
         Ok(match topic {
             Topic::Trajectory => Record::Trajectory(bytes),

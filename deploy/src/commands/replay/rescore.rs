@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{ExitCode, Stdio};
+use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use protocol::run::RunFolder;
@@ -60,17 +60,14 @@ pub(super) fn rescore(
     let configuration = out.with_extension("toml");
     fs::write(&configuration, config.to_text())
         .with_context(|| configuration.display().to_string())?;
-    let ended = command(folder, &configuration, model.as_ref(), &out)?
-        .stdin(Stdio::null())
-        .stderr(Stdio::inherit())
-        .output()
-        .context("starting the proximity service")?;
-    if ended.status.success() {
-        let comparison: Comparison =
-            serde_json::from_slice(&ended.stdout).context("reading the service's figures")?;
-        print_line(table(&comparison, &out).trim_end());
-    }
-    Ok(programs::exit_code(ended.status))
+    let mut service = command(folder, &configuration, model.as_ref(), &out)?;
+    Ok(match programs::figures(&mut service)? {
+        Ok(comparison) => {
+            print_line(table(&comparison, &out).trim_end());
+            ExitCode::SUCCESS
+        }
+        Err(code) => code,
+    })
 }
 
 fn command(

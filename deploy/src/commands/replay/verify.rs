@@ -1,9 +1,9 @@
 //! `goalward replay --verify`: the actor acts every recorded episode again and prints its figures as
 //! JSON; this shows them.
 
-use std::process::{ExitCode, Stdio};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
@@ -25,20 +25,12 @@ struct Verification {
 
 /// Verifies a run's log: fails when an episode differs, and has lost data when a file is damaged.
 pub(super) fn verify(folder: &RunFolder) -> Result<ExitCode> {
-    let ended = Program::Actor
-        .command()?
-        .arg("verify")
-        .arg("--run")
-        .arg(folder.path())
-        .stdin(Stdio::null())
-        .stderr(Stdio::inherit())
-        .output()
-        .context("starting the verification")?;
-    if !ended.status.success() {
-        return Ok(programs::exit_code(ended.status));
-    }
-    let verification: Verification =
-        serde_json::from_slice(&ended.stdout).context("reading the figures of the verification")?;
+    let mut actor = Program::Actor.command()?;
+    let actor = actor.arg("verify").arg("--run").arg(folder.path());
+    let verification: Verification = match programs::figures(actor)? {
+        Ok(verification) => verification,
+        Err(code) => return Ok(code),
+    };
     print_line(table(&verification).trim_end());
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
