@@ -13,7 +13,7 @@ use std::process::Command;
 use bytes::Bytes;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::trajectory::{Encoded, Ending, Source, Trajectory};
-use system_tests::{SMALL, TestRun, programs};
+use system_tests::{SMALL, Signal, TestRun, programs};
 
 /// Calls `goalward` and expects a refusal that names every one of `parts`.
 fn refused(run: &TestRun, code: i32, arguments: &[&str], parts: &[&str]) {
@@ -203,6 +203,21 @@ fn folders_that_are_taken() {
 /// Expects a run to be refused where `folder` has one MiB of room: in a mount namespace of its own,
 /// so that nobody else is in the narrow place. Where the system allows no namespace there is
 /// nothing to see, and the test says so.
+#[test]
+fn a_configuration_edited_since_the_run_began() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["steps=4000000"]);
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    training.end();
+    let file = run.folder().config_file();
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("gamma = 0.99", "gamma = 0.98")).unwrap();
+    let folder = run.folder().path().display().to_string();
+    let parts = ["config.toml", "ppo.gamma = 0.99", "found 0.98"];
+    refused(&run, 2, &["train", "--resume", "--run", &folder], &parts);
+}
+
 fn refused_without_room(folder: &str, parts: &[&str]) {
     let run = TestRun::new(programs!());
     let alone = ["--user", "--map-root-user", "--mount"];

@@ -8,12 +8,16 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Output, Stdio};
 
+use bytes::Bytes;
+use prost::Message;
+use protocol::Error;
 use protocol::bus::{Bus, BusAddress};
-use protocol::log::{LogOptions, LogWriter, Record, read_run};
+use protocol::log::{Record, read_run, rewrite};
 use protocol::task::Task;
-use protocol::trajectory::{Encoded, Trajectory};
+use protocol::trajectory::{Encoded, Source, Trajectory};
 use system_tests::{
     PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs,
 };
@@ -43,37 +47,28 @@ fn every_episode_of_every_task_acts_again_as_it_was_recorded() {
     }
 }
 
-/// Writes the run's log again with `change` made to every training trajectory.
-fn rewrite(run: &TestRun, change: impl Fn(&mut Trajectory)) {
+/// Writes the run's log again with `change` made to every trajectory.
+fn change_log(run: &TestRun, change: impl Fn(&mut Trajectory)) {
     let (log, old) = (run.folder().log(), run.path("old-log"));
     fs::rename(&log, &old).unwrap();
-    let mut reader = read_run(&old).unwrap();
-    let mut writer = LogWriter::create(&log, reader.metadata(), LogOptions::default()).unwrap();
-    for entry in &mut reader {
-        let decode = |bytes| Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
-        match entry.unwrap().record {
-            Record::Trajectory(bytes) => {
-                let mut trajectory = decode(bytes).trajectory;
-                change(&mut trajectory);
-                writer.trajectory(&Encoded::encode(trajectory)).unwrap();
-            }
-            Record::EvaluationTrajectory(bytes) => writer.trajectory(&decode(bytes)).unwrap(),
-            Record::Score(score) => writer.score(&score).unwrap(),
-            Record::PolicyUpdate(update) => writer.policy_update(&update).unwrap(),
-            Record::RewardUpdate(update) => writer.reward_update(&update).unwrap(),
-            Record::Checkpoint(checkpoint) => writer.checkpoint(&checkpoint).unwrap(),
-            Record::Scene(_) => panic!("expected no scenes in the log of a run"),
-        }
-    }
-    writer.finish().unwrap();
+    let changed = |bytes: Bytes| {
+        let mut trajectory = Trajectory::recorded(bytes, &Task::Navigation.spec())?;
+        change(&mut trajectory);
+        Ok(trajectory.encode_to_vec().into())
+    };
+    let all = |old: Vec<Bytes>| old.into_iter().map(changed).collect::<Result<_, Error>>();
+    rewrite(&old, &log, all).unwrap();
 }
 
 #[test]
 fn an_episode_that_cannot_have_happened_is_named() {
     let run = TestRun::new(programs!());
     run.finish(&[]);
-    let wrong = |trajectory: &Trajectory| (trajectory.lane, trajectory.episode) == (2, 3);
-    rewrite(&run, |trajectory| trajectory.state_hash ^= u64::from(wrong(trajectory)));
+    let wrong = |trajectory: &Trajectory| {
+        let Trajectory { lane, episode, .. } = *trajectory;
+        (trajectory.source(), lane, episode) == (Source::Training, 2, 3)
+    };
+    change_log(&run, |trajectory| trajectory.state_hash ^= u64::from(wrong(trajectory)));
     let Output { status, stderr, .. } = verify(&run);
     let stderr = String::from_utf8_lossy(&stderr);
     assert_eq!(status.code(), Some(1), "{stderr}");
@@ -137,8 +132,8 @@ fn a_run_that_was_killed_is_trained_again_as_far_as_its_log_goes() {
 fn a_run_whose_log_was_changed_is_trained_into_other_weights() {
     let run = TestRun::new(programs!());
     run.finish(&[]);
-    rewrite(&run, |trajectory| {
-        if trajectory.iteration == 5 {
+    change_log(&run, |trajectory| {
+        if trajectory.source() == Source::Training && trajectory.iteration == 5 {
             let log_probs = trajectory.log_probs.iter().map(|&byte| byte ^ 1).collect::<Vec<_>>();
             trajectory.log_probs = log_probs.into();
         }
@@ -207,4 +202,51 @@ fn recorded_episodes_are_scored_again_by_another_reward() {
     let stderr = String::from_utf8_lossy(&refused.stderr);
     assert_eq!(refused.status.code(), Some(2), "{stderr}");
     assert!(stderr.contains("--with ppo.clip=0.1: expected a key such as"), "{stderr}");
+}
+
+/// Every trajectory of a log, observations included, as it is encoded.
+fn trajectories(log: &Path, task: Task) -> BTreeSet<Bytes> {
+    let full = |bytes| Encoded::decode(bytes, &task.spec()).unwrap().bytes;
+    let records = read_run(log).unwrap().map(|entry| entry.unwrap().record);
+    records.filter_map(Record::trajectory).map(full).collect()
+}
+
+#[test]
+fn a_log_of_actions_only_does_all_that_a_full_one_does() {
+    for (task, small) in [(Task::Navigation, &SMALL[..]), (Task::FetchPush, &SMALL_PHYSICS)] {
+        let full = TestRun::new(programs!());
+        let expected = full.train_task(task.name(), small, &[]).finish();
+        let run = TestRun::new(programs!());
+        let summary = run.train_task(task.name(), small, &["log.observations=false"]).finish();
+        assert_eq!(summary.hashes(), expected.hashes());
+        assert!(summary.log.bytes < expected.log.bytes, "{} bytes", summary.log.bytes);
+        for what in [&["--verify"][..], &["--retrain"], &["--with", "reward.uncertainty=0.1"]] {
+            let Output { status, stdout, stderr } = replay(&run, what);
+            let [out, err] = [stdout, stderr].map(|text| String::from_utf8(text).unwrap());
+            assert!(status.success(), "{task} {what:?}: {out}{err}");
+            assert!(!run.folder().path().join("restored-log").exists(), "{what:?}");
+        }
+        let out = run.path("full-log");
+        let mut restore = run.program("goalward");
+        restore.args(["log", "restore"]).arg(run.folder().path()).arg("--out").arg(&out);
+        assert!(restore.output().unwrap().status.success());
+        // The order of the records is that of the actors; nothing else may differ.
+        assert_eq!(trajectories(&out, task), trajectories(&full.folder().log(), task));
+    }
+}
+
+#[test]
+fn an_episode_that_acts_otherwise_is_not_restored() {
+    let run = TestRun::new(programs!());
+    run.finish(&["log.observations=false"]);
+    change_log(&run, |trajectory| {
+        trajectory.full_hash ^= u64::from(trajectory.lane == 2 && trajectory.episode == 3);
+    });
+    for what in ["--verify", "--retrain"] {
+        let Output { status, stderr, .. } = replay(&run, &[what]);
+        let stderr = String::from_utf8_lossy(&stderr);
+        assert_eq!(status.code(), Some(1), "{what}: {stderr}");
+        assert!(stderr.contains("lane 2 episode 3"), "{what}: {stderr}");
+    }
+    assert!(!run.folder().path().join("restored-log").exists());
 }

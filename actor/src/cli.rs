@@ -55,6 +55,9 @@ enum Command {
         /// Folder of the run.
         #[arg(long)]
         run: PathBuf,
+        /// Folder of the log.
+        #[arg(long)]
+        log: PathBuf,
         /// Times the pace of the recording; without it as fast as readers take them.
         #[arg(long)]
         speed: Option<f64>,
@@ -97,6 +100,18 @@ enum Command {
         #[arg(long, default_value_t = 0)]
         threads: usize,
     },
+    /// Writes a run's log once more, with the observations it left out.
+    Restore {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Folder for the log.
+        #[arg(long)]
+        out: PathBuf,
+        /// Threads; 0 takes all cores.
+        #[arg(long, default_value_t = 0)]
+        threads: usize,
+    },
 }
 
 /// Runs the process.
@@ -118,9 +133,9 @@ fn run(command: Command) -> Result<()> {
             let recording = Recording { log, iterations };
             replay(&RunFolder::new(run), &name, &recording, &stop)
         }
-        Command::Publish { run, speed } => {
+        Command::Publish { run, log, speed } => {
             let stop = Stop::at_end_of_input();
-            print(&crate::publish::publish(&RunFolder::new(run), speed, &stop)?)
+            print(&crate::publish::publish(&RunFolder::new(run), &log, speed, &stop)?)
         }
         Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
@@ -145,6 +160,9 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Verify { run, threads } => {
             print(&crate::verify::verify(&RunFolder::new(run), threads)?)
+        }
+        Command::Restore { run, out, threads } => {
+            print(&crate::restore::restore(&RunFolder::new(run), &out, threads)?)
         }
     }
 }

@@ -143,6 +143,7 @@ impl Episode {
             success: self.steps_to_goal > 0,
             state_hash: self.environment.state_hash(),
             steps_to_goal: self.steps_to_goal,
+            full_hash: 0,
         }
     }
 }

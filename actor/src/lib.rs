@@ -2,8 +2,8 @@
 //!
 //! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
 //! [`publish`] puts a log onto the bus for anybody.
-//! [`demonstrate`], [`evaluate`] and [`verify`] work without a bus. [`episode`] and [`lane`] turn a
-//! lease into trajectories, [`policy`] chooses the actions.
+//! [`demonstrate`], [`evaluate`], [`verify`] and [`restore`] work without a bus. [`episode`] and [`lane`]
+//! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
 
 pub mod cli;
 pub mod demonstrate;
@@ -16,5 +16,7 @@ pub mod policy;
 pub mod ports;
 pub mod publish;
 pub mod replay;
+pub mod resimulate;
+pub mod restore;
 pub mod rollout;
 pub mod verify;

@@ -1,6 +1,7 @@
 //! `goalward replay --publish`: the trajectories of a log go onto the bus again, byte by byte in the
 //! order they came, for whoever listens. No lease is asked for and nothing learns from them.
 
+use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -29,9 +30,14 @@ pub struct Published {
     pub readers: usize,
 }
 
-/// Publishes the trajectories of a run's log on the run's bus once there is a reader: at `speed`
-/// times the pace they were recorded at, or as fast as readers take them.
-pub fn publish(folder: &RunFolder, speed: Option<f64>, stop: &Stop) -> Result<Published> {
+/// Publishes the trajectories of the run's log in `log` on the run's bus once there is a reader: at
+/// `speed` times the pace they were recorded at, or as fast as readers take them.
+pub fn publish(
+    folder: &RunFolder,
+    log: &Path,
+    speed: Option<f64>,
+    stop: &Stop,
+) -> Result<Published> {
     let spec = folder.config()?.task.spec();
     let bus: Bus = Bus::open(&BusAddress::of_run(folder.path())?, "replay")?;
     let publisher = bus.trajectory_publisher(READER_PATIENCE)?;
@@ -41,7 +47,7 @@ pub fn publish(folder: &RunFolder, speed: Option<f64>, stop: &Stop) -> Result<Pu
     let begun = Instant::now();
     let mut first_ns = None;
     let mut published = Published::default();
-    for entry in read_contents(&folder.log(), Contents::Trajectories)? {
+    for entry in read_contents(log, Contents::Trajectories)? {
         let entry = entry?;
         let log_time_ns = entry.log_time_ns;
         let Some(bytes) = entry.record.trajectory() else { continue };

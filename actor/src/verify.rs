@@ -3,20 +3,14 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
-use environments::Setting;
+use anyhow::{Context, Result};
 use protocol::Error;
 use protocol::log::{Contents, Entry, FileReader, read_contents};
 use protocol::run::RunFolder;
-use protocol::task::{Spec, Task};
 use protocol::trajectory::{Encoded, Source, Trajectory};
-use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::episode::{Episode, EpisodeName};
-
-/// Episodes that a thread acts before the next ones are read.
-const CHUNK: usize = 64;
+use crate::resimulate::Resimulator;
 
 /// What a verification found, as it is printed.
 #[derive(Debug, Default, Serialize)]
@@ -48,17 +42,16 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
         let mut reader = FileReader::open(&file)?;
         let setting = reader.metadata().get("setting").context("demonstrations: setting")?;
         let setting = serde_json::from_str(setting).context("demonstrations: setting")?;
-        let mut verifier = Verifier::new(&threads, config.task, setting, &mut verification);
-        verifier.take_all(&mut reader)?;
+        let resimulator = Resimulator::new(&threads, config.task, &setting);
+        verify_all(resimulator, &mut reader, &mut verification)?;
         if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
             verification.damaged.push(format!("{}: {ending}", file.display()));
         }
     }
 
     let mut reader = read_contents(&folder.log(), Contents::Trajectories)?;
-    let setting = config.environment.clone();
-    let mut verifier = Verifier::new(&threads, config.task, setting, &mut verification);
-    verifier.take_all(&mut reader)?;
+    let resimulator = Resimulator::new(&threads, config.task, &config.environment);
+    verify_all(resimulator, &mut reader, &mut verification)?;
     let damaged = reader.endings().iter().filter(|(_, ending)| ending.lost());
     let damaged = damaged.map(|(path, ending)| format!("{}: {ending}", path.display()));
     verification.damaged.extend(damaged);
@@ -66,131 +59,67 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
     Ok(verification)
 }
 
-/// Acts episodes of one setting again, many at a time.
-struct Verifier<'a> {
-    threads: &'a rayon::ThreadPool,
-    spec: Spec,
-    actors: Vec<Actor>,
-    waiting: Vec<Trajectory>,
-    verification: &'a mut Verification,
-}
-
-impl<'a> Verifier<'a> {
-    fn new(
-        threads: &'a rayon::ThreadPool,
-        task: Task,
-        setting: Setting,
-        verification: &'a mut Verification,
-    ) -> Self {
-        let actor = || Actor { task, setting: setting.clone(), episode: None };
-        let actors = std::iter::repeat_with(actor).take(threads.current_num_threads()).collect();
-        Verifier { threads, spec: task.spec(), actors, waiting: Vec::new(), verification }
-    }
-
-    /// Acts every episode of a log again, many at a time.
-    fn take_all(&mut self, log: impl Iterator<Item = Result<Entry, Error>>) -> Result<()> {
-        for entry in log {
-            let Some(bytes) = entry?.record.trajectory() else { continue };
-            self.waiting.push(Encoded::decode(bytes, &self.spec)?.trajectory);
-            if self.waiting.len() == CHUNK * self.actors.len() {
-                self.act_waiting()?;
-            }
+/// Acts the episodes of a log again and notes what came out.
+fn verify_all(
+    mut resimulator: Resimulator<'_>,
+    log: impl Iterator<Item = Result<Entry, Error>>,
+    verification: &mut Verification,
+) -> Result<()> {
+    let spec = resimulator.spec();
+    let bytes = log.filter_map(|entry| entry.map(|entry| entry.record.trajectory()).transpose());
+    let mut episodes = bytes.map(|bytes| Trajectory::recorded(bytes?, &spec));
+    loop {
+        let some = episodes.by_ref().take(resimulator.episodes_at_once());
+        let some: Vec<Trajectory> = some.collect::<Result<_, Error>>()?;
+        if some.is_empty() {
+            return Ok(());
         }
-        self.act_waiting()
-    }
-
-    /// Acts what waits.
-    fn act_waiting(&mut self) -> Result<()> {
-        let of_chunk = |(actor, recorded): (&mut Actor, &[Trajectory])| -> Result<Vec<_>> {
-            recorded.iter().map(|recorded| actor.difference(recorded)).collect()
-        };
-        let chunks = self.actors.par_iter_mut().zip(self.waiting.par_chunks(CHUNK));
-        let differences: Result<Vec<_>> = self.threads.install(|| chunks.map(of_chunk).collect());
-        for (recorded, difference) in self.waiting.iter().zip(differences?.concat()) {
-            self.verification.episodes += 1;
-            self.verification.steps += u64::from(recorded.steps);
+        for (recorded, difference) in some.iter().zip(resimulator.each(&some, difference)) {
+            verification.episodes += 1;
+            verification.steps += u64::from(recorded.steps);
             match difference {
-                None => self.verification.equal += 1,
+                None => verification.equal += 1,
                 Some(difference) => {
-                    self.verification.first_difference.get_or_insert(difference);
+                    verification.first_difference.get_or_insert(difference);
                 }
             }
         }
-        self.waiting.clear();
-        Ok(())
     }
 }
 
-/// Acts recorded episodes, one after another in one environment.
-struct Actor {
-    task: Task,
-    setting: Setting,
-    episode: Option<Episode>,
+/// Where an episode acted again differs from the recorded one.
+fn difference(recorded: &Trajectory, again: Result<Trajectory>) -> Option<String> {
+    let name = name(recorded);
+    let mut again = match again {
+        Ok(again) => again,
+        Err(error) => return Some(format!("{name}: {error:#}")),
+    };
+    if recorded.is_actions_only() {
+        let hash = Encoded::encode(again.clone()).key.hash;
+        again = again.actions_only(hash);
+    }
+    (again != *recorded).then(|| format!("{name}, {}", first_difference(recorded, &again)))
 }
 
-impl Actor {
-    /// Where an episode acted again differs from the recorded one.
-    fn difference(&mut self, recorded: &Trajectory) -> Result<Option<String>> {
-        let spec = self.task.spec();
-        let again = match self.act(recorded, &spec) {
-            Ok(again) => again,
-            Err(error) => return Ok(Some(format!("{}: {error:#}", name(recorded)?))),
-        };
-        // What the policy thought of its actions is no business of the environment.
-        let again = Trajectory { log_probs: recorded.log_probs.clone(), ..again };
-        if again == *recorded {
-            return Ok(None);
-        }
-        let part = first_difference(recorded, &again, spec.observation.bytes());
-        Ok(Some(format!("{}, {part}", name(recorded)?)))
-    }
-
-    fn act(&mut self, recorded: &Trajectory, spec: &Spec) -> Result<Trajectory> {
-        let name = EpisodeName {
-            source: Source::try_from(recorded.source)?,
-            iteration: recorded.iteration,
-            lane: recorded.lane,
-            episode: recorded.episode,
-            policy_version: recorded.policy_version,
-            run_seed: recorded.run_seed,
-        };
-        let episode = match &mut self.episode {
-            Some(episode) => {
-                episode.begin_again(name)?;
-                episode
-            }
-            none => {
-                let environment = environments::create(self.task, &self.setting)?;
-                none.insert(Episode::begin(environment, name)?)
-            }
-        };
-        for action in recorded.actions().chunks_exact(spec.action.bytes()) {
-            if let Some(trajectory) = episode.step(action, None)? {
-                return Ok(trajectory);
-            }
-        }
-        ensure!(!recorded.actions().is_empty(), "expected actions to act again, found none");
-        anyhow::bail!("expected to end after step {}, found it going on", recorded.steps)
-    }
-}
-
-fn name(recorded: &Trajectory) -> Result<String> {
+fn name(recorded: &Trajectory) -> String {
     let Trajectory { lane, episode, .. } = recorded;
-    let kind = match Source::try_from(recorded.source)? {
+    let kind = match recorded.source() {
         Source::Training => "",
         Source::Evaluation => "evaluation, ",
         Source::Demonstration => "demonstration, ",
     };
-    Ok(format!("{kind}lane {lane} episode {episode}"))
+    format!("{kind}lane {lane} episode {episode}")
 }
 
 /// The first part of an episode that differs, in the order it happened.
-fn first_difference(recorded: &Trajectory, again: &Trajectory, observation: usize) -> String {
+fn first_difference(recorded: &Trajectory, again: &Trajectory) -> String {
     if recorded.steps != again.steps {
         return format!("ending: expected after step {}, found {}", recorded.steps, again.steps);
     }
     let rows = |trajectory: &Trajectory| -> Vec<Vec<u8>> {
-        trajectory.observations().chunks_exact(observation).map(<[u8]>::to_vec).collect()
+        let bytes = trajectory.observations();
+        let one = (bytes.len() / (trajectory.steps as usize + 1)).max(1);
+        bytes.chunks_exact(one).map(<[u8]>::to_vec).collect()
     };
     let step = rows(recorded).iter().zip(rows(again)).position(|(one, other)| *one != other);
     if let Some(step) = step {
@@ -205,6 +134,7 @@ fn first_difference(recorded: &Trajectory, again: &Trajectory, observation: usiz
             "step {}: expected the state {:016x}, found {:016x}",
             recorded.steps, recorded.state_hash, again.state_hash
         ),
+        None if recorded.full_hash != again.full_hash => "other observations".to_owned(),
         None => "another ending or success".to_owned(),
     }
 }

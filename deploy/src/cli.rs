@@ -1,7 +1,5 @@
 //! The command line: the verbs of `goalward`.
 
-use std::process::ExitCode;
-
 use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
@@ -37,7 +35,7 @@ enum Verb {
 }
 
 /// Reads the command line and does what it says.
-pub(crate) fn run() -> Result<ExitCode> {
+pub(crate) fn run() -> Result<()> {
     let line = CommandLine::try_parse().or_else(|error| match error.kind() {
         ErrorKind::DisplayHelp
         | ErrorKind::DisplayVersion
@@ -92,6 +90,7 @@ mod tests {
             "goalward replay r --with reward.uncertainty=0.1 --with model=s --out r.csv",
             "goalward log info r",
             "goalward log repair a.mcap b.mcap",
+            "goalward log restore r --out s",
         ] {
             CommandLine::try_parse_from(line.split_whitespace()).unwrap();
         }

@@ -14,6 +14,7 @@
 //! | `progress` | the progress line, on a terminal and in a pipe |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
+//! | `full_log` | a log with observations, made of one with actions only |
 //! | `figures` | how numbers are written |
 //! | `refusal` | exit codes |
 
@@ -21,6 +22,7 @@ mod cli;
 mod commands;
 mod demonstrations;
 mod figures;
+mod full_log;
 mod output;
 mod plan;
 mod programs;
@@ -45,9 +47,11 @@ pub fn main() -> ExitCode {
         .with_writer(std::io::stderr)
         .init();
     match cli::run() {
-        Ok(code) => code,
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            writeln!(std::io::stderr(), "goalward: {error:#}").ok();
+            if !refusal::is_explained(&error) {
+                writeln!(std::io::stderr(), "goalward: {error:#}").ok();
+            }
             refusal::exit_code(&error)
         }
     }

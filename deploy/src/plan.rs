@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::log::{FileReader, log_files};
 use protocol::run::RunFolder;
 use protocol::task::Task;
 
@@ -74,6 +75,7 @@ impl Plan {
             .ok_or_else(|| wrong_usage("expected the run to continue: --resume needs --run DIR"))?;
         let folder = RunFolder::new(path);
         let old = folder.config()?;
+        refuse_if_changed(&folder, &old)?;
         let refuse = |wish: &str| {
             let shown = folder.path().display();
             wrong_usage(format!(
@@ -153,6 +155,25 @@ fn with_absolute_paths(mut config: RunConfig) -> Result<RunConfig> {
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
     }
     Ok(config)
+}
+
+/// A configuration that was edited since the run began would give another result.
+fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
+    if !folder.log().exists() {
+        return Ok(());
+    }
+    let files = log_files(&folder.log()).map_err(Refusal::usage)?;
+    // A file that does not tell is the learner's to repair.
+    let begun =
+        files.iter().find_map(|file| FileReader::open(&file.path).ok()?.metadata().config());
+    let Some((key, [began, found])) = begun.and_then(|begun| begun.ok()?.result_difference(config))
+    else {
+        return Ok(());
+    };
+    Err(wrong_usage(format!(
+        "{}: expected {key} = {began}, with which the run began, found {found}",
+        folder.config_file().display()
+    )))
 }
 
 fn refuse_unless_free(folder: &RunFolder) -> Result<()> {

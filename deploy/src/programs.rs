@@ -1,10 +1,12 @@
 //! Where the programs of a run are: beside `goalward` itself.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use serde::de::DeserializeOwned;
+
+use crate::refusal::Refusal;
 
 /// A program that `goalward` starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,18 +53,27 @@ impl Program {
     }
 }
 
-/// Runs a program that prints its figures as JSON, its diagnostics going where ours go. A failure has
-/// been explained by the program itself; then there is only its exit code.
+/// Runs a program that prints its figures as JSON, its diagnostics going where ours go.
 ///
 /// # Errors
-/// When it cannot start, or prints something else.
-pub(crate) fn figures<T: DeserializeOwned>(program: &mut Command) -> Result<Result<T, ExitCode>> {
+/// When it cannot start, fails, or prints something else.
+pub(crate) fn figures<T: DeserializeOwned>(program: &mut Command) -> Result<T> {
     let program = program.stdin(Stdio::null()).stderr(Stdio::inherit());
     let ended = program.output().context("starting a program")?;
-    if !ended.status.success() {
-        return Ok(Err(exit_code(ended.status)));
+    expect_success(ended.status)?;
+    serde_json::from_slice(&ended.stdout).context("reading a program's figures")
+}
+
+/// Checks how a program ended that has said why, had it failed.
+///
+/// # Errors
+/// When it has failed, with its exit code; that of a program ended by a signal is 1.
+pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
+    if status.success() {
+        return Ok(());
     }
-    Ok(Ok(serde_json::from_slice(&ended.stdout).context("reading a program's figures")?))
+    let code = status.code().and_then(|code| u8::try_from(code).ok());
+    Err(Refusal::Explained(code.unwrap_or(1)).into())
 }
 
 /// Checks that every program is there.
@@ -86,14 +97,6 @@ fn callable_from(current: &Path, program: &Path) -> PathBuf {
         Ok(inside) if inside.components().count() > 1 => inside.to_owned(),
         Ok(inside) => Path::new(".").join(inside),
         Err(_) => program.to_owned(),
-    }
-}
-
-/// The exit code of a finished program, as our own; a program ended by a signal has failed.
-pub(crate) fn exit_code(status: ExitStatus) -> ExitCode {
-    match status.code().and_then(|code| u8::try_from(code).ok()) {
-        Some(code) => code.into(),
-        None => ExitCode::FAILURE,
     }
 }
 

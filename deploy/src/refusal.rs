@@ -18,6 +18,9 @@ pub(crate) enum Refusal {
     /// The command finished, but not everything that was recorded is there.
     #[error("{0}")]
     DataLost(String),
+    /// A program that was started ended with this code, and has said why itself.
+    #[error("a program ended with exit code {0}")]
+    Explained(u8),
 }
 
 impl Refusal {
@@ -32,6 +35,11 @@ pub(crate) fn wrong_usage(message: impl Display) -> anyhow::Error {
     Refusal::WrongUsage(message.to_string()).into()
 }
 
+/// Whether the user has been told of the error already.
+pub(crate) fn is_explained(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(Refusal::Explained(_)))
+}
+
 /// The exit code an error asks for.
 pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
     use protocol::Error::{Configuration, ConfigurationText, NotARun, UnknownTask};
@@ -39,6 +47,7 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
         match cause.downcast_ref() {
             Some(Refusal::WrongUsage(_)) => return WRONG_USAGE.into(),
             Some(Refusal::DataLost(_)) => return DATA_LOST.into(),
+            Some(Refusal::Explained(code)) => return (*code).into(),
             None => {}
         }
         if let Some(
@@ -67,5 +76,8 @@ mod tests {
         assert_eq!(exit_code(&unknown.unwrap_err()), ExitCode::from(2));
         let lost = anyhow::Error::from(Refusal::DataLost("2 records".to_owned()));
         assert_eq!(exit_code(&lost), ExitCode::from(3));
+        let explained = anyhow::Error::from(Refusal::Explained(5));
+        assert_eq!((exit_code(&explained), is_explained(&explained)), (ExitCode::from(5), true));
+        assert!(!is_explained(&lost));
     }
 }

@@ -336,7 +336,10 @@ fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
     for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
         tracing::info!("{}", repair(&file.path)?);
     }
-    let options = LogOptions { rotate_bytes: config.log.file_mib << 20 };
+    let options = LogOptions {
+        rotate_bytes: config.log.file_mib << 20,
+        observations: config.log.observations,
+    };
     Ok(LogWriter::create(&folder.log(), &metadata, options)?)
 }
 

@@ -4,6 +4,7 @@
 //! other presets change. Flags of the command line change single keys. Everything after
 //! [`RunConfig::assemble`] reads checked values only.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,7 @@ use toml::{Table, Value};
 use crate::Error;
 use crate::error::{out_of_range, within};
 use crate::setting::Setting;
+use crate::table::{flat, merge, parse_setting};
 use crate::task::{ObservationSpec, Task};
 
 /// The preset a task's file holds without a table of its own.
@@ -273,6 +275,9 @@ pub struct CheckpointConfig {
 pub struct LogConfig {
     /// A file is sealed and the next one opened at this size, MiB.
     pub file_mib: u64,
+    /// Whether trajectories are recorded with their observations, or with actions only, from which
+    /// `goalward log restore` makes the observations again.
+    pub observations: bool,
 }
 
 /// Processes and threads.
@@ -347,14 +352,27 @@ impl RunConfig {
 
     /// Whether another configuration gives the same weights, bit for bit.
     pub fn same_result_as(&self, other: &Self) -> bool {
-        let stripped = |config: &Self| {
-            let mut config = config.clone();
-            config.resources = other.resources.clone();
-            config.checkpoint = other.checkpoint.clone();
-            config.log = other.log.clone();
-            config
+        self.result_difference(other).is_none()
+    }
+
+    /// The first key of those that decide the result whose value is another one in `other`, with
+    /// both values.
+    pub fn result_difference(&self, other: &Self) -> Option<(String, [String; 2])> {
+        let values = |config: &Self| {
+            let mut table = config.to_text().parse::<Table>().expect("it has just been written");
+            for key in ["resources", "checkpoint", "log"] {
+                table.remove(key);
+            }
+            flat(&table)
         };
-        stripped(self) == stripped(other)
+        let (own, others) = (values(self), values(other));
+        let mut keys: Vec<&String> = own.keys().chain(others.keys()).collect();
+        keys.sort();
+        let key = keys.into_iter().find(|key| own.get(*key) != others.get(*key))?;
+        let shown = |values: &BTreeMap<String, Value>| {
+            values.get(key).map_or("nothing".to_owned(), Value::to_string)
+        };
+        Some((key.clone(), [shown(&own), shown(&others)]))
     }
 
     /// What an expert's demonstrations for this run start from and reach.
@@ -461,26 +479,4 @@ impl RunConfig {
         }
         Ok(())
     }
-}
-
-/// Lays `changes` over `table`, table by table.
-fn merge(table: &mut Table, changes: Table) {
-    for (key, change) in changes {
-        match (table.get_mut(&key), change) {
-            (Some(Value::Table(old)), Value::Table(new)) => merge(old, new),
-            (_, change) => {
-                table.insert(key, change);
-            }
-        }
-    }
-}
-
-/// Reads `a.b.c=value`; a value that is no TOML is taken as text.
-fn parse_setting(setting: &str) -> Result<Table, String> {
-    let (key, value) = setting.split_once('=').ok_or("expected key=value, found no `=`")?;
-    let line = format!("{key} = {value}");
-    let quoted = || format!("{key} = {value:?}");
-    line.parse::<Table>()
-        .or_else(|_| quoted().parse::<Table>())
-        .map_err(|error| error.message().to_owned())
 }

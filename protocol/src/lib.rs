@@ -17,6 +17,7 @@ pub mod scene;
 pub mod seed;
 pub mod setting;
 pub mod summary;
+mod table;
 pub mod task;
 pub mod tensors;
 pub mod trajectory;

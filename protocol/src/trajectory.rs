@@ -70,6 +70,10 @@ pub struct Trajectory {
     /// Steps after which the goal was first reached; 0 if it was not.
     #[prost(uint32, tag = "19")]
     pub steps_to_goal: u32,
+    /// Where observations were left out of a log: xxh3 of the encoded trajectory that has them. 0
+    /// otherwise.
+    #[prost(fixed64, tag = "20")]
+    pub full_hash: u64,
 }
 
 /// Who produced a trajectory, and what for.
@@ -133,11 +137,15 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// Decodes `bytes` and checks the trajectory against the shapes of its task.
+    /// Decodes `bytes` and checks the trajectory, observations included, against the shapes of its
+    /// task.
     pub fn decode(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
-        let trajectory = Trajectory::decode(bytes.clone())
-            .map_err(|source| Error::Undecodable { what: "trajectory", source })?;
-        trajectory.check(spec)?;
+        let trajectory = Trajectory::recorded(bytes.clone(), spec)?;
+        if trajectory.is_actions_only() {
+            let expected = format!("of {} steps", trajectory.steps);
+            let found = "actions only; `goalward log restore` adds them";
+            return Err(mismatch("observations", expected, found));
+        }
         Ok(Self::with_bytes(trajectory, bytes))
     }
 
@@ -155,6 +163,24 @@ impl Encoded {
 }
 
 impl Trajectory {
+    /// Decodes a trajectory of a log, which may have left observations out, and checks it.
+    pub fn recorded(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
+        let trajectory = Trajectory::decode(bytes)
+            .map_err(|source| Error::Undecodable { what: "trajectory", source })?;
+        trajectory.check(spec)?;
+        Ok(trajectory)
+    }
+
+    /// Whether its observations were left out.
+    pub fn is_actions_only(&self) -> bool {
+        self.full_hash != 0
+    }
+
+    /// The trajectory without observations; `full_hash` is that of the encoded one with them.
+    pub fn actions_only(self, full_hash: u64) -> Self {
+        Trajectory { cells: Bytes::new(), values: Bytes::new(), full_hash, ..self }
+    }
+
     /// All observations, one after another, each of the spec's length in bytes.
     pub fn observations(&self) -> &[u8] {
         if self.cells.is_empty() { &self.values } else { &self.cells }
@@ -177,7 +203,7 @@ impl Trajectory {
     }
 
     /// Checks lengths, classes, finiteness and names against the task's shapes.
-    pub fn check(&self, spec: &Spec) -> Result<(), Error> {
+    fn check(&self, spec: &Spec) -> Result<(), Error> {
         let steps = self.steps as usize;
         expect("task", spec.task.name(), self.task.as_str())?;
         expect("observation shape", spec.observation.shape(), self.observation_shape.clone())?;
@@ -186,9 +212,10 @@ impl Trajectory {
             return Err(mismatch("steps", expected, steps));
         }
         self.check_goal()?;
+        let observed = if self.is_actions_only() { 0 } else { steps + 1 };
         let (cells, values) = match spec.observation {
-            ObservationSpec::Cells { .. } => ((steps + 1) * spec.observation.bytes(), 0),
-            ObservationSpec::Vector { .. } => (0, (steps + 1) * spec.observation.bytes()),
+            ObservationSpec::Cells { .. } => (observed * spec.observation.bytes(), 0),
+            ObservationSpec::Vector { .. } => (0, observed * spec.observation.bytes()),
         };
         expect("bytes of cells", cells, self.cells.len())?;
         expect("bytes of values", values, self.values.len())?;

@@ -94,6 +94,7 @@ fn trajectory() {
         success: true,
         state_hash: 1 << 40,
         steps_to_goal: 19,
+        full_hash: 1 << 41,
     };
     let theirs = by_schema("goalward.v1.Trajectory", &ours.encode_to_vec());
     assert_eq!(text(&theirs, "task"), "navigation");
@@ -114,6 +115,7 @@ fn trajectory() {
     assert_eq!(number(&theirs, "success"), 1.0);
     assert_eq!(number(&theirs, "state_hash"), (1u64 << 40) as f64);
     assert_eq!(number(&theirs, "steps_to_goal"), 19.0);
+    assert_eq!(number(&theirs, "full_hash"), (1u64 << 41) as f64);
 }
 
 /// A trajectory whose arrays are declared as numbers, as anybody else would.

@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -32,6 +32,9 @@ enum Command {
         /// Folder of the run.
         #[arg(long)]
         run: PathBuf,
+        /// Folder of the log.
+        #[arg(long)]
+        log: PathBuf,
         /// Configuration of the other model.
         #[arg(long)]
         config: PathBuf,
@@ -49,23 +52,24 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     process::run(|| match arguments.command {
         Command::Serve { run } => crate::run(&RunFolder::new(run), &Stop::at_end_of_input()),
-        Command::Rescore { run, config, model, out } => {
+        Command::Rescore { run, log, config, model, out } => {
             let text = fs::read_to_string(&config).context("--config")?;
             let config = RunConfig::from_text(&text, &config.display().to_string())?;
-            rescore(&RunFolder::new(run), &config, model.map(RunFolder::new), &out)
+            rescore(&RunFolder::new(run), &log, &config, model.map(RunFolder::new), &out)
         }
     })
 }
 
 fn rescore(
     folder: &RunFolder,
+    log: &Path,
     config: &RunConfig,
     model: Option<RunFolder>,
-    out: &std::path::Path,
+    out: &Path,
 ) -> Result<()> {
     let file = File::create(out).with_context(|| out.display().to_string())?;
     let mut lines = BufWriter::new(file);
-    let comparison = crate::rescore::rescore(folder, config, model.as_ref(), &mut lines)?;
+    let comparison = crate::rescore::rescore(folder, log, config, model.as_ref(), &mut lines)?;
     lines.flush().with_context(|| out.display().to_string())?;
     Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&comparison)?)?)
 }

@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 use std::io::Write;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use protocol::config::{RunConfig, UpdateOrder};
@@ -43,10 +44,11 @@ pub struct Comparison {
     pub ordered: Option<[f64; 2]>,
 }
 
-/// Scores the batches of a run's log again under `config`, or by the trained model of another run,
-/// and writes one line per episode.
+/// Scores the batches of a run's log, in `log`, again under `config`, or by the trained model of
+/// another run, and writes one line per episode.
 pub fn rescore(
     folder: &RunFolder,
+    log: &Path,
     config: &RunConfig,
     trained: Option<&RunFolder>,
     lines: &mut impl Write,
@@ -60,7 +62,7 @@ pub fn rescore(
     let mut trajectories: HashMap<TrajectoryKey, Encoded> = HashMap::new();
     let mut scores: HashMap<(u64, u64), Score> = HashMap::new();
     let mut returns = Vec::new();
-    for entry in read_run(&folder.log())? {
+    for entry in read_run(log)? {
         match entry?.record {
             Record::Trajectory(bytes) => {
                 let encoded = Encoded::decode(bytes, &config.task.spec())?;
@@ -89,7 +91,7 @@ pub fn rescore(
             _ => {}
         }
     }
-    ensure!(!returns.is_empty(), "expected updates in {}, found none", folder.log().display());
+    ensure!(!returns.is_empty(), "expected updates in {}, found none", log.display());
     Ok(comparison(&returns))
 }
 

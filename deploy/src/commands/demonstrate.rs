@@ -3,7 +3,6 @@
 //! The actor does it; this only passes on what the user wants.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::Result;
 use protocol::config::{DEFAULT_PRESET, RunConfig};
@@ -39,7 +38,7 @@ pub(crate) struct Arguments {
 }
 
 /// Records demonstrations; the exit code is that of the actor.
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let &Arguments { task, episodes, coverage, noise, ref policy, seed, ref out } = arguments;
     if out.exists() {
         return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
@@ -52,5 +51,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
     let status = demonstrations::record(&recording, std::process::Command::status)?;
-    Ok(programs::exit_code(status))
+    programs::expect_success(status)
 }

@@ -3,7 +3,6 @@
 //! The actor does it and prints its figures as JSON; this shows them to people.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::Result;
 use protocol::run::RunFolder;
@@ -34,20 +33,15 @@ struct Evaluation {
 }
 
 /// Evaluates a run; the exit code is that of the actor.
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
     let mut actor = Program::Actor.command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string()]);
-    Ok(match programs::figures(&mut actor)? {
-        Ok(evaluation) => {
-            print_line(table(&evaluation).trim_end());
-            ExitCode::SUCCESS
-        }
-        Err(code) => code,
-    })
+    print_line(table(&programs::figures(&mut actor)?).trim_end());
+    Ok(())
 }
 
 fn table(evaluation: &Evaluation) -> String {

@@ -1,14 +1,15 @@
-//! `goalward log info` and `goalward log repair`: what recorded files hold, and sealing those that
-//! a crash left.
+//! `goalward log info`, `log repair` and `log restore`: what recorded files hold, sealing those that a
+//! crash left, and observations for those that have actions only.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::Result;
 use protocol::bus::BusAddress;
 use protocol::log::{self, log_files};
 use protocol::run::RunFolder;
 
+use crate::figures;
+use crate::full_log::{self, Restored};
 use crate::plan;
 use crate::progress::print_line;
 use crate::refusal::{Refusal, wrong_usage};
@@ -20,6 +21,14 @@ pub(crate) enum Verb {
     Info(Arguments),
     /// Seal files that a crash or a bad disk left; exit code 3 if something in them is lost.
     Repair(Arguments),
+    /// Write the log of a run that recorded actions only once more, with its observations.
+    Restore {
+        /// Folder of the run.
+        run: PathBuf,
+        /// Folder for the log.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
 }
 
 /// Flags of both.
@@ -31,15 +40,16 @@ pub(crate) struct Arguments {
 }
 
 /// Does what the verb says to every file.
-pub(crate) fn run(verb: &Verb) -> Result<ExitCode> {
+pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Info(arguments) => each(arguments, info),
         Verb::Repair(arguments) => each(arguments, repair),
+        Verb::Restore { run, out } => restore(&RunFolder::new(run), out),
     }
 }
 
 /// Goes through all files, the damaged ones too, before it says that data is lost.
-fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<ExitCode> {
+fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<()> {
     let mut lost = Vec::new();
     for file in files_of(&arguments.files)? {
         if treat(&file)? {
@@ -47,7 +57,7 @@ fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<
         }
     }
     if lost.is_empty() {
-        return Ok(ExitCode::SUCCESS);
+        return Ok(());
     }
     Err(Refusal::DataLost(format!("not all that was recorded can be read: {}", lost.join(", ")))
         .into())
@@ -64,6 +74,17 @@ fn repair(file: &Path) -> Result<bool> {
     let repair = log::repair(file).map_err(Refusal::usage)?;
     print_line(&repair.to_string());
     Ok(!repair.damage.is_empty())
+}
+
+fn restore(run: &RunFolder, out: &Path) -> Result<()> {
+    run.config()?;
+    if out.exists() {
+        return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
+    }
+    let Restored { episodes, restored } = full_log::restore(run, out)?;
+    let [episodes, restored] = [episodes, restored].map(figures::count);
+    print_line(&format!("{}: {episodes} episodes, {restored} acted again", out.display()));
+    Ok(())
 }
 
 /// The files named, and those of the runs named.

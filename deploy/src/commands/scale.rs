@@ -1,7 +1,6 @@
 //! `goalward scale`: more or fewer actors for a run that is being trained.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::Result;
 use protocol::bus::MAX_ACTORS;
@@ -22,7 +21,7 @@ pub(crate) struct Arguments {
 }
 
 /// Tells the supervisor of a run how many actors there are to be.
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { run, actors } = arguments;
     let folder = RunFolder::new(run);
     folder.config()?;
@@ -34,5 +33,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     }
     supervisor::want_actors(&folder, *actors)?;
     print_line(&format!("actors: {actors}"));
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }

@@ -2,7 +2,6 @@
 //! folder tells.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -29,7 +28,7 @@ pub(crate) struct Arguments {
 }
 
 /// Prints a table.
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let address = BusAddress::of_run(folder.path())?;
@@ -41,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         stopped(&folder, &config)
     };
     print_line(table.trim_end());
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 fn live(address: &BusAddress, config: &RunConfig) -> Result<String> {

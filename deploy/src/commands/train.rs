@@ -1,7 +1,6 @@
 //! `goalward train`: a run from its first check to its last table.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use protocol::bus::check_shared_memory_room;
@@ -85,13 +84,13 @@ impl Arguments {
 }
 
 /// Trains a run to its end, or until the user stops it.
-pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let plan = begin(arguments.wishes())?;
     if let Some(summary) = Summary::of_run(&plan.folder)? {
         print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
         print_end(&plan.folder, &summary);
-        return Ok(ExitCode::SUCCESS);
+        return Ok(());
     }
     check(&plan)?;
     let _lock = plan.lay_out()?;
@@ -107,7 +106,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
         }
         Outcome::Stopped | Outcome::EndOfLog => print_how_to_resume(&plan.folder),
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 /// Everything that can be known to be wrong before the run has a folder.

@@ -4,6 +4,9 @@
 
 use std::collections::BTreeMap;
 
+use crate::Error;
+use crate::config::RunConfig;
+
 /// Newest layout of topics and metadata that this build reads, and the one it writes.
 pub const FORMAT_VERSION: u32 = 1;
 
@@ -60,6 +63,11 @@ impl Metadata {
     /// The entry of that name.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.entries.get(name).map(String::as_str)
+    }
+
+    /// The configuration that the file was recorded under; none in a file of demonstrations.
+    pub fn config(&self) -> Option<Result<RunConfig, Error>> {
+        self.get("config").map(|text| RunConfig::from_text(text, "of the log"))
     }
 
     /// Checks a metadata record of a file; the error says what was expected and found.

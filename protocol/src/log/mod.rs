@@ -13,6 +13,7 @@
 //! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
+//! | [`mod@rewrite`] | a run's log once more, with other trajectories |
 //! | [`mod@info`] | what a file holds, for `goalward log info` |
 //! | [`mod@repair`] | seals a file that a crash or a bad disk left, for `goalward log repair` |
 //!
@@ -26,6 +27,7 @@ pub mod info;
 pub mod metadata;
 pub mod reader;
 pub mod repair;
+pub mod rewrite;
 pub mod run;
 mod scan;
 pub mod topic;
@@ -37,6 +39,7 @@ pub use info::{FileInfo, info};
 pub use metadata::{Kind, Metadata};
 pub use reader::{Ending, Entry, FileReader, Record};
 pub use repair::{Repair, repair};
+pub use rewrite::rewrite;
 pub use run::{RunReader, read_contents, read_run};
 pub use topic::{Contents, Topic};
 pub use writer::{LogOptions, LogWriter};

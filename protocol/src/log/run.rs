@@ -88,13 +88,19 @@ impl RunReader {
         self.repeated
     }
 
-    fn next_entry(&mut self) -> Result<Option<Entry>, Error> {
+    /// The next message, undecoded, and the file it is from; none at the end.
+    pub(super) fn next_message(&mut self) -> Result<Option<(PathBuf, Message)>, Error> {
         let heads = self.streams.iter_mut().filter(|stream| stream.head.is_some());
         let earliest =
             heads.min_by_key(|stream| stream.head.as_ref().map(|(_, head)| head.log_time_ns));
         let Some(stream) = earliest else { return Ok(None) };
-        let Some((path, message)) = stream.head.take() else { return Ok(None) };
+        let head = stream.head.take();
         stream.advance()?;
+        Ok(head)
+    }
+
+    fn next_entry(&mut self) -> Result<Option<Entry>, Error> {
+        let Some((path, message)) = self.next_message()? else { return Ok(None) };
         decode(&path, message).map(Some)
     }
 }
@@ -180,7 +186,15 @@ fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Er
             return Err(read_error(path, message));
         }
     }
-    Ok(())
+    if first.get("config") == metadata.get("config") {
+        return Ok(());
+    }
+    let (Some(expected), Some(found)) = (first.config(), metadata.config()) else { return Ok(()) };
+    let Some((key, [expected, found])) = expected?.result_difference(&found?) else {
+        return Ok(());
+    };
+    let message = format!("expected {key} = {expected} as in the run's first file, found {found}");
+    Err(read_error(path, message))
 }
 
 /// What makes two records the same thing recorded twice: topic, iteration, and what it is about

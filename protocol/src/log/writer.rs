@@ -24,11 +24,13 @@ use crate::trajectory::Encoded;
 pub struct LogOptions {
     /// Size at which a file is sealed and the next one opened.
     pub rotate_bytes: u64,
+    /// Whether trajectories keep their observations.
+    pub observations: bool,
 }
 
 impl Default for LogOptions {
     fn default() -> Self {
-        LogOptions { rotate_bytes: 512 << 20 }
+        LogOptions { rotate_bytes: 512 << 20, observations: true }
     }
 }
 
@@ -40,6 +42,7 @@ impl Default for LogOptions {
 pub struct LogWriter {
     trajectories: Stream,
     updates: Stream,
+    observations: bool,
     clock: Clock,
 }
 
@@ -52,14 +55,20 @@ impl LogWriter {
         Ok(LogWriter {
             trajectories: stream(Contents::Trajectories)?,
             updates: stream(Contents::Updates)?,
+            observations: options.observations,
             clock: Clock::default(),
         })
     }
 
-    /// Appends a trajectory's encoded bytes as they are.
-    pub fn trajectory(&mut self, trajectory: &Encoded) -> Result<(), Error> {
-        let topic = Topic::of(&trajectory.trajectory);
-        self.trajectories.message(topic, self.clock.now_ns(), &trajectory.bytes)
+    /// Appends a trajectory: its encoded bytes as they are, or without observations.
+    pub fn trajectory(&mut self, encoded: &Encoded) -> Result<(), Error> {
+        let topic = Topic::of(&encoded.trajectory);
+        let now_ns = self.clock.now_ns();
+        if self.observations {
+            return self.trajectories.message(topic, now_ns, &encoded.bytes);
+        }
+        let actions_only = encoded.trajectory.clone().actions_only(encoded.key.hash);
+        self.trajectories.message(topic, now_ns, &actions_only.encode_to_vec())
     }
 
     /// Appends a score.

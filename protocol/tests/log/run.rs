@@ -3,6 +3,7 @@
 use std::fs;
 
 use prost::Message;
+use protocol::config::RunConfig;
 use protocol::log::{
     Contents, Kind, LogOptions, LogWriter, Metadata, Record, log_files, read_contents, read_run,
 };
@@ -19,7 +20,7 @@ fn score(iteration: u64, episode: u64) -> Score {
 fn files_rotate_and_every_sitting_has_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("log");
-    let options = LogOptions { rotate_bytes: 1 << 20 };
+    let options = LogOptions { rotate_bytes: 1 << 20, ..LogOptions::default() };
     let mut writer = LogWriter::create(&log, &metadata(), options).unwrap();
     for episode in 0..600 {
         writer.trajectory(&trajectory(0, episode, 5000)).unwrap();
@@ -127,6 +128,25 @@ fn a_folder_with_the_files_of_two_runs_is_refused() {
     }
     let message = read_run(folder.path()).err().unwrap().to_string();
     assert!(message.contains("expected seed 1") && message.contains("found 2"), "{message}");
+}
+
+#[test]
+fn sittings_may_differ_in_what_changes_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let sit = |setting: &str| {
+        let file = include_str!("../../../deploy/tasks/navigation.toml");
+        let config = RunConfig::assemble(file, "goalward", &[setting.to_owned()]).unwrap();
+        let metadata = metadata().with("config", config.to_text());
+        let options = LogOptions::default();
+        LogWriter::create(folder.path(), &metadata, options).unwrap().finish().unwrap();
+    };
+    sit("resources.actors=2");
+    sit("resources.actors=3");
+    assert_eq!(read_run(folder.path()).unwrap().count(), 0);
+    sit("ppo.clip=0.125");
+    let message = read_run(folder.path()).err().unwrap().to_string();
+    assert!(message.contains("expected ppo.clip = 0.2 as in"), "{message}");
+    assert!(message.ends_with("found 0.125"), "{message}");
 }
 
 #[test]

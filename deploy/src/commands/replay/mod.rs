@@ -6,7 +6,6 @@ mod retrain;
 mod verify;
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::Result;
 use protocol::run::RunFolder;
@@ -51,7 +50,7 @@ struct What {
 }
 
 /// Replays a run.
-pub(crate) fn run(arguments: Arguments) -> Result<ExitCode> {
+pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let folder = RunFolder::new(arguments.run);
     if arguments.what.verify {
         folder.config()?;

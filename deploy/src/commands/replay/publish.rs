@@ -1,6 +1,6 @@
 //! `goalward replay --publish`: an actor puts the recorded trajectories onto the run's bus again.
 
-use std::process::{ExitCode, Stdio};
+use std::process::Stdio;
 
 use anyhow::{Context, Result};
 use protocol::bus::BusAddress;
@@ -8,6 +8,7 @@ use protocol::run::RunFolder;
 use serde::Deserialize;
 
 use crate::figures;
+use crate::full_log::FullLog;
 use crate::plan;
 use crate::programs::{self, Program};
 use crate::progress::print_line;
@@ -21,7 +22,7 @@ struct Published {
 }
 
 /// Publishes a log once somebody listens; Ctrl-C ends it.
-pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<ExitCode> {
+pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
     folder.config()?;
     if let Some(speed) = speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
         return Err(wrong_usage(format!("--speed: expected a number above 0, found {speed}")));
@@ -33,8 +34,9 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<ExitCode
     if !address.is_anyone_alive()? {
         address.remove()?;
     }
+    let log = FullLog::of(folder)?;
     let mut actor = Program::Actor.command()?;
-    actor.arg("publish").arg("--run").arg(folder.path());
+    actor.arg("publish").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
     if let Some(speed) = speed {
         actor.args(["--speed", &speed.to_string()]);
     }
@@ -52,11 +54,10 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<ExitCode
     if !address.is_anyone_alive()? {
         address.remove()?;
     }
-    if ended.status.success() {
-        let Published { trajectories, readers } = serde_json::from_slice(&ended.stdout)
-            .context("reading the figures of the publisher")?;
-        let trajectories = figures::count(trajectories);
-        print_line(&format!("published {trajectories} trajectories; readers: {readers}"));
-    }
-    Ok(programs::exit_code(ended.status))
+    programs::expect_success(ended.status)?;
+    let Published { trajectories, readers } =
+        serde_json::from_slice(&ended.stdout).context("reading the figures of the publisher")?;
+    let trajectories = figures::count(trajectories);
+    print_line(&format!("published {trajectories} trajectories; readers: {readers}"));
+    Ok(())
 }

@@ -3,13 +3,13 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
 use crate::figures;
+use crate::full_log::FullLog;
 use crate::plan;
 use crate::programs::{self, Program};
 use crate::progress::print_line;
@@ -32,11 +32,7 @@ struct Comparison {
 ///
 /// # Errors
 /// Of wrong usage when a change is not of the reward.
-pub(super) fn rescore(
-    folder: &RunFolder,
-    changes: &[String],
-    out: Option<PathBuf>,
-) -> Result<ExitCode> {
+pub(super) fn rescore(folder: &RunFolder, changes: &[String], out: Option<PathBuf>) -> Result<()> {
     let (models, settings): (Vec<_>, Vec<_>) =
         changes.iter().partition(|change| change.starts_with(MODEL));
     let model = match models[..] {
@@ -60,29 +56,15 @@ pub(super) fn rescore(
     let configuration = out.with_extension("toml");
     fs::write(&configuration, config.to_text())
         .with_context(|| configuration.display().to_string())?;
-    let mut service = command(folder, &configuration, model.as_ref(), &out)?;
-    Ok(match programs::figures(&mut service)? {
-        Ok(comparison) => {
-            print_line(table(&comparison, &out).trim_end());
-            ExitCode::SUCCESS
-        }
-        Err(code) => code,
-    })
-}
-
-fn command(
-    folder: &RunFolder,
-    configuration: &Path,
-    model: Option<&RunFolder>,
-    out: &Path,
-) -> Result<std::process::Command> {
+    let log = FullLog::of(folder)?;
     let mut service = Program::ProximityService.command()?;
-    service.arg("rescore").arg("--run").arg(folder.path());
-    service.arg("--config").arg(configuration).arg("--out").arg(out);
-    if let Some(model) = model {
+    service.arg("rescore").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
+    service.arg("--config").arg(&configuration).arg("--out").arg(&out);
+    if let Some(model) = &model {
         service.arg("--model").arg(model.path());
     }
-    Ok(service)
+    print_line(table(&programs::figures(&mut service)?, &out).trim_end());
+    Ok(())
 }
 
 fn table(comparison: &Comparison, out: &Path) -> String {

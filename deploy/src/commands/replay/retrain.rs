@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use protocol::config::{Method, RunConfig};
@@ -13,6 +12,7 @@ use protocol::run::RunFolder;
 
 use crate::commands::train::block_on_supervision;
 use crate::figures;
+use crate::full_log::FullLog;
 use crate::plan::Plan;
 use crate::progress::{ProgressView, print_line};
 use crate::refusal::wrong_usage;
@@ -29,13 +29,14 @@ pub(super) fn retrain(
     recorded: &RunFolder,
     until: Option<u64>,
     out: Option<PathBuf>,
-) -> Result<ExitCode> {
+) -> Result<()> {
     let kept = out.is_some();
     let folder = RunFolder::new(out.unwrap_or_else(|| recorded.path().join("retrained")));
     let plan = Plan::copy_of(configuration(recorded)?, folder)?;
     let expected = hashes(recorded)?;
     ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
-    let log = fs::canonicalize(recorded.log()).context("the log")?;
+    let full = FullLog::of(recorded)?;
+    let log = fs::canonicalize(full.folder()).context("the log")?;
     let lock = plan.lay_out()?;
     let mut view = ProgressView::new();
     let source = Source::Log { log, iterations: until };
@@ -49,7 +50,7 @@ pub(super) fn retrain(
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 /// The configuration of the run that is trained again: the same, with the demonstrations where the

@@ -1,0 +1,89 @@
+//! Recorded episodes acted again, from their seeds and actions, many at a time.
+
+use anyhow::{Result, bail, ensure};
+use environments::Setting;
+use protocol::task::{Spec, Task};
+use protocol::trajectory::{Source, Trajectory};
+use rayon::prelude::*;
+
+use crate::episode::{Episode, EpisodeName};
+
+/// Episodes that a thread acts before the next ones are asked for.
+const CHUNK: usize = 64;
+
+/// Acts recorded episodes of one setting again.
+pub struct Resimulator<'a> {
+    threads: &'a rayon::ThreadPool,
+    actors: Vec<Actor>,
+}
+
+impl<'a> Resimulator<'a> {
+    /// An actor for each of the threads.
+    pub fn new(threads: &'a rayon::ThreadPool, task: Task, setting: &Setting) -> Self {
+        let actor = || Actor { task, setting: setting.clone(), episode: None };
+        let actors = std::iter::repeat_with(actor).take(threads.current_num_threads()).collect();
+        Resimulator { threads, actors }
+    }
+
+    /// Shapes of the task.
+    pub fn spec(&self) -> Spec {
+        self.actors[0].task.spec()
+    }
+
+    /// Episodes that keep all threads busy.
+    pub fn episodes_at_once(&self) -> usize {
+        CHUNK * self.actors.len()
+    }
+
+    /// What `judge` says of each recorded episode and what came out when it was acted again.
+    pub fn each<T: Send>(
+        &mut self,
+        recorded: &[Trajectory],
+        judge: impl Fn(&Trajectory, Result<Trajectory>) -> T + Sync,
+    ) -> Vec<T> {
+        let share = recorded.len().div_ceil(self.actors.len()).max(1);
+        let shares = self.actors.par_iter_mut().zip(recorded.par_chunks(share));
+        let of_share = |(actor, recorded): (&mut Actor, &[Trajectory])| -> Vec<T> {
+            recorded.iter().map(|recorded| judge(recorded, actor.act(recorded))).collect()
+        };
+        self.threads.install(|| shares.flat_map_iter(of_share).collect())
+    }
+}
+
+/// Acts recorded episodes, one after another in one environment.
+struct Actor {
+    task: Task,
+    setting: Setting,
+    episode: Option<Episode>,
+}
+
+impl Actor {
+    fn act(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
+        let name = EpisodeName {
+            source: Source::try_from(recorded.source)?,
+            iteration: recorded.iteration,
+            lane: recorded.lane,
+            episode: recorded.episode,
+            policy_version: recorded.policy_version,
+            run_seed: recorded.run_seed,
+        };
+        let episode = match &mut self.episode {
+            Some(episode) => {
+                episode.begin_again(name)?;
+                episode
+            }
+            none => {
+                let environment = environments::create(self.task, &self.setting)?;
+                none.insert(Episode::begin(environment, name)?)
+            }
+        };
+        for action in recorded.actions().chunks_exact(self.task.spec().action.bytes()) {
+            if let Some(trajectory) = episode.step(action, None)? {
+                // What the policy thought of its actions is no business of the environment.
+                return Ok(Trajectory { log_probs: recorded.log_probs.clone(), ..trajectory });
+            }
+        }
+        ensure!(!recorded.actions().is_empty(), "expected actions to act again, found none");
+        bail!("expected to end after step {}, found it going on", recorded.steps)
+    }
+}

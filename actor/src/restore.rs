@@ -1,0 +1,58 @@
+//! `goalward log restore`: a log that has actions only, once more with its observations. Every episode
+//! is acted again, and must come out as the one that was learned from, bit for bit.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use bytes::Bytes;
+use prost::Message;
+use protocol::Error;
+use protocol::log::rewrite;
+use protocol::run::RunFolder;
+use protocol::trajectory::{Encoded, Trajectory};
+use serde::Serialize;
+
+use crate::resimulate::Resimulator;
+
+/// What was restored, as it is printed.
+#[derive(Debug, Default, Serialize)]
+pub struct Restored {
+    /// Episodes in the new log.
+    pub episodes: u64,
+    /// Those of them that had no observations.
+    pub restored: u64,
+}
+
+/// Writes the log of a run with all observations into the folder `out`, on so many threads; 0 takes
+/// all cores.
+pub fn restore(folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
+    let config = folder.config()?;
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let mut resimulator = Resimulator::new(&threads, config.task, &config.environment);
+    let spec = config.task.spec();
+    let mut found = Restored::default();
+    rewrite(&folder.log(), out, |recorded| -> Result<Vec<Bytes>> {
+        let recorded = recorded.into_iter().map(|bytes| Trajectory::recorded(bytes, &spec));
+        let recorded: Vec<Trajectory> = recorded.collect::<Result<_, Error>>()?;
+        found.episodes += recorded.len() as u64;
+        found.restored += recorded.iter().filter(|one| one.is_actions_only()).count() as u64;
+        resimulator.each(&recorded, with_observations).into_iter().collect()
+    })?;
+    Ok(found)
+}
+
+fn with_observations(recorded: &Trajectory, again: Result<Trajectory>) -> Result<Bytes> {
+    if !recorded.is_actions_only() {
+        return Ok(recorded.encode_to_vec().into());
+    }
+    let Trajectory { lane, episode, full_hash, .. } = recorded;
+    let name = || format!("lane {lane} episode {episode}");
+    let encoded = Encoded::encode(again.with_context(name)?);
+    let found = encoded.key.hash;
+    ensure!(
+        found == *full_hash,
+        "{}: expected the hash {full_hash:016x} when it is acted again, found {found:016x}",
+        name()
+    );
+    Ok(encoded.bytes)
+}

@@ -1,0 +1,92 @@
+//! A run's log with all observations: its own, or where it has actions only, one made of it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use protocol::log::{FileReader, log_files};
+use protocol::run::RunFolder;
+use serde::Deserialize;
+
+use crate::programs::{self, Program};
+use crate::progress::print_line;
+
+/// A log with all observations; one that was made goes with it.
+#[derive(Debug)]
+pub(crate) struct FullLog {
+    folder: PathBuf,
+    made: bool,
+}
+
+/// What the actor says of a log that it restored.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Restored {
+    /// Episodes in the new log.
+    pub(crate) episodes: u64,
+    /// Those of them that had no observations.
+    pub(crate) restored: u64,
+}
+
+impl FullLog {
+    /// The log of a run, restored into the run's folder if it has actions only.
+    ///
+    /// # Errors
+    /// When it cannot be read, or its episodes do not act again as they did.
+    pub(crate) fn of(run: &RunFolder) -> Result<FullLog> {
+        if !has_actions_only(&run.log())? {
+            return Ok(FullLog { folder: run.log(), made: false });
+        }
+        let folder = run.path().join("restored-log");
+        remove_if_there(&folder)?;
+        print_line("the log has actions only: acting its episodes again");
+        let log = FullLog { folder, made: true };
+        restore(run, &log.folder)?;
+        Ok(log)
+    }
+
+    /// Where it is.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+impl Drop for FullLog {
+    fn drop(&mut self) {
+        if self.made
+            && let Err(error) = remove_if_there(&self.folder)
+        {
+            tracing::error!("{error:#}");
+        }
+    }
+}
+
+/// Writes a run's log with all observations into the folder `out`.
+///
+/// # Errors
+/// As [`FullLog::of`].
+pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
+    let mut actor = Program::Actor.command()?;
+    programs::figures(actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out))
+}
+
+/// Whether some sitting of a run recorded actions only.
+fn has_actions_only(log: &Path) -> Result<bool> {
+    for file in log_files(log)? {
+        let reader = FileReader::open(&file.path)?;
+        if let Some(config) = reader.metadata().config()
+            && !config?.log.observations
+        {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn remove_if_there(folder: &Path) -> Result<()> {
+    match fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("removing {}", folder.display()))
+        }
+        _ => Ok(()),
+    }
+}
