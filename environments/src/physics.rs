@@ -9,9 +9,9 @@
 use crate::EnvironmentError;
 use protocol::task::Task;
 use rapier3d::prelude::{
-    BroadPhaseBvh, ColliderSet, FrictionModel, ImpulseJointSet, IslandManager, MultibodyJointSet,
-    NarrowPhase, PhysicsWorld, RigidBody, RigidBodyHandle, RigidBodySet, SoftBodySet,
-    SpringCoefficients, Vector,
+    BroadPhaseBvh, BvhOptimizationStrategy, ColliderSet, FrictionModel, ImpulseJointSet,
+    IslandManager, MultibodyJointSet, NarrowPhase, PhysicsWorld, RigidBody, RigidBodyHandle,
+    RigidBodySet, SoftBodySet, SpringCoefficients, Vector,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -25,6 +25,8 @@ pub(crate) struct Dynamics {
     pub(crate) timestep_s: f32,
     /// Parts that a timestep is solved in, one after the other.
     pub(crate) solver_iterations: usize,
+    /// How far apart two shapes may be when the solver begins to stop them, meters.
+    pub(crate) contact_prediction_m: f32,
     /// How contacts give way, those with fixed bodies included.
     pub(crate) contact_softness: SpringCoefficients<f32>,
     /// Friction between bodies that no joint holds. Multibodies always have Coulomb's.
@@ -75,6 +77,7 @@ impl Physics {
         let parameters = &mut world.integration_parameters;
         parameters.dt = dynamics.timestep_s;
         parameters.num_solver_iterations = dynamics.solver_iterations;
+        parameters.normalized_prediction_distance = dynamics.contact_prediction_m;
         parameters.contact_softness = dynamics.contact_softness;
         parameters.static_contact_softness = dynamics.contact_softness;
         parameters.friction_model = dynamics.friction_model;
@@ -173,6 +176,8 @@ impl Pristine {
 
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
+    // A tree of a dozen leaves, put back at every reset, has nothing to win from rapier's upkeep.
+    world.broad_phase = BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None);
     world.gravity = Vector::new(0.0, 0.0, GRAVITY_Z);
     // Contacts that are kept while bodies creep make the gripper lose one cube in fifteen.
     world.integration_parameters.contact_recycling = false;
@@ -200,6 +205,7 @@ mod tests {
     const DYNAMICS: Dynamics = Dynamics {
         timestep_s: 0.01,
         solver_iterations: 4,
+        contact_prediction_m: 0.02,
         contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
         friction_model: FrictionModel::Simplified,
     };

@@ -22,6 +22,7 @@ const TIMESTEPS: usize = 4;
 const DYNAMICS: Dynamics = Dynamics {
     timestep_s: 0.01,
     solver_iterations: 4,
+    contact_prediction_m: 0.02,
     contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
     friction_model: FrictionModel::Simplified,
 };
