@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Plays random schedules of faults against short runs of all tasks, for as long as you like: kills,
-# held processes, changes of scale, Ctrl-C, power cuts. Ends at the first run whose weights differ from
-# the undisturbed one's, and names its schedule.
+# held processes, a slow service, a full disk, changes of scale, Ctrl-C, power cuts. Ends at the first run
+# whose weights differ from the undisturbed one's, and names its schedule.
 #
 #   deploy/soak.sh [--minutes N] [--seed FIRST]      # 10 minutes, schedules from 100 on
 #   deploy/soak.sh --minutes 0 --seed 117            # schedule 117 alone

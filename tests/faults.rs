@@ -1,5 +1,6 @@
-//! Schedules of faults drawn at random: whoever is killed, held or too many, and whenever, the run ends
-//! with the weights of the undisturbed one, everything it recorded happened, and nothing is left.
+//! Schedules of faults drawn at random: whoever is killed, held, slow or too many, or finds the disk full,
+//! and whenever, the run ends with the weights of the undisturbed one, everything it recorded happened,
+//! and nothing is left.
 //!
 //! Method: a schedule is drawn from a number and played against a short run of the real programs; the
 //! tasks take turns. The number is the bug report: `deploy/soak.sh --seed N` plays its schedule again
@@ -16,7 +17,9 @@ use std::time::{Duration, Instant};
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::Task;
 use rand::RngExt;
-use system_tests::{Hashes, SMALL, SMALL_PHYSICS, Signal, TestRun, Training, programs};
+use system_tests::{
+    Hashes, PATIENCE, SMALL, SMALL_PHYSICS, Signal, TestRun, Training, await_some, programs,
+};
 
 const TASKS: [Task; 4] = [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach];
 
@@ -41,17 +44,23 @@ enum Fault {
     KillSupervisor,
     /// The machine loses power: everything is killed.
     KillAll,
+    /// The disk takes no byte of learner and service for some milliseconds.
+    FillDisk(u64),
+    /// The service gets a sixth of its time for some milliseconds.
+    SlowService(u64),
 }
 
 /// Milliseconds to wait, and what happens then.
 fn schedule(seed: u64) -> Vec<(u64, Fault)> {
     let mut stream = stream(seed, Purpose::TrainingEpisode, 0, 0);
-    let fault = |stream: &mut Stream| match stream.random_range(0..10) {
+    let fault = |stream: &mut Stream| match stream.random_range(0..12) {
         0..3 => Fault::Kill(stream.random_range(0..60)),
         3..5 => Fault::Hold(stream.random_range(0..60), stream.random_range(50..3_000)),
         5..7 => Fault::Scale(stream.random_range(1..5)),
         7 => Fault::Interrupt,
         8 => Fault::KillSupervisor,
+        9 => Fault::FillDisk(stream.random_range(50..3_000)),
+        10 => Fault::SlowService(stream.random_range(50..3_000)),
         _ => Fault::KillAll,
     };
     let count = stream.random_range(2..6);
@@ -69,6 +78,16 @@ fn start(run: &TestRun, task: Task) -> Training<'_> {
 fn undisturbed(task: Task) -> Hashes {
     let run = TestRun::new(programs!());
     start(&run, task).finish().hashes()
+}
+
+/// Lets no file of learner and service grow beyond so many bytes.
+fn limit_writers(run: &TestRun, bytes: Option<u64>) {
+    let writers = ["learner", "proximity-service"];
+    for process in run.processes() {
+        if writers.contains(&process.name.as_str()) {
+            process.limit_files(bytes);
+        }
+    }
 }
 
 /// Lets a fault happen.
@@ -97,6 +116,23 @@ fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
             scale.arg("scale").arg(run.folder().path()).args(["--actors", &actors.to_string()]);
             // Refused when the run is over or its supervisor has just been killed.
             scale.output().unwrap();
+        }
+        Fault::FillDisk(milliseconds) => {
+            limit_writers(run, Some(0));
+            sleep(Duration::from_millis(milliseconds));
+            limit_writers(run, None);
+        }
+        Fault::SlowService(milliseconds) => {
+            let begun = Instant::now();
+            while begun.elapsed() < Duration::from_millis(milliseconds) {
+                let service =
+                    run.processes().into_iter().find(|one| one.name == "proximity-service");
+                let Some(service) = service else { break };
+                service.signal(Signal::Stop);
+                sleep(Duration::from_millis(25));
+                service.signal(Signal::Continue);
+                sleep(Duration::from_millis(5));
+            }
         }
         Fault::Interrupt => training.signal(Signal::Interrupt),
         Fault::KillSupervisor => training.signal(Signal::Kill),
@@ -143,6 +179,22 @@ fn play(seed: u64, expected: &mut BTreeMap<&'static str, Hashes>) {
     let stderr = String::from_utf8_lossy(&verified.stderr);
     assert!(verified.status.success(), "{shown}: {stderr}");
     assert_eq!(run.shared_memory(), Vec::<String>::new(), "{shown}");
+}
+
+#[test]
+fn a_disk_that_fills_up_pauses_the_run() {
+    let run = TestRun::new(programs!());
+    let mut training = start(&run, Task::Navigation);
+    training.await_checkpoint(4);
+    limit_writers(&run, Some(0));
+    let said = || run.remarks().contains("no room on the disk").then_some(());
+    await_some("a word of the full disk", PATIENCE, said);
+    let checkpoint = run.folder().newest_checkpoint();
+    sleep(Duration::from_secs(2));
+    assert_eq!(run.folder().newest_checkpoint(), checkpoint, "expected the run to wait");
+    limit_writers(&run, None);
+    assert_eq!(training.finish().hashes(), undisturbed(Task::Navigation));
+    assert!(!run.remarks().contains("ended"), "expected no process to die: {}", run.remarks());
 }
 
 #[test]

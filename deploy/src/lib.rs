@@ -45,6 +45,8 @@ pub fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr)
+        // Otherwise a disk that does not take the line would end the process in a panic.
+        .log_internal_errors(false)
         .init();
     match cli::run() {
         Ok(()) => ExitCode::SUCCESS,

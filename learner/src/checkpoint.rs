@@ -4,23 +4,32 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use protocol::messages::Checkpoint;
+use protocol::Error;
+use protocol::messages::{Checkpoint, Phase};
 use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 
-use crate::desk::{Entry, Order};
+use crate::desk::{DISK_PATIENCE, Entry, Order};
+use crate::scoring::Refused;
 use crate::trainer::Trainer;
 
 impl Trainer {
     /// Writes the checkpoint of the present iteration, unless it is there already, and removes
-    /// those beyond the ones kept.
+    /// those beyond the ones kept. Waits while the disk refuses, until the run is to stop.
     pub(crate) fn save(&mut self) -> Result<()> {
         let folder = self.folder.checkpoint_folder(self.state.iteration);
         if folder.exists() {
             return Ok(());
         }
         let unfinished = folder.with_extension("unfinished");
-        self.write(&unfinished, &folder)
-            .with_context(|| format!("checkpoint {}", folder.display()))?;
+        while let Err(error) = self.write(&unfinished, &folder) {
+            let error = error.context(format!("checkpoint {}", folder.display()));
+            if self.stop.is_requested() || !is_of_the_disk(&error) {
+                return Err(error);
+            }
+            tracing::error!("paused until the checkpoint can be written: {error:#}");
+            self.tell(Phase::DiskFull, None, None)?;
+            std::thread::sleep(DISK_PATIENCE);
+        }
         let mut folders = self.folder.checkpoint_folders();
         folders.truncate(folders.len().saturating_sub(self.config.checkpoint.keep));
         for (_, old) in folders {
@@ -52,4 +61,12 @@ impl Trainer {
         fs::rename(unfinished, folder)?;
         Ok(fs::File::open(self.folder.checkpoints())?.sync_all()?)
     }
+}
+
+/// Whether a file could not be written, by us or by the proximity service.
+fn is_of_the_disk(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let ours = matches!(cause.downcast_ref(), Some(Error::Checkpoint { .. }));
+        ours || cause.is::<std::io::Error>() || cause.is::<Refused>()
+    })
 }

@@ -39,7 +39,7 @@ const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
 const FLUSH_LOG: Duration = Duration::from_secs(1);
 
 /// How long a refusing disk is left alone before it is tried again.
-const DISK_PATIENCE: Duration = Duration::from_secs(1);
+pub(crate) const DISK_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Room for a progress message.
 const PROGRESS_BYTES: usize = 64 << 10;

@@ -27,6 +27,11 @@ pub struct Scoring {
 /// Training of the reward model, under way while the policy is updated.
 pub struct Improvement(Pending<SharedMemory>);
 
+/// The service lives and could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+#[error("the proximity service refused: {0}")]
+pub struct Refused(String);
+
 impl Scoring {
     /// Opens the client over the trainer's bus.
     pub fn open(bus: Bus) -> Result<Scoring> {
@@ -102,6 +107,9 @@ impl Scoring {
     }
 
     /// Has the service write its checkpoint file; returns the hash of its weights.
+    ///
+    /// # Errors
+    /// [`Refused`] if the service cannot write it.
     pub fn save(&self, path: &str) -> Result<String> {
         match self.ask(Ask::Save(Save { path: path.to_owned() }))? {
             Answer::Saved(sha256) => Ok(sha256),
@@ -117,7 +125,7 @@ impl Scoring {
 
 fn answer(bytes: &[u8]) -> Result<Answer> {
     match ServiceReply::decode(bytes).context("reply of the proximity service")?.answer {
-        Some(Answer::Refused(why)) => bail!("the proximity service refused: {why}"),
+        Some(Answer::Refused(why)) => Err(Refused(why).into()),
         Some(answer) => Ok(answer),
         None => bail!("expected an answer of the proximity service, found none"),
     }

@@ -37,7 +37,7 @@ pub struct Trainer {
     pub(crate) progress: Progress,
     spec: Spec,
     ppo: Ppo,
-    stop: Stop,
+    pub(crate) stop: Stop,
     pub(crate) seconds: Seconds,
     started: Instant,
     earlier_s: f64,

@@ -49,6 +49,8 @@ pub fn run<E: Display>(body: impl FnOnce() -> Result<(), E>) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        // Otherwise a disk that does not take the line would end the process in a panic.
+        .log_internal_errors(false)
         .with_ansi(std::io::stderr().is_terminal())
         .init();
     match body() {

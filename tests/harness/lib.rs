@@ -11,6 +11,7 @@
 mod process;
 mod summary;
 
+use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::PathBuf;
@@ -136,7 +137,11 @@ impl TestRun {
 
     /// One of the programs, to be started in the test's folder.
     pub fn program(&self, name: &str) -> Command {
-        let mut command = Command::new(self.path("bin").join(name));
+        self.command(self.path("bin").join(name))
+    }
+
+    fn command(&self, program: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(program);
         command.current_dir(&self.home).stdin(Stdio::null()).env_remove("RUST_LOG");
         command
     }
@@ -168,7 +173,11 @@ impl TestRun {
         self.train(settings).finish()
     }
 
-    fn start(&self, mut command: Command) -> Training<'_> {
+    fn start(&self, goalward: Command) -> Training<'_> {
+        // Without a signal, writing beyond the limit of `Process::limit_files` is an error.
+        let mut command = self.command("sh");
+        command.args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"]);
+        command.arg(goalward.get_program()).args(goalward.get_args());
         command.arg("--run").arg(self.folder().path());
         command.stdout(self.output("goalward.out")).stderr(self.output("goalward.err"));
         Training { run: self, supervisor: command.spawn().unwrap() }

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
+
 /// A signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
@@ -31,6 +33,13 @@ impl Process {
     /// Sends it a signal.
     pub fn signal(&self, signal: Signal) {
         send(self.id, signal);
+    }
+
+    /// Lets no file that it writes grow beyond so many bytes, if it still lives: it then finds the
+    /// disk full.
+    pub fn limit_files(&self, bytes: Option<u64>) {
+        let limit = Rlimit { current: bytes, maximum: None };
+        prlimit(Pid::from_raw(self.id as i32), Resource::Fsize, limit).ok();
     }
 
     /// Whether it was started for the run in `folder`, by a supervisor or by hand.
