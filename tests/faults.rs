@@ -198,6 +198,17 @@ fn a_disk_that_fills_up_pauses_the_run() {
 }
 
 #[test]
+fn a_run_killed_at_its_very_end_leaves_nothing() {
+    let run = TestRun::new(programs!());
+    let training = start(&run, Task::Navigation);
+    await_some("the summary", PATIENCE, || run.folder().summary_file().exists().then_some(()));
+    strike(&run, &training, Fault::KillAll);
+    training.end();
+    assert_eq!(run.resume().end(), Some(0));
+    assert_eq!(run.shared_memory(), Vec::<String>::new());
+}
+
+#[test]
 fn random_faults_change_nothing() {
     let mut expected = BTreeMap::new();
     QUICK.for_each(|seed| play(seed, &mut expected));

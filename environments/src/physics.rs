@@ -19,7 +19,7 @@ use xxhash_rust::xxh3::Xxh3;
 const GRAVITY_Z: f32 = -9.81;
 
 /// How the world of a task is simulated.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy)]
 pub(crate) struct Dynamics {
     /// What one call of [`Physics::step`] simulates.
     pub(crate) timestep_s: f32,
@@ -31,6 +31,8 @@ pub(crate) struct Dynamics {
     pub(crate) contact_softness: SpringCoefficients<f32>,
     /// Friction between bodies that no joint holds. Multibodies always have Coulomb's.
     pub(crate) friction_model: FrictionModel,
+    /// How rapier keeps up the tree of its broad phase.
+    pub(crate) tree_upkeep: BvhOptimizationStrategy,
 }
 
 /// A world, and the copy that every episode begins from.
@@ -67,6 +69,7 @@ impl Physics {
         adjust: impl FnOnce(&mut PhysicsWorld, &Handles),
     ) -> (Physics, Handles) {
         let mut world = empty_world();
+        world.broad_phase = BroadPhaseBvh::with_optimization_strategy(dynamics.tree_upkeep);
         let handles = insert(&mut world);
         assert_eq!(world.bodies.len(), body_names.len(), "every body has a name");
         // A step of no time: it counts the degrees of freedom and moves nothing.
@@ -176,8 +179,6 @@ impl Pristine {
 
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
-    // A tree of a dozen leaves, put back at every reset, has nothing to win from rapier's upkeep.
-    world.broad_phase = BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None);
     world.gravity = Vector::new(0.0, 0.0, GRAVITY_Z);
     // Contacts that are kept while bodies creep make the gripper lose one cube in fifteen.
     world.integration_parameters.contact_recycling = false;
@@ -206,6 +207,7 @@ mod tests {
         timestep_s: 0.01,
         solver_iterations: 4,
         contact_prediction_m: 0.02,
+        tree_upkeep: BvhOptimizationStrategy::SubtreeOptimizer,
         contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
         friction_model: FrictionModel::Simplified,
     };

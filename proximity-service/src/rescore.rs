@@ -12,11 +12,14 @@ use protocol::log::{Record, read_run};
 use protocol::messages::Score;
 use protocol::run::{PROXIMITY_FILE, RunFolder};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, TrajectoryKey};
+use protocol::trajectory::{Encoded, Trajectory, TrajectoryKey};
 use serde::Serialize;
 
 use crate::model::RewardModel;
 use crate::reward_model;
+
+/// Points of the curves, if there are as many episodes.
+const POINTS: usize = 60;
 
 /// An episode and its two returns: undiscounted sums of rewards.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +45,19 @@ pub struct Comparison {
     pub correlation: Option<f64>,
     /// Share of pairs of a successful and a failed episode that the returns order rightly.
     pub ordered: Option<[f64; 2]>,
+    /// The mean returns as they went, over equal numbers of episodes.
+    pub curve: Vec<Point>,
+}
+
+/// Mean returns of some episodes that followed one another.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// How many there were with the last of them.
+    pub episodes: u64,
+    /// Of those that reached the goal: recorded, other.
+    pub reached: Option<[f64; 2]>,
+    /// Of those that did not.
+    pub missed: Option<[f64; 2]>,
 }
 
 /// Scores the batches of a run's log, in `log`, again under `config`, or by the trained model of
@@ -127,37 +143,46 @@ fn compare(encoded: &Encoded, recorded: &Score, again: &Score) -> Result<Returns
     let (expected, found) = (recorded.rewards.len(), again.rewards.len());
     ensure!(expected == found, "expected {expected} rewards, found {found}");
     let sum = |score: &Score| score.rewards.iter().map(|reward| f64::from(*reward)).sum();
-    Ok(Returns { recorded: sum(recorded), other: sum(again), success: encoded.trajectory.success })
+    let trajectory = &encoded.trajectory;
+    Ok(Returns { recorded: sum(recorded), other: sum(again), success: trajectory.success })
 }
 
 fn write_line(lines: &mut impl Write, encoded: &Encoded, returns: &Returns) -> Result<()> {
-    let trajectory = &encoded.trajectory;
+    let Trajectory { iteration, lane, episode, steps, .. } = &encoded.trajectory;
     let Returns { recorded, other, success } = returns;
     let success = u8::from(*success);
-    let protocol::trajectory::Trajectory { iteration, lane, episode, steps, .. } = trajectory;
     writeln!(lines, "{iteration},{lane},{episode},{steps},{success},{recorded:.6},{other:.6}")?;
     Ok(())
 }
 
+/// Mean returns of the episodes that reached the goal, or of those that did not.
+fn means(returns: &[Returns], success: bool) -> Option<[f64; 2]> {
+    let chosen: Vec<_> = returns.iter().filter(|pair| pair.success == success).collect();
+    let mean = |of: fn(&Returns) -> f64| {
+        chosen.iter().map(|pair| of(pair)).sum::<f64>() / chosen.len() as f64
+    };
+    (!chosen.is_empty()).then(|| [mean(|pair| pair.recorded), mean(|pair| pair.other)])
+}
+
 fn comparison(returns: &[Returns]) -> Comparison {
-    let side = |wanted: bool| {
-        let chosen: Vec<_> = returns.iter().filter(|pair| pair.success == wanted).collect();
-        let mean = |of: fn(&Returns) -> f64| {
-            chosen.iter().map(|pair| of(pair)).sum::<f64>() / chosen.len() as f64
-        };
-        (!chosen.is_empty()).then(|| [mean(|pair| pair.recorded), mean(|pair| pair.other)])
+    let share = returns.len().div_ceil(POINTS).max(1);
+    let point = |(number, some): (usize, &[Returns])| Point {
+        episodes: (number * share + some.len()) as u64,
+        reached: means(some, true),
+        missed: means(some, false),
     };
     let of_both = [|pair: &Returns| pair.recorded, |pair: &Returns| pair.other];
     let ordered = of_both.map(|of| ordered(returns, of));
     Comparison {
         episodes: returns.len() as u64,
-        reached: side(true),
-        missed: side(false),
+        reached: means(returns, true),
+        missed: means(returns, false),
         correlation: correlation(returns),
         ordered: match ordered {
             [Some(recorded), Some(other)] => Some([recorded, other]),
             _ => None,
         },
+        curve: returns.chunks(share).enumerate().map(point).collect(),
     }
 }
 
@@ -211,6 +236,9 @@ mod tests {
         assert_eq!((found.reached, found.missed), (Some([0.75, -0.75]), Some([0.25, -0.25])));
         assert!((found.correlation.unwrap() + 1.0).abs() < 1e-12);
         assert_eq!(found.ordered, Some([0.875, 0.125]));
+        assert_eq!(found.curve.len(), 4);
+        let last = Point { episodes: 4, reached: None, missed: Some([0.5, -0.5]) };
+        assert_eq!(found.curve[3], last);
     }
 
     #[test]

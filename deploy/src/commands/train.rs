@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::bus::check_shared_memory_room;
+use protocol::bus::{BusAddress, check_shared_memory_room};
 use protocol::config::{Method, RunConfig};
 use protocol::log::require_room;
 use protocol::run::RunFolder;
 use protocol::summary::Summary;
 use protocol::task::Task;
 
-use crate::plan::{Plan, Wishes};
+use crate::plan::{self, Plan, Wishes};
 use crate::progress::{ProgressView, print_line};
-use crate::supervisor::{Outcome, Source, supervise};
+use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
 use crate::{demonstrations, figures, programs, summary};
 
 /// What a run's folder can grow by, with room to spare.
@@ -88,6 +88,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let plan = begin(arguments.wishes())?;
     if let Some(summary) = Summary::of_run(&plan.folder)? {
+        clean_up_after(&plan.folder)?;
         print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
         print_end(&plan.folder, &summary);
         return Ok(());
@@ -137,11 +138,19 @@ pub(crate) fn block_on_supervision(
     source: &Source,
     view: &mut ProgressView,
 ) -> Result<Outcome> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .context("starting the supervisor")?;
-    runtime.block_on(supervise(folder, source, view))
+    runtime()?.block_on(supervise(folder, source, view))
+}
+
+/// What a run left in shared memory that ended with its supervisor killed.
+fn clean_up_after(folder: &RunFolder) -> Result<()> {
+    // Without the lock its supervisor still lives, and does it.
+    let Ok(_lock) = plan::lock(folder) else { return Ok(()) };
+    runtime()?.block_on(remove_from_bus(&BusAddress::of_run(folder.path())?))
+}
+
+fn runtime() -> Result<tokio::runtime::Runtime> {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    runtime.enable_all().build().context("starting the supervisor")
 }
 
 /// The deepest folder on the way to `path` that exists.

@@ -82,7 +82,7 @@ pub(crate) async fn supervise(
     let ended = fleet.end(&mut signals).await;
     watch.end();
     let removed = match ended {
-        Ok(()) => remove(&address).await,
+        Ok(()) => remove_from_bus(&address).await,
         Err(error) => Err(error),
     };
     if let Err(error) = removed {
@@ -91,8 +91,9 @@ pub(crate) async fn supervise(
     outcome
 }
 
-/// Removes what the run left in shared memory, once actors started by hand have noticed its end.
-async fn remove(address: &BusAddress) -> Result<()> {
+/// Removes what a run left in shared memory, once processes that nobody watches over have noticed its
+/// end.
+pub(crate) async fn remove_from_bus(address: &BusAddress) -> Result<()> {
     let deadline = tokio::time::Instant::now() + FAREWELL_PATIENCE;
     while address.is_anyone_alive()? && tokio::time::Instant::now() < deadline {
         tokio::time::sleep(Duration::from_millis(50)).await;

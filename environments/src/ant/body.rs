@@ -12,9 +12,10 @@ use super::anatomy::{
 use super::contact;
 use crate::physics::{Dynamics, Physics};
 use rapier3d::prelude::{
-    ColliderBuilder, ColliderHandle, FrictionModel, Group, InteractionGroups, InteractionTestMode,
-    Multibody, MultibodyJointHandle, MultibodyJointSet, PhysicsWorld, Pose, RevoluteJointBuilder,
-    RigidBodyBuilder, RigidBodyHandle, SharedShape, SpringCoefficients, Vector,
+    BvhOptimizationStrategy, ColliderBuilder, ColliderHandle, FrictionModel, Group,
+    InteractionGroups, InteractionTestMode, Multibody, MultibodyJointHandle, MultibodyJointSet,
+    PhysicsWorld, Pose, RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, SharedShape,
+    SpringCoefficients, Vector,
 };
 
 /// Rotor inertia that every hinge adds to what it turns, kilogram square meters.
@@ -40,6 +41,8 @@ const DYNAMICS: Dynamics = Dynamics {
     contact_prediction_m: 0.1,
     contact_softness: SpringCoefficients { natural_frequency: 20.0, damping_ratio: 1.0 },
     friction_model: FrictionModel::Coulomb,
+    // Thirteen leaves, put back at every reset, have nothing to win from it.
+    tree_upkeep: BvhOptimizationStrategy::None,
 };
 
 /// The handles of the ant and its floor.

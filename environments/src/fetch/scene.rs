@@ -11,9 +11,9 @@ use crate::physics::{Dynamics, Physics};
 use crate::scene::{Pose, Shape, Solid};
 use protocol::task::Task;
 use rapier3d::prelude::{
-    ColliderBuilder, FrictionModel, GenericJointBuilder, JointAxesMask, MultibodyJoint,
-    MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RigidBodyBuilder, RigidBodyHandle,
-    Rotation, SharedShape, SpringCoefficients, Vector,
+    BvhOptimizationStrategy, ColliderBuilder, FrictionModel, GenericJointBuilder, JointAxesMask,
+    MultibodyJoint, MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RigidBodyBuilder,
+    RigidBodyHandle, Rotation, SharedShape, SpringCoefficients, Vector,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -23,6 +23,7 @@ const DYNAMICS: Dynamics = Dynamics {
     timestep_s: 0.01,
     solver_iterations: 4,
     contact_prediction_m: 0.02,
+    tree_upkeep: BvhOptimizationStrategy::SubtreeOptimizer,
     contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
     friction_model: FrictionModel::Simplified,
 };

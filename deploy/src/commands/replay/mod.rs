@@ -1,5 +1,6 @@
 //! `goalward replay`: a run from its log.
 
+mod curves;
 mod publish;
 mod rescore;
 mod retrain;

@@ -8,6 +8,7 @@ use anyhow::{Context, Result};
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
+use super::curves::{self, Point};
 use crate::figures;
 use crate::full_log::FullLog;
 use crate::plan;
@@ -26,6 +27,7 @@ struct Comparison {
     missed: Option<[f64; 2]>,
     correlation: Option<f64>,
     ordered: Option<[f64; 2]>,
+    curve: Vec<Point>,
 }
 
 /// Scores a log again with `changes` to the configuration of its reward, each `key=value`.
@@ -63,12 +65,15 @@ pub(super) fn rescore(folder: &RunFolder, changes: &[String], out: Option<PathBu
     if let Some(model) = &model {
         service.arg("--model").arg(model.path());
     }
-    print_line(table(&programs::figures(&mut service)?, &out).trim_end());
+    let comparison: Comparison = programs::figures(&mut service)?;
+    let picture = out.with_extension("svg");
+    curves::draw(&comparison.curve, &picture)?;
+    print_line(table(&comparison, &out, &picture).trim_end());
     Ok(())
 }
 
-fn table(comparison: &Comparison, out: &Path) -> String {
-    let Comparison { episodes, reached, missed, correlation, ordered } = comparison;
+fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {
+    let Comparison { episodes, reached, missed, correlation, ordered, .. } = comparison;
     let pair = |pair: &Option<[f64; 2]>| match pair {
         Some([recorded, other]) => format!("{recorded:.4} recorded, {other:.4} now"),
         None => "no such episode".to_owned(),
@@ -88,6 +93,7 @@ fn table(comparison: &Comparison, out: &Path) -> String {
         ("correlation of the returns", correlation),
         ("reached above missed, of all pairs", shares(ordered)),
         ("every episode in", out.display().to_string()),
+        ("curves in", picture.display().to_string()),
     ])
 }
 
@@ -98,8 +104,9 @@ mod tests {
     #[test]
     fn the_services_figures_become_a_table() {
         let text = r#"{"episodes": 1234, "reached": [0.5, 0.25], "missed": null,
-            "correlation": 0.98765, "ordered": [0.9, 0.8]}"#;
-        let table = table(&serde_json::from_str(text).unwrap(), Path::new("r/rescored.csv"));
+            "correlation": 0.98765, "ordered": [0.9, 0.8], "curve": []}"#;
+        let [out, picture] = ["r/rescored.csv", "r/rescored.svg"].map(Path::new);
+        let table = table(&serde_json::from_str(text).unwrap(), out, picture);
         let parts = ["1,234", "0.5000 recorded, 0.2500 now", "no such episode", "0.988", "80.0 %"];
         for part in parts {
             assert!(table.contains(part), "expected {part} in\n{table}");

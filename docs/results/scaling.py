@@ -1,0 +1,81 @@
+"""Steps per second of whole training runs against the number of actors.
+
+Usage: scaling.py [ROUNDS]      (needs requirements.txt beside this file)
+
+Trains short runs of two tasks with 1 to twice as many actors as there are cores, in turns, and takes
+the steps per second from the first policy update to the last. Checks that all runs of a task end with
+the same weights. Writes scaling.csv (every run) and scaling.svg beside itself, and prints a table.
+"""
+
+import csv
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+
+import matplotlib
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+
+from curves import updates
+
+HERE = pathlib.Path(__file__).resolve().parent
+RUN_LOCAL = HERE.parents[1] / "deploy/run_local.sh"
+CORES = len(os.sched_getaffinity(0))
+STEPS = {"navigation": 120_000, "ant-reach": 60_000}
+
+
+def train(task, actors, folder):
+    """A short run; its steps per second and its policy's hash."""
+    command = [RUN_LOCAL, task, "--steps", str(STEPS[task]), "--actors", str(actors), "--run", folder]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    (first_ns, first), *_, (last_ns, last) = updates(folder)
+    steps = last.environment_steps - first.environment_steps
+    summary = json.loads((pathlib.Path(folder) / "summary.json").read_text())
+    return 1e9 * steps / (last_ns - first_ns), summary["policy_sha256"]
+
+
+def measure(rounds):
+    """Rows of task, actors, round and steps per second."""
+    hashes = {}
+    for number in range(rounds):
+        for task in STEPS:
+            for actors in range(1, 2 * CORES + 1):
+                with tempfile.TemporaryDirectory() as folder:
+                    rate, sha256 = train(task, actors, f"{folder}/run")
+                if hashes.setdefault(task, sha256) != sha256:
+                    sys.exit(f"{task}: {actors} actors made other weights: {sha256}")
+                yield [task, actors, number, round(rate)]
+
+
+def draw(rows):
+    figure, axes = plt.subplots(figsize=(6, 3.6))
+    for task in STEPS:
+        counts = sorted({row[1] for row in rows})
+        rates = {n: [row[3] for row in rows if row[:2] == [task, n]] for n in counts}
+        means = [statistics.mean(rates[n]) for n in counts]
+        line, = axes.plot(counts, means, marker="o", label=task)
+        for n in counts:
+            axes.plot([n] * len(rates[n]), rates[n], ".", color=line.get_color(), alpha=0.4)
+            speedup = statistics.mean(rates[n]) / means[0]
+            print(f"| {task} | {n} | {statistics.mean(rates[n]):,.0f} | {speedup:.2f} |")
+    axes.set(xlabel=f"actors, on {CORES} cores", ylabel="environment steps per second", ylim=(0, None))
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(HERE / "scaling.svg")
+
+
+def main():
+    rows = list(measure(int(sys.argv[1]) if len(sys.argv) > 1 else 3))
+    with open(HERE / "scaling.csv", "w", newline="") as file:
+        csv.writer(file).writerows([["task", "actors", "round", "steps_per_s"], *rows])
+    draw(rows)
+
+
+if __name__ == "__main__":
+    main()

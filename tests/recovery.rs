@@ -1,0 +1,66 @@
+//! What a death costs a run: how much longer the policy updates after it take than they usually do. Work
+//! since the checkpoint, which learner and service do again, comes on top.
+//!
+//! Method: one process of a small run is killed in its middle; the log times of the policy updates say the
+//! rest. `cargo test -p system-tests --test recovery -- --nocapture` prints the seconds.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::io::Write;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use protocol::log::{Contents, FileReader, Record, log_files};
+use system_tests::{Signal, TestRun, programs};
+
+/// Policy updates after which the death of an actor costs nothing any more: its leases are open again
+/// within the first or the second.
+const UPDATES: usize = 10;
+
+/// Log times of all policy updates, also of those that were done again, nanoseconds since 1970.
+fn updates_ns(run: &TestRun) -> Vec<u64> {
+    let files = log_files(&run.folder().log()).unwrap().into_iter();
+    let files = files.filter(|file| file.contents == Contents::Updates);
+    let entries = files.flat_map(|file| FileReader::open(&file.path).unwrap());
+    let entries = entries.map(|entry| entry.unwrap());
+    let updates = entries.filter(|entry| matches!(entry.record, Record::PolicyUpdate(_)));
+    updates.map(|entry| entry.log_time_ns).collect()
+}
+
+/// Kills the named process in the middle of a run with so many actors; what that adds to the next
+/// `count` updates.
+fn cost(name: &str, actors: u64, count: usize) -> Duration {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["steps=4000000", &format!("resources.actors={actors}")]);
+    training.await_checkpoint(12);
+    let killed_ns = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64;
+    run.process(name).signal(Signal::Kill);
+    training.await_checkpoint(40);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(0));
+
+    let updates = updates_ns(&run);
+    let mut between: Vec<u64> = updates.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    between.sort_unstable();
+    let usual = between[between.len() / 2];
+    let mut later = updates.into_iter().filter(|&update| update > killed_ns);
+    let took = later.nth(count - 1).unwrap() - killed_ns;
+    let cost = Duration::from_nanos(took.saturating_sub(usual * count as u64));
+    let mut stdout = std::io::stdout();
+    writeln!(stdout, "{name} of {actors} actors: {:.2} s", cost.as_secs_f64()).unwrap();
+    cost
+}
+
+#[test]
+fn a_killed_actor_costs_less_than_two_seconds() {
+    for actors in [1, 2, 4] {
+        let cost = cost("actor-0", actors, UPDATES);
+        assert!(cost < Duration::from_secs(2), "{actors} actors: {cost:?}");
+    }
+}
+
+#[test]
+fn a_killed_learner_or_service_costs_less_than_ten_seconds() {
+    for name in ["learner", "proximity-service"] {
+        let cost = cost(name, 2, 1);
+        assert!(cost < Duration::from_secs(10), "{name}: {cost:?}");
+    }
+}
