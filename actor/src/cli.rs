@@ -31,7 +31,7 @@ enum Command {
         /// Folder of the run.
         #[arg(long)]
         run: PathBuf,
-        /// Name on the bus, of no other process of the run: actor-0, actor-1 and so on.
+        /// Name on the bus, followed by the process's number: actor-0, actor-1 and so on.
         #[arg(long)]
         name: String,
     },

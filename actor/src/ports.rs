@@ -38,10 +38,13 @@ pub struct Ports {
 impl Ports {
     /// Opens the ports of an actor of this name; also returns the bus they are on.
     pub fn open(folder: &RunFolder, name: &str) -> Result<(Ports, Bus)> {
-        let bus = Bus::open(&BusAddress::of_run(folder.path())?, name)?;
+        // One that is started again under the same name is another actor: its predecessor's leases are
+        // open again as soon as that is known to be dead.
+        let name = format!("{name}-{}", std::process::id());
+        let bus = Bus::open(&BusAddress::of_run(folder.path())?, &name)?;
         let ports = Ports {
             folder: folder.clone(),
-            name: name.to_owned(),
+            name,
             finished: Vec::new(),
             pending: None,
             refused: Instant::now() - ASK_AGAIN,
