@@ -35,7 +35,7 @@ const TICK: Duration = Duration::from_millis(250);
 /// How long the learner may take to finish its iteration and write a checkpoint.
 const CHECKPOINT_PATIENCE: Duration = Duration::from_secs(60);
 
-/// How long the one of learner and service that lives may take to stop when the other has died.
+/// How long the service may take to stop when the learner has died.
 const SURVIVOR_PATIENCE: Duration = Duration::from_secs(3);
 
 /// How long processes of a supervisor that died are waited for: their learner may be writing a
@@ -187,13 +187,14 @@ impl Supervision<'_> {
     /// Starts learner and proximity service again, one of which has died, unless the run is finished.
     async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<Option<Outcome>> {
         let Fleet { learner, service, .. } = &mut self.fleet;
-        let (dead, survivor) = match dead {
-            Core::Learner => (learner, service),
-            Core::Service => (service, learner),
+        let (dead, survivor, patience) = match dead {
+            Core::Learner => (learner, service, SURVIVOR_PATIENCE),
+            // It waits for an answer that does not come, and does again what it has not recorded.
+            Core::Service => (service, learner, Duration::ZERO),
         };
         survivor.ask_to_stop();
         if survivor.is_running()
-            && survivor.ended(&mut self.signals.child, SURVIVOR_PATIENCE).await?.is_none()
+            && survivor.ended(&mut self.signals.child, patience).await?.is_none()
         {
             survivor.kill()?;
         }
