@@ -26,7 +26,7 @@ from curves import updates
 HERE = pathlib.Path(__file__).resolve().parent
 RUN_LOCAL = HERE.parents[1] / "deploy/run_local.sh"
 CORES = len(os.sched_getaffinity(0))
-STEPS = {"navigation": 120_000, "ant-reach": 60_000}
+STEPS = {"navigation": 80_000, "ant-reach": 48_000}
 
 
 def train(task, actors, folder):
@@ -71,7 +71,7 @@ def draw(rows):
 
 
 def main():
-    rows = list(measure(int(sys.argv[1]) if len(sys.argv) > 1 else 3))
+    rows = list(measure(int(sys.argv[1]) if len(sys.argv) > 1 else 2))
     with open(HERE / "scaling.csv", "w", newline="") as file:
         csv.writer(file).writerows([["task", "actors", "round", "steps_per_s"], *rows])
     draw(rows)
