@@ -11,7 +11,8 @@
 //! | `plan` | which run is trained: a new folder or one that is continued |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
 //! | `supervisor` | the processes of a run, from start to end |
-//! | `progress` | the progress line, on a terminal and in a pipe |
+//! | `progress` | the progress of a run in one line |
+//! | `status_line` | such a line, on a terminal and in a pipe |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
 //! | `full_log` | a log with observations, made of one with actions only |
@@ -28,6 +29,7 @@ mod plan;
 mod programs;
 mod progress;
 mod refusal;
+mod status_line;
 mod summary;
 mod supervisor;
 mod tasks;
