@@ -134,7 +134,7 @@ fn cells_proximity() {
         hidden: HIDDEN.to_vec(),
         ..RewardArchitecture::default()
     };
-    let network = Network::new(architecture.network_shape(CELLS));
+    let network = Network::new(architecture.network_shape(CELLS, 1, 0));
     let batch = Batch::new(case.bytes("observations"));
     let targets = case.numbers("targets");
     let mut workspace = Workspace::default();

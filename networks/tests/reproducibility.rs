@@ -31,7 +31,7 @@ fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
 #[test]
 fn a_rows_bits_do_not_depend_on_its_batch() {
     for spec in [CELLS, VECTOR] {
-        let network = Network::new(RewardArchitecture::default().network_shape(spec));
+        let network = Network::new(RewardArchitecture::default().network_shape(spec, 1, 0));
         let prepared = network.prepare(&network.initial_parameters(&mut random()));
         let mut workspace = Workspace::default();
         let bytes = observations(spec, 40);

@@ -16,7 +16,7 @@ pub mod target;
 mod tests;
 
 use anyhow::Result;
-use protocol::config::{Method, RunConfig};
+use protocol::config::{RewardModel as Model, RunConfig};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
 
@@ -33,7 +33,7 @@ pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
 
 fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
     let spec = config.task.spec();
-    if config.method == Method::EnvironmentReward {
+    if config.reward.model == Model::Environment {
         return Ok(Box::new(EnvironmentReward { observation_bytes: spec.observation.bytes() }));
     }
     let file = config.demonstrations.file.clone().unwrap_or_else(|| folder.demonstrations_file());

@@ -16,11 +16,18 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
         let progress = match config.form {
             RewardForm::Difference => after - before,
             RewardForm::Absolute => after,
+            RewardForm::Airl | RewardForm::Gail => log_odds(after),
         };
         let bonus = if config.final_bonus && step + 1 == steps { after } else { 0.0 };
         progress + bonus - penalty * uncertainty[step + 1]
     };
     (0..steps).map(reward).collect()
+}
+
+/// The logarithm of the odds of a probability, finite also for 0 and 1.
+fn log_odds(probability: f32) -> f32 {
+    const LEAST: f32 = 1e-20;
+    libm::logf(probability + LEAST) - libm::logf(1.0 - probability + LEAST)
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
 
 use bytes::Bytes;
-use protocol::config::{Discounting, RewardConfig, RewardForm, UpdateOrder};
+use protocol::config::{
+    Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
+};
 use protocol::learning_rate::LearningRate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
@@ -12,9 +14,12 @@ use crate::model::{GoalProximity, RewardModel};
 /// The paper's reward over small networks.
 pub(crate) fn config() -> RewardConfig {
     RewardConfig {
+        model: Model::Proximity,
+        input: RewardInput::State,
         form: RewardForm::Difference,
         final_bonus: true,
         uncertainty: 0.1,
+        gradient_penalty: 0.0,
         discounting: Discounting::Linear,
         delta: 0.1,
         ensemble: 5,

@@ -147,7 +147,7 @@ mod tests {
     use crate::tasks;
 
     fn config() -> RunConfig {
-        RunConfig::assemble(tasks::file_of(Task::Navigation), "goalward", &[]).unwrap()
+        tasks::configuration(Task::Navigation, "goalward", &[]).unwrap()
     }
 
     #[test]

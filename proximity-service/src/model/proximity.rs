@@ -89,7 +89,7 @@ impl GoalProximity {
         threads: ThreadPool,
     ) -> Self {
         let architecture = RewardArchitecture::from(config);
-        let network = Network::new(architecture.network_shape(spec.observation));
+        let network = Network::new(architecture.network_shape(spec.observation, 1, 0));
         let members = 0..config.ensemble as u64;
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
