@@ -10,6 +10,7 @@
 //! | `cli`, `commands` | the verbs, one file each |
 //! | `plan` | which run is trained: a new folder or one that is continued |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
+//! | `experiment`, `figure` | plans of many runs, and what they show side by side |
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `progress` | the progress of a run in one line |
 //! | `status_line` | such a line, on a terminal and in a pipe |
@@ -22,6 +23,8 @@
 mod cli;
 mod commands;
 mod demonstrations;
+mod experiment;
+mod figure;
 mod figures;
 mod full_log;
 mod output;
