@@ -20,6 +20,8 @@ mod execution;
 mod file;
 mod overview;
 mod plan;
+#[cfg(test)]
+mod tests;
 
 use std::path::Path;
 
