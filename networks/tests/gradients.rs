@@ -8,7 +8,7 @@ use networks::{
     NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, squared_error,
 };
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{ActionSpec, ObservationSpec};
+use protocol::task::{ActionSpec, ObservationSpec, floats};
 use rand::RngExt;
 
 const ROWS: usize = 7;
@@ -128,6 +128,65 @@ fn cells_networks() {
     check_network(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
     let cells = CellsArchitecture { channels: vec![18, 3], kernel: 3, pool: 1, features: 5 };
     check_network(NetworkShape { cells, ..shape(observation) });
+}
+
+/// Checks the gradient of a random linear function of the outputs with respect to the numbers of the
+/// rows, and that it leaves the gradient of the parameters as it is.
+fn check_inputs(shape: NetworkShape) {
+    let mut stream = random();
+    let vector = matches!(shape.observation, ObservationSpec::Vector { .. });
+    let observations = observations(shape.observation, shape.frames, &mut stream);
+    let beside: Vec<f32> = (0..ROWS * shape.beside).map(|_| normal(&mut stream)).collect();
+    let own = if vector { observations.len() / (4 * ROWS) } else { 0 };
+    let width = own + shape.beside;
+    let network = Network::new(shape);
+    let parameters: Vec<f32> =
+        (0..network.parameter_count()).map(|_| 0.4 * normal(&mut stream)).collect();
+    let prepared = network.prepare(&parameters);
+    let slopes = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
+    let mut workspace = Workspace::default();
+    let seen: Vec<f32> = if vector { floats(&observations).collect() } else { Vec::new() };
+    let mut numbers = Vec::new();
+    for row in 0..ROWS {
+        numbers.extend(&seen[row * own..(row + 1) * own]);
+        numbers.extend(&beside[row * (width - own)..(row + 1) * (width - own)]);
+    }
+    let expected = differences(&numbers, 5e-4, |numbers| {
+        let rows = numbers.chunks_exact(width);
+        let moved: Vec<u8> = rows
+            .clone()
+            .flat_map(|row| row[..own].iter().flat_map(|one| one.to_le_bytes()))
+            .collect();
+        let beside: Vec<f32> = rows.flat_map(|row| row[own..].iter().copied()).collect();
+        let observations = if vector { &moved } else { &observations };
+        let batch = Batch { observations, beside: &beside };
+        let outputs = network.forward(&prepared, batch, &mut workspace);
+        let each = outputs.iter().zip(&slopes);
+        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+    });
+    let batch = Batch { observations: &observations, beside: &beside };
+    let [alone, after] = [false, true].map(|between| {
+        network.forward(&prepared, batch, &mut workspace);
+        if between {
+            let found = network.input_gradient(&prepared, &mut workspace, &slopes);
+            assert_eq!(found.shape(), (width, ROWS));
+            assert_close("inputs", found.as_slice(), &expected, 0.01);
+        }
+        let mut gradient = vec![0.0; parameters.len()];
+        network.backward(&prepared, batch, &mut workspace, &slopes, &mut gradient);
+        gradient
+    });
+    assert_eq!(alone, after);
+}
+
+#[test]
+fn inputs() {
+    check_inputs(shape(ObservationSpec::Vector { len: 5 }));
+    let vector = shape(ObservationSpec::Vector { len: 4 });
+    check_inputs(NetworkShape { frames: 2, beside: 3, activation: Activation::Relu, ..vector });
+    let observation = ObservationSpec::Cells { height: 10, width: 11, classes: 3 };
+    check_inputs(NetworkShape { frames: 2, beside: 2, ..shape(observation) });
+    check_inputs(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
 }
 
 fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: bool) {
