@@ -46,7 +46,7 @@ mod tests {
     #[test]
     fn every_method_is_a_whole_configuration_of_every_task() {
         let methods = METHODS.parse::<Table>().unwrap();
-        assert!(methods.len() > 15, "{:?}", methods.keys());
+        assert!(methods.len() > 15, "{methods:?}");
         for (task, method) in
             Task::ALL.into_iter().flat_map(|task| methods.keys().map(move |method| (task, method)))
         {

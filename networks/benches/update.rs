@@ -60,7 +60,7 @@ fn policy(
                 batch,
                 &mut workspace,
                 &slopes,
-                &value_slopes,
+                Some(&value_slopes),
                 &mut gradient,
             );
         });

@@ -42,13 +42,22 @@ pub struct PolicyArchitecture {
     pub shared_trunk: bool,
     /// Whether continuous actions are squashed, with deviations that depend on the observation.
     pub squashed: bool,
+    /// Observations in a row: one, or two for an inverse dynamics model.
+    pub frames: usize,
 }
 
 impl Default for PolicyArchitecture {
     fn default() -> Self {
         let cells = CellsArchitecture::default();
         let activation = Activation::Tanh;
-        Self { cells, hidden: vec![256, 256], activation, shared_trunk: true, squashed: false }
+        Self {
+            cells,
+            hidden: vec![256, 256],
+            activation,
+            shared_trunk: true,
+            squashed: false,
+            frames: 1,
+        }
     }
 }
 
@@ -138,6 +147,7 @@ impl From<&PolicyConfig> for PolicyArchitecture {
             },
             shared_trunk: config.shared_trunk,
             squashed: config.distribution == ActionDistribution::SquashedGaussian,
+            frames: 1,
         }
     }
 }

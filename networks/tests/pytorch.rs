@@ -106,7 +106,7 @@ fn check_policy(case: &Case, policy: &ActorCritic) {
             case.assert_close("entropies", &entropies, 1e-5);
             case.assert_close("values", found.values.as_slice(), 1e-5);
         }
-        policy.backward(&prepared, batch, &mut workspace, &slopes, &value_slopes, gradient);
+        policy.backward(&prepared, batch, &mut workspace, &slopes, Some(&value_slopes), gradient);
         loss as f32
     });
 }

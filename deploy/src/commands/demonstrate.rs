@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::config::DEFAULT_PRESET;
 use protocol::task::Task;
 
 use crate::demonstrations::Recording;

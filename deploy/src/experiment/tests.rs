@@ -126,8 +126,11 @@ fn what_is_wrong_is_named() {
         ("no-final = [\"r", "gail = [\"r", &["quick", "no curve of the method gail"]),
         ("{ goal-proximity = 0.9 }", "{ gail = 0.9 }", &["panel half", "anchors", "gail"]),
         ("{ goal-proximity = 0.9 }", "{ goal-proximity = 90 }", &["goal-proximity", "[0, 1]"]),
-        ("task = \"fetch-push\"", "task = \"navigation\"\nset = [\"environment.noise=1.0\"]",
-            &["panel reference", "curve environment-reward", "absent, navigation has none"]),
+        (
+            "task = \"fetch-push\"",
+            "task = \"navigation\"\nset = [\"environment.noise=1.0\"]",
+            &["panel reference", "curve environment-reward", "absent, navigation has none"],
+        ),
     ] {
         let text = PLAN.replace(sound, spoilt);
         assert_ne!(text, PLAN, "{sound}");
@@ -155,15 +158,27 @@ fn figures() -> Vec<PathBuf> {
 fn the_plans_of_the_figures_are_sound() {
     let numbers: BTreeSet<_> = [3, 4, 5, 6, 7, 8, 9, 11, 12].map(|it| format!("figure{it}")).into();
     let named = figures().iter().map(|path| path.file_stem().unwrap().to_owned()).collect();
-    assert_eq!(numbers, BTreeSet::from_iter(Vec::into_iter(named).map(|it| it.into_string().unwrap())));
+    assert_eq!(
+        numbers,
+        BTreeSet::from_iter(Vec::into_iter(named).map(|it| it.into_string().unwrap()))
+    );
     let plans = read_all(&figures(), false).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let mut archive = Archive::open(directory.path());
     let names = queue(&plans, &mut archive).iter().map(|run| archive.name_of(run)).collect();
     let names: BTreeSet<String> = Vec::into_iter(names).collect();
-    let asked: usize = plans.iter().map(|plan| plan.figure(&mut archive)).map(|figure| {
-        figure.panels.iter().flat_map(|panel| &panel.curves).map(|curve| curve.runs.len()).sum::<usize>()
-    }).sum();
+    let asked: usize = plans
+        .iter()
+        .map(|plan| plan.figure(&mut archive))
+        .map(|figure| {
+            figure
+                .panels
+                .iter()
+                .flat_map(|panel| &panel.curves)
+                .map(|curve| curve.runs.len())
+                .sum::<usize>()
+        })
+        .sum();
     assert!(names.len() < asked, "figures share runs: {} of {asked}", names.len());
 }
 

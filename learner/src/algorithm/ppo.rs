@@ -240,7 +240,7 @@ impl Loss<'_> {
             batch,
             &mut shard.workspace,
             &shard.parameter_slopes,
-            &shard.value_slopes,
+            Some(&shard.value_slopes),
             &mut shard.gradient,
         );
     }
