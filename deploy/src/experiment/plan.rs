@@ -95,7 +95,6 @@ impl Plan {
                 return Err(wrong_usage(format!("panel {name:?}: {expected}")));
             }
         }
-        check_quick(&file)?;
         let mut panels = Vec::new();
         for panel in &file.panels {
             // The whole plan is checked, also what is left out of a quick one.
@@ -106,12 +105,13 @@ impl Plan {
                 panels.push(planned);
             }
         }
+        check_quick(&file)?;
         Ok(Plan { name, title: file.title, panels })
     }
 
     /// All runs, each with the place of its seed among those of its curve: the first seeds of all
     /// curves come before the second ones.
-    fn runs(&self) -> impl Iterator<Item = (usize, &PlannedRun)> {
+    pub(super) fn runs(&self) -> impl Iterator<Item = (usize, &PlannedRun)> {
         let curves = self.panels.iter().flat_map(|panel| &panel.curves);
         curves.flat_map(|curve| curve.runs.iter().enumerate())
     }

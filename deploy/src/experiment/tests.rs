@@ -1,7 +1,6 @@
 //! Tests of plans: those of the paper's figures are sound, others are refused in words, and a run is
 //! known by what decides its result.
 
-use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -116,8 +115,8 @@ fn what_is_wrong_is_named() {
         ("title = \"A comparison\"", "", &["title"]),
         ("\"no-final\"]", "\"magic\"]", &["panel half", "curve magic", "method", "gaifo-s"]),
         ("\"no-final\"]", "\"lambda 1\"]", &["panel half", "curve once", "lambda 1 again"]),
-        ("task = \"navigation\"", "task = \"chess\"", &["line 10", "chess", "navigation"]),
-        ("uncertainty=1.0", "uncertainty=-1", &["panel half", "curve lambda 1", "uncertainty"]),
+        ("task = \"navigation\"", "task = \"chess\"", &["line 9", "chess", "navigation"]),
+        ("uncertainty=1.0", "uncertainty=-1.0", &["panel half", "curve lambda 1", "uncertainty"]),
         ("reward.uncertainty=1.0", "seed=5", &["curve lambda 1", "neither task nor method"]),
         ("reward.uncertainty=1.0", "wings=5", &["curve lambda 1", "wings"]),
         ("name = \"reference\"", "name = \"half\"", &["every panel once", "half again"]),
@@ -156,30 +155,14 @@ fn figures() -> Vec<PathBuf> {
 
 #[test]
 fn the_plans_of_the_figures_are_sound() {
-    let numbers: BTreeSet<_> = [3, 4, 5, 6, 7, 8, 9, 11, 12].map(|it| format!("figure{it}")).into();
-    let named = figures().iter().map(|path| path.file_stem().unwrap().to_owned()).collect();
-    assert_eq!(
-        numbers,
-        BTreeSet::from_iter(Vec::into_iter(named).map(|it| it.into_string().unwrap()))
-    );
     let plans = read_all(&figures(), false).unwrap();
-    let directory = tempfile::tempdir().unwrap();
-    let mut archive = Archive::open(directory.path());
-    let names = queue(&plans, &mut archive).iter().map(|run| archive.name_of(run)).collect();
-    let names: BTreeSet<String> = Vec::into_iter(names).collect();
-    let asked: usize = plans
-        .iter()
-        .map(|plan| plan.figure(&mut archive))
-        .map(|figure| {
-            figure
-                .panels
-                .iter()
-                .flat_map(|panel| &panel.curves)
-                .map(|curve| curve.runs.len())
-                .sum::<usize>()
-        })
-        .sum();
-    assert!(names.len() < asked, "figures share runs: {} of {asked}", names.len());
+    let mut archive = Archive::open(Path::new("e"));
+    let names: Vec<_> = plans.iter().map(|plan| plan.figure(&mut archive).name).collect();
+    let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9];
+    assert_eq!(names, numbers.map(|number| format!("figure{number}")));
+    let asked = plans.iter().flat_map(Plan::runs).count();
+    let trained = queue(&plans, &mut archive).len();
+    assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
 }
 
 /// An hour on two cores, of which some minutes are the build's and the report's.
