@@ -2,8 +2,8 @@
 # Reproduces the paper's figures: builds Goalward, trains the runs of their plans (deploy/experiments),
 # writes a report. What is finished is never trained again, so it can be stopped and called again.
 #
-#   deploy/reproduce.sh --quick             # every figure at reduced size, within an hour on two cores
-#   deploy/reproduce.sh 3 4                 # Figures 3 and 4 at full size: hours to days
+#   deploy/reproduce.sh --quick             # every figure at reduced size
+#   deploy/reproduce.sh 3 4                 # Figures 3 and 4 at full size
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)

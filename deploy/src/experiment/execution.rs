@@ -78,12 +78,20 @@ struct Execution {
     ended: Ended,
 }
 
+/// What was begun for a run that was next.
+enum Begun {
+    Training(Running),
+    Recording(Recorder),
+    /// Somebody else has trained it meanwhile, or does so now.
+    Nothing,
+}
+
 impl Execution {
     async fn run(&mut self) -> Result<()> {
         let mut signals = Signals::listen()?;
         loop {
             let is_news = self.reap()?;
-            let can_start_more = !self.ended.is_stopped && self.start_next()?;
+            let can_start_more = !self.ended.is_stopped && self.start_next();
             if self.running.is_empty() && self.recorder.is_none() && !can_start_more {
                 return Ok(());
             }
@@ -99,23 +107,34 @@ impl Execution {
     }
 
     /// Starts what is next, if there is room for it; returns whether there was anything to do.
-    fn start_next(&mut self) -> Result<bool> {
+    fn start_next(&mut self) -> bool {
         if self.recorder.is_some() || self.running.len() >= self.jobs {
-            return Ok(false);
+            return false;
         }
-        let Some(training) = self.waiting.pop_front() else { return Ok(false) };
+        let Some(training) = self.waiting.pop_front() else { return false };
+        match self.begin(&training) {
+            Ok(Begun::Training(running)) => self.running.push((training, running)),
+            Ok(Begun::Recording(recorder)) => {
+                self.recorder = Some(recorder);
+                self.waiting.push_front(training);
+            }
+            Ok(Begun::Nothing) => {}
+            Err(error) => self.fail(&training, &format!("cannot begin: {error:#}")),
+        }
+        true
+    }
+
+    fn begin(&mut self, training: &Training) -> Result<Begun> {
         if let Some(summary) = Summary::of_run(&training.folder)? {
-            self.count(&training, &summary);
+            self.count(training, &summary);
         } else if training.is_elsewhere() {
-            self.leave_to_others(&training);
+            self.leave_to_others(training);
         } else if let Some(file) = training.missing_demonstrations() {
-            self.recorder = Some(Recorder::start(&training.run.config, file)?);
-            self.waiting.push_front(training);
+            return Recorder::start(&training.run.config, file).map(Begun::Recording);
         } else {
-            let running = training.start(self.jobs == 1)?;
-            self.running.push((training, running));
+            return training.start(self.jobs == 1).map(Begun::Training);
         }
-        Ok(true)
+        Ok(Begun::Nothing)
     }
 
     /// Notices what has ended; returns whether anything has.
