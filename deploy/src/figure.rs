@@ -1,15 +1,12 @@
-//! Figures: curves of runs side by side, as `goalward experiment` plans them and `goalward report`
-//! draws them.
-//!
-//! Runs that do not exist or are not finished may be listed; whoever reads a figure shows what there
-//! is and says what is missing.
+//! A figure as data: which runs stand for which curve of which picture. Plans make figures
+//! (`goalward experiment`), the report draws them (`goalward report`).
 
 use protocol::run::RunFolder;
 use protocol::task::Task;
 
 /// A figure of the paper, or any comparison: panels of curves.
 pub(crate) struct Figure {
-    /// Short name, of a file.
+    /// Its name, such as `figure3`.
     pub(crate) name: String,
     /// What it shows.
     pub(crate) title: String,
@@ -19,11 +16,11 @@ pub(crate) struct Figure {
 
 /// A picture: curves of one task in one setting.
 pub(crate) struct Panel {
-    /// Short name, of a file.
+    /// Its name within the figure.
     pub(crate) name: String,
     /// What it shows.
     pub(crate) title: String,
-    /// The task of all its runs.
+    /// The task.
     pub(crate) task: Task,
     /// Its curves.
     pub(crate) curves: Vec<Curve>,
@@ -31,9 +28,9 @@ pub(crate) struct Panel {
 
 /// A method in a setting, over seeds.
 pub(crate) struct Curve {
-    /// What it is called in the legend.
+    /// Its name, unique in the panel.
     pub(crate) name: String,
-    /// A run for each seed.
+    /// A run for each seed; they need not exist yet.
     pub(crate) runs: Vec<RunFolder>,
     /// Success rate of the authors' published curve at its end, in [0, 1].
     pub(crate) anchor: Option<f64>,
