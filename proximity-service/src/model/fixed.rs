@@ -1,5 +1,7 @@
-//! The environment's own reward, as recorded in the trajectories: an upper reference, not imitation.
+//! Rewards that nothing is learned for: the environment's own, as recorded in the trajectories, and
+//! none, for policy learners that need no reward.
 
+use anyhow::{Result, bail};
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::task::floats;
 use protocol::tensors::Tensors;
@@ -7,14 +9,16 @@ use protocol::trajectory::Encoded;
 
 use super::RewardModel;
 
-/// The environment's own reward; there is nothing to learn.
-#[derive(Clone, Copy, Debug)]
-pub struct EnvironmentReward {
-    /// Length of an observation in bytes.
-    pub observation_bytes: usize,
+/// A reward that stays as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FixedReward {
+    /// The environment's own: an upper reference, not imitation.
+    Environment,
+    /// Zero.
+    None,
 }
 
-impl RewardModel for EnvironmentReward {
+impl RewardModel for FixedReward {
     fn pretrain(&mut self) -> RewardUpdate {
         RewardUpdate { weights_sha256: self.sha256(), ..RewardUpdate::default() }
     }
@@ -24,21 +28,24 @@ impl RewardModel for EnvironmentReward {
     }
 
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
+        let rewards = |encoded: &Encoded| match self {
+            FixedReward::Environment => floats(&encoded.trajectory.environment_rewards).collect(),
+            FixedReward::None => vec![0.0; encoded.trajectory.steps as usize],
+        };
         let score = |encoded: &Encoded| Score {
             iteration,
             lane: encoded.key.lane,
             episode: encoded.key.episode,
             model_version: 0,
-            rewards: floats(&encoded.trajectory.environment_rewards).collect(),
+            rewards: rewards(encoded),
             proximity: Vec::new(),
             uncertainty: Vec::new(),
         };
         batch.iter().map(score).collect()
     }
 
-    fn estimate(&self, observations: &[u8]) -> Estimates {
-        let unknown = vec![0.0; observations.len() / self.observation_bytes];
-        Estimates { model_version: 0, proximity: unknown.clone(), uncertainty: unknown }
+    fn estimate(&self, _observations: &[u8]) -> Result<Estimates> {
+        bail!("expected a reward model of single states, found one that learns nothing")
     }
 
     fn sha256(&self) -> String {
