@@ -11,7 +11,7 @@ use protocol::trajectory::Trajectory;
 
 use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::learned::{Drawn, Learning, Objective, Seen};
+use super::objective::{Drawn, Learning, Objective, Seen};
 use crate::reward::discriminator_rewards;
 
 /// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.

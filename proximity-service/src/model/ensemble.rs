@@ -16,7 +16,7 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::input::{Input, Rows};
-use super::learned::Drawn;
+use super::objective::Drawn;
 use super::penalty::GradientPenalty;
 
 /// Adam's epsilon, as in the authors' code.

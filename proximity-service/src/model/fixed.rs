@@ -60,3 +60,21 @@ impl RewardModel for FixedReward {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{place, walk};
+    use protocol::trajectory::{Source, Trajectory};
+
+    #[test]
+    fn a_step_earns_what_was_recorded_or_nothing() {
+        let environment_rewards = [-1.0_f32, 0.5].map(f32::to_le_bytes).repeat(5).concat().into();
+        let walked = Trajectory { environment_rewards, ..walk(0.0, Source::Training) };
+        let batch = [Encoded::encode(walked)];
+        let rewards = |model: FixedReward| model.score(0, &batch)[0].rewards.clone();
+        assert_eq!(rewards(FixedReward::Environment), [-1.0, 0.5].repeat(5));
+        assert_eq!(rewards(FixedReward::None), [0.0; 10]);
+        assert!(FixedReward::None.estimate(&place(0.5, 0.0)).is_err());
+    }
+}

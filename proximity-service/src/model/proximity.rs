@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 
 use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::learned::{Drawn, Learning, Objective, Seen};
+use super::objective::{Drawn, Learning, Objective, Seen};
 use crate::reward::rewards;
 use crate::target::{AGENT_TARGET, demonstration_target};
 

@@ -13,7 +13,7 @@ use rand::RngExt;
 
 use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::learned::{Drawn, Learning, Objective, Seen};
+use super::objective::{Drawn, Learning, Objective, Seen};
 use crate::reward::rewards;
 
 /// Ranking of rows within demonstrations, and of the expert's above the agent's.
