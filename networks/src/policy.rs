@@ -122,6 +122,19 @@ impl ActorCritic {
         parameters
     }
 
+    /// Multiplies what the actor gives by a factor, in the parameters.
+    ///
+    /// # Panics
+    /// If there are not [`ActorCritic::parameter_count`] of them.
+    pub fn scale_actor(&self, parameters: &mut [f32], factor: f32) {
+        assert_eq!(parameters.len(), self.parameter_count(), "parameters of this policy");
+        let actor = &self.networks[0];
+        let last = actor.parameter_ranges().last().expect("there is an output layer").clone();
+        for row in parameters[last].chunks_exact_mut(actor.outputs()) {
+            row[..self.actor_outputs].iter_mut().for_each(|number| *number *= factor);
+        }
+    }
+
     /// Packs a version of the parameters for evaluation.
     ///
     /// # Panics

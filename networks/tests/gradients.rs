@@ -5,7 +5,8 @@
 use nalgebra::DMatrix;
 use networks::{
     Activation, ActorCritic, Batch, CellsArchitecture, Distribution, Head, Initialization, Network,
-    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, squared_error,
+    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking,
+    sigmoid, softplus, squared_error,
 };
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec, floats};
@@ -300,4 +301,34 @@ fn losses() {
     });
     squared_error(&predictions, &targets, 0.25, &mut gradient);
     assert_close("squared error", &gradient, &expected, 1e-3);
+    for label in [0.0, 1.0] {
+        let expected = differences(&predictions, 1e-3, |predictions| {
+            binary_cross_entropy(predictions, label, 0.25, &mut [0.0; 3])
+        });
+        binary_cross_entropy(&predictions, label, 0.25, &mut gradient);
+        assert_close("cross entropy", &gradient, &expected, 1e-3);
+    }
+    let pairs = [0.1, 2.5, 0.3, -1.0];
+    let mut gradient = [0.0; 4];
+    let loss = |pairs: &[f32], gradient: &mut [f32; 4]| {
+        let (above, below) = gradient.split_at_mut(2);
+        ranking(&pairs[..2], &pairs[2..], 0.5, [above, below])
+    };
+    let expected = differences(&pairs, 1e-3, |pairs| loss(pairs, &mut [0.0; 4]));
+    loss(&pairs, &mut gradient);
+    assert_close("ranking", &gradient, &expected, 1e-3);
+}
+
+#[test]
+fn losses_have_the_values_of_the_definition() {
+    let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-6, "{found}");
+    let (two, three) = (2.0_f64, 3.0_f64);
+    let expert = -(1.0 / (1.0 + (-two).exp())).ln() - (1.0 / (1.0 + three.exp())).ln();
+    close(binary_cross_entropy(&[2.0, -3.0], 1.0, 1.0, &mut [0.0; 2]), expert);
+    let agent = -(1.0 - 1.0 / (1.0 + (-two).exp())).ln();
+    close(binary_cross_entropy(&[2.0], 0.0, 1.0, &mut [0.0]), agent);
+    let above = -(1.0 / (1.0 + (-two).exp())).ln();
+    close(ranking(&[1.5], &[-0.5], 1.0, [&mut [0.0], &mut [0.0]]), above);
+    assert_eq!((sigmoid(200.0), sigmoid(-200.0), sigmoid(0.0)), (1.0, 0.0, 0.5));
+    assert_eq!((softplus(200.0), softplus(-200.0)), (200.0, 0.0));
 }

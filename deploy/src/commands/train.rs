@@ -160,12 +160,13 @@ fn existing_part(path: &Path) -> PathBuf {
 }
 
 fn print_start(plan: &Plan) {
-    let RunConfig { task, preset, seed, steps, resources, .. } = &plan.config;
+    let config = &plan.config;
+    let RunConfig { task, method, preset, seed, resources, .. } = config;
     print_line(&format!(
-        "{} {task} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
+        "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         if plan.resumed { "continuing" } else { "training" },
         plan.folder.path().display(),
-        figures::count(*steps),
+        figures::count(config.steps_wanted()),
         resources.actors,
     ));
 }

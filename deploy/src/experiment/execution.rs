@@ -239,7 +239,7 @@ impl Execution {
 fn words(training: &Training, standing: Option<progress::Standing>) -> String {
     let name = &training.name;
     let Some(progress::Standing { percent, success }) = standing else {
-        return format!("{name} begins");
+        return name.clone();
     };
     match success {
         Some(success) => format!("{name} {percent} %, success {success} %"),

@@ -203,9 +203,9 @@ impl SqilConfig {
         positive("sqil.learning_rate", self.learning_rate)?;
         positive("sqil.temperature", self.temperature)?;
         positive("sqil.updates_per_step", self.updates_per_step)?;
-        for (key, number) in [("sqil.gamma", self.gamma), ("sqil.target_rate", self.target_rate)] {
-            within(key, number > 0.0 && number <= 1.0, "above 0 and at most 1", number)?;
-        }
+        let (gamma, rate) = (self.gamma, self.target_rate);
+        within("sqil.gamma", gamma > 0.0 && gamma < 1.0, "above 0 and below 1", gamma)?;
+        within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
         let (batch, kept) = (self.batch, self.experience);
         within("sqil.batch", batch >= 1, "at least 1", batch)?;
         within("sqil.experience", kept >= batch, "at least a batch", kept)

@@ -110,6 +110,9 @@ pub struct SqilConfig {
     pub learning_rate: f64,
     /// Discount factor.
     pub gamma: f64,
+    /// Whether the goal is an absorbing state that earns 1 for ever. Otherwise nothing comes after
+    /// it, and staying away from it earns an expert more.
+    pub absorbing: bool,
     /// How much of the Q-functions the target functions take over at an update.
     pub target_rate: f64,
     /// Weight of the entropy; the first one, where it is tuned.
