@@ -9,7 +9,7 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 
 use protocol::run::RunFolder;
 use system_tests::{PATIENCE, SMALL, Signal, Summary, TestRun, await_some, programs, send};
@@ -42,11 +42,6 @@ fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
-/// Waits for an experiment that is to end well.
-fn end(experiment: Child) -> String {
-    text(&experiment.wait_with_output().unwrap())
-}
-
 #[test]
 fn what_is_missing_is_trained() {
     let test = TestRun::new(programs!());
@@ -54,11 +49,13 @@ fn what_is_missing_is_trained() {
     let has_checkpoint = |folder: &RunFolder| folder.newest_checkpoint().is_some();
     await_some("a checkpoint", PATIENCE, || folders(&test).into_iter().find(has_checkpoint));
     send(begun.id(), Signal::Interrupt);
-    let said = end(begun);
+    let output = begun.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("stopped; go on with"), "{said}");
     assert!(folders(&test).iter().any(|folder| !folder.summary_file().exists()), "{said}");
 
-    let said = end(experiment(&test).stdout(Stdio::piped()).spawn().unwrap());
+    let said = text(&experiment(&test).output().unwrap());
     assert_eq!(said.matches("2 of 2").count(), 2, "{said}");
     let finished = folders(&test);
     assert_eq!(finished.len(), 4);

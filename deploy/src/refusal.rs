@@ -1,4 +1,5 @@
-//! Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost.
+//! Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, 130 stopped before
+//! all was done.
 
 use std::fmt::Display;
 use std::process::ExitCode;
@@ -8,6 +9,10 @@ pub(crate) const WRONG_USAGE: u8 = 2;
 
 /// Exit code of a command that finished although data was lost.
 const DATA_LOST: u8 = 3;
+
+/// Exit code of an experiment that the user stopped, so that no script takes it for done; shells have
+/// the same for Ctrl-C.
+pub(crate) const STOPPED: u8 = 130;
 
 /// An error that is not a plain failure.
 #[derive(Debug, thiserror::Error)]

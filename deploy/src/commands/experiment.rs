@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use crate::experiment::{Archive, execute, figure_of_plan, overview, queue, read_all};
 use crate::programs;
 use crate::progress::print_line;
+use crate::refusal::{Refusal, STOPPED};
 
 /// Flags of `goalward experiment`.
 #[derive(Debug, clap::Args)]
@@ -50,6 +51,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
     let ended = execute(&runs, &mut archive, jobs)?;
     print_overview(arguments)?;
+    if ended.is_stopped {
+        print_line(&format!("stopped; go on with\n  {}", own_line(arguments)));
+        return Err(Refusal::Explained(STOPPED).into());
+    }
     if !ended.failed.is_empty() {
         let folder = archive.runs();
         bail!(
@@ -59,10 +64,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             folder.display(),
             ended.failed.join(", ")
         );
-    }
-    if ended.is_stopped {
-        print_line(&format!("stopped; go on with\n  {}", own_line(arguments)));
-        return Ok(());
     }
     if !ended.elsewhere.is_empty() {
         let names = ended.elsewhere.join(", ");
