@@ -1,0 +1,132 @@
+//! Every method through the whole system: it trains, its run is the same bits whoever is killed on the
+//! way, and trains again from its log.
+//!
+//! Method: small runs of the real programs, compared by the hashes of `summary.json`.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+
+use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use protocol::task::Task;
+use protocol::trajectory::Encoded;
+use system_tests::{ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs};
+
+/// What makes the learners that imitate as small as the rest.
+const SMALL_LEARNERS: [(&str, &[&str]); 3] = [
+    ("bc", &["cloning.epochs=5", "evaluation.episodes=8"]),
+    (
+        "bco",
+        &[
+            "inverse_dynamics.convolution_channels=[4, 8, 8]",
+            "inverse_dynamics.features=16",
+            "inverse_dynamics.samples=128",
+            "inverse_dynamics.exploration_steps=800",
+        ],
+    ),
+    (
+        "sqil",
+        &[
+            "sqil.hidden=[16, 16]",
+            "sqil.batch=8",
+            "sqil.updates_per_step=0.05",
+            "sqil.exploration_steps=800",
+        ],
+    ),
+];
+
+fn settings(method: &str) -> Vec<String> {
+    let own = SMALL_LEARNERS.iter().find(|(name, _)| *name == method);
+    let own = own.map_or(&[][..], |(_, settings)| settings);
+    let name = format!("method={method}");
+    let all = own.iter().copied().chain(["reward.batch=32", &name]);
+    all.map(str::to_owned).collect()
+}
+
+fn train(run: &TestRun, task: &str, small: &[&str], method: &str) -> Summary {
+    let settings = settings(method);
+    let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+    run.train_task(task, small, &settings).finish()
+}
+
+#[test]
+fn every_method_trains_and_evaluates() {
+    let methods =
+        ["gaifo-s-uncertainty", "gaifo", "ranking", "proximity-with-actions", "bc", "bco", "sqil"];
+    for (task, small) in [("navigation", &SMALL[..]), ("fetch-push", &SMALL_PHYSICS)] {
+        for method in methods {
+            let summary = train(&TestRun::new(programs!()), task, small, method);
+            let wanted = if method == "bc" { 0 } else { 3200 };
+            assert!(summary.env_steps >= wanted, "{task} {method}: {} steps", summary.env_steps);
+            let evaluated = summary.evaluation.episodes;
+            assert_eq!(
+                evaluated,
+                if task == "navigation" { 8 } else { 4 + 4 * u64::from(method == "bc") }
+            );
+        }
+    }
+}
+
+#[test]
+fn whoever_is_killed_learns_the_same() {
+    for method in ["gail", "bco", "sqil"] {
+        let undisturbed = train(&TestRun::new(programs!()), "navigation", &SMALL, method);
+        let run = TestRun::new(programs!());
+        let settings = settings(method);
+        let mut all: Vec<&str> = settings.iter().map(String::as_str).collect();
+        all.push("resources.actors=3");
+        let mut training = run.train(&all);
+        for (checkpoint, process) in [(8, "learner"), (12, "actor-1")] {
+            training.await_checkpoint(checkpoint);
+            run.process(process).signal(Signal::Kill);
+        }
+        let disturbed = training.finish();
+        assert_eq!(disturbed.iterations, ITERATIONS);
+        assert_eq!(disturbed.hashes(), undisturbed.hashes(), "{method}");
+        assert!(run.remarks().contains("learner ended (signal: 9"), "{}", run.remarks());
+    }
+}
+
+#[test]
+fn every_learner_trains_again_from_its_log() {
+    for method in ["gail", "bc", "bco", "sqil"] {
+        let run = TestRun::new(programs!());
+        let summary = train(&run, "navigation", &SMALL, method);
+        let mut replay = run.program("goalward");
+        replay.arg("replay").arg(run.folder().path()).arg("--retrain");
+        let output = replay.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{method}: {said}{errors}");
+        assert!(said.contains(&summary.hashes().policy), "{method}: {said}");
+    }
+}
+
+#[test]
+fn states_alone_are_refused_where_actions_are_needed() {
+    let run = TestRun::new(programs!());
+    let file = run.path("states.mcap");
+    let recorded = train(&run, "navigation", &SMALL, "gaifo-s");
+    assert!(recorded.episodes > 0);
+    let demonstrations = run.folder().demonstrations_file();
+    let spec = Task::Navigation.spec();
+    let all = protocol::demonstrations::read(&demonstrations, &spec, true).unwrap();
+    let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
+    let mut writer = FileWriter::create(&file, &metadata, &[Topic::Trajectory]).unwrap();
+    for (time, mut demonstration) in (0..).zip(all) {
+        demonstration.discrete_actions.clear();
+        writer.trajectory(&Encoded::encode(demonstration), time).unwrap();
+    }
+    writer.seal().unwrap();
+    for (method, code) in [("gail", 2), ("bc", 2), ("sqil", 2), ("proximity-with-actions", 2)] {
+        let folder = run.path(method);
+        let mut goalward = run.program("goalward");
+        goalward.args(["train", "--method", method, "--set", "demonstrations.episodes=10"]);
+        goalward.arg("--demonstrations").arg(&file).arg("--run").arg(&folder);
+        let output = goalward.output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{method}: {errors}");
+        assert!(errors.contains("states.mcap") && errors.contains("states only"), "{errors}");
+        assert_eq!(errors.lines().count(), 1, "{errors}");
+        assert!(fs::metadata(&folder).is_err(), "a refusal leaves no trace");
+    }
+}
