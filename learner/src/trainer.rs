@@ -131,16 +131,16 @@ impl Trainer {
 
     /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
     fn open_rollout(&mut self, iteration: u64) -> Result<()> {
+        self.opened = Instant::now();
         if self.learner.is_offline() {
             return Ok(());
         }
         let version = iteration.saturating_sub(self.config.rollout.lag);
         let plans = self.state.plans(iteration, self.config.rollout.lane_steps);
-        self.opened = Instant::now();
         self.desk.order(Order::Open(Rollout::open(Source::Training, iteration, version, plans)))
     }
 
-    /// The batch of an iteration: an empty one for a learner that needs none; none if a stop comes before it.
+    /// The batch of an iteration, empty for a learner that needs none; none if a stop comes first.
     fn collect(&mut self) -> Result<Option<Vec<Encoded>>> {
         if self.learner.is_offline() {
             return Ok((!self.stop.is_requested()).then(Vec::new));
@@ -148,7 +148,7 @@ impl Trainer {
         self.rolled_out()
     }
 
-    /// The complete batch of the open rollout; none if a stop comes before it.
+    /// The complete batch of the open rollout; none if a stop comes first.
     fn rolled_out(&mut self) -> Result<Option<Vec<Encoded>>> {
         while !self.stop.is_requested() {
             if let Some(batch) = self.desk.batch(LOOK_FOR_STOP)? {
