@@ -14,13 +14,17 @@
 //! | `progress` | the progress line, on a terminal and in a pipe |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
+//! | `figure`, `report` | comparisons of runs as data, and as a page with pictures |
+//! | `chart` | curves as SVG |
 //! | `full_log` | a log with observations, made of one with actions only |
 //! | `figures` | how numbers are written |
 //! | `refusal` | exit codes |
 
+mod chart;
 mod cli;
 mod commands;
 mod demonstrations;
+mod figure;
 mod figures;
 mod full_log;
 mod output;
@@ -28,6 +32,7 @@ mod plan;
 mod programs;
 mod progress;
 mod refusal;
+mod report;
 mod summary;
 mod supervisor;
 mod tasks;

@@ -4,6 +4,7 @@ pub(crate) mod demonstrate;
 pub(crate) mod evaluate;
 pub(crate) mod log;
 pub(crate) mod replay;
+pub(crate) mod report;
 pub(crate) mod scale;
 pub(crate) mod status;
 pub(crate) mod train;
