@@ -30,6 +30,9 @@ const UNIT: i32 = UNITS as i32;
 /// Room for the names of curves, units.
 const NAMES_WIDTH: i32 = 210 * UNIT;
 
+/// The part of it that the text has, pixels.
+const TEXT_WIDTH: u32 = 166;
+
 /// Room for a name of a curve, units.
 const NAME_HEIGHT: i32 = 17 * UNIT;
 
@@ -164,7 +167,8 @@ fn paint(area: &Area<'_>, chart: &Chart) -> Painted {
         band(&mut plane, line)?;
     }
     let screen = area.use_screen_coord();
-    for line in &chart.curves {
+    // The first curve lies above all others.
+    for line in chart.curves.iter().rev() {
         curve(&mut plane, &screen, line, chart.x.range)?;
     }
     names(&plane, &screen, chart)
@@ -241,7 +245,6 @@ fn names(plane: &Plane<'_, '_>, screen: &Area<'_>, chart: &Chart) -> Painted {
         .map(|line| plane.backend_coord(&(right, end(line).unwrap_or(low))).1)
         .collect();
     let places = apart(&wanted, NAME_HEIGHT, [top, bottom]);
-    let style = font(13).pos(Pos::new(HPos::Left, VPos::Center));
     for (line, y) in chart.curves.iter().zip(places) {
         let stroke = line.style.color.stroke_width(2 * UNITS);
         let (from, to) = ((x + 12 * UNIT, y), (x + 34 * UNIT, y));
@@ -255,9 +258,17 @@ fn names(plane: &Plane<'_, '_>, screen: &Area<'_>, chart: &Chart) -> Painted {
         if let Some(element) = marker((x + 23 * UNIT, y), line.style) {
             screen.draw(&element)?;
         }
-        screen.draw(&Text::new(line.name.clone(), (x + 40 * UNIT, y), style.clone()))?;
+        let style = font(name_size(&line.name)).pos(Pos::new(HPos::Left, VPos::Center));
+        screen.draw(&Text::new(line.name.clone(), (x + 40 * UNIT, y), style))?;
     }
     Ok(())
+}
+
+/// Size of the letters that a name has room with, as far as they stay legible.
+fn name_size(name: &str) -> u32 {
+    let letters = name.chars().count().max(1) as u32;
+    // A letter is about half as wide as it is high.
+    (2 * TEXT_WIDTH / letters).clamp(9, 13)
 }
 
 /// Places near those wanted that are at least `gap` apart and, if there is room, within the range.
@@ -297,6 +308,12 @@ mod tests {
     fn names_stay_apart_and_inside() {
         assert_eq!(apart(&[50, 10, 11], 10, [0, 100]), [50, 10, 20]);
         assert_eq!(apart(&[100, 99, 100], 10, [0, 100]), [90, 80, 100]);
+    }
+
+    #[test]
+    fn long_names_have_smaller_letters() {
+        assert_eq!(name_size("goal-proximity"), 13);
+        assert!(name_size(&"long".repeat(8)) < 11);
     }
 
     #[test]

@@ -57,11 +57,8 @@ pub(super) fn along(folder: &RunFolder, config: &RunConfig) -> Result<Along> {
     let steps = estimates.proximity.len() - 1;
     let end = if episode.trajectory.success { "which reached the goal" } else { "which missed it" };
     let caption = format!(
-        "{}: an evaluation episode of {steps} steps, {end}; lane {}, episode {}, policy version {}",
-        config.task,
-        episode.trajectory.lane,
-        episode.trajectory.episode,
-        episode.trajectory.policy_version
+        "an evaluation episode of {steps} steps, {end}; lane {}, episode {}, policy version {}",
+        episode.trajectory.lane, episode.trajectory.episode, episode.trajectory.policy_version
     );
     Ok(Along { picture: picture(&episode, &estimates)?.into_string(), caption })
 }

@@ -70,7 +70,7 @@ impl Everywhere {
         let shade = |number: f64| (number - low) / (high - low).max(1e-12);
         let side = self.width * CELL;
         html! {
-            g transform=(format!("translate({left} 24)")) {
+            g transform=(format!("translate({left} 24)")) shape-rendering="crispEdges" {
                 text x="0" y="-8" font-size="12" fill="#000000" { (name) }
                 (background(side, self.cells.len() / self.width * CELL, WALL_COLOR))
                 @for (&place, &number) in self.free.iter().zip(numbers) {
@@ -94,7 +94,8 @@ pub(super) fn frame(observation: &[u8], width: usize) -> Markup {
     let place = |&(place, _): &(usize, &u8)| (place % width, place / width);
     let [sides, heights] = [width * CELL, observation.len() / width * CELL];
     html! {
-        svg x="0" y="0" width="100%" height="100%" viewBox=(format!("0 0 {sides} {heights}")) {
+        svg x="0" y="0" width="100%" height="100%" viewBox=(format!("0 0 {sides} {heights}"))
+            shape-rendering="crispEdges" {
             (background(sides, heights, WALL_COLOR))
             @for cell in observation.iter().enumerate() {
                 @let (x, y) = place(&cell);
@@ -113,16 +114,15 @@ fn background(width: usize, height: usize, color: &str) -> Markup {
     html! { rect width=(width) height=(height) fill=(color) {} }
 }
 
-/// A cell a little larger than it is, so that no seam shows beside the next.
 fn square(x: usize, y: usize, color: &str) -> Markup {
-    let side = format!("{CELL}.3");
-    html! { rect x=(x * CELL) y=(y * CELL) width=(side) height=(side) fill=(color) {} }
+    html! { rect x=(x * CELL) y=(y * CELL) width=(CELL) height=(CELL) fill=(color) {} }
 }
 
 /// The mark of the goal.
 fn ring(x: usize, y: usize) -> Markup {
     let [x, y] = [x, y].map(|place| place * CELL + CELL / 2);
-    html! { circle cx=(x) cy=(y) r="3" fill="none" stroke=(AGENT_COLOR) stroke-width="2" {} }
+    html! { circle cx=(x) cy=(y) r="3" fill="none" stroke=(AGENT_COLOR) stroke-width="2"
+    shape-rendering="auto" {} }
 }
 
 /// A bar of the colors with the numbers at its ends.
@@ -132,7 +132,7 @@ fn scale(left: usize, low: f64, high: f64) -> Markup {
         g transform=(format!("translate({left} 0)")) {
             @for step in 0..steps {
                 @let share = 1.0 - (step as f64 + 0.5) / f64::from(steps);
-                rect y=(step * 5) width="8" height="5.3" fill=(color(share)) {}
+                rect y=(step * 5) width="8" height="5" fill=(color(share)) {}
             }
             text x="12" y="9" font-size="9" fill="#000000" { (crate::figures::number(high)) }
             text x="12" y=(steps * 5) font-size="9" fill="#000000" { (crate::figures::number(low)) }
@@ -163,7 +163,7 @@ mod tests {
             Estimates { proximity: vec![0.1, 0.9, 0.5], uncertainty: vec![0.0, 0.0, 0.0] };
         let picture = everywhere.picture(&estimates).into_string();
         let lightest =
-            format!(r#"<rect x="0" y="10" width="10.3" height="10.3" fill="{}">"#, color(1.0));
+            format!(r#"<rect x="0" y="10" width="10" height="10" fill="{}">"#, color(1.0));
         assert!(picture.contains(&lightest), "{picture}");
         assert!(!picture.contains("NaN"), "{picture}");
     }

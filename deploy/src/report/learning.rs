@@ -68,7 +68,7 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     };
     let runs = || panel.curves.iter().flat_map(|curve| &curve.runs);
     let ends = runs().filter_map(|run| Some(x(run.points.last()?)));
-    let end = ends.fold(0.0, f64::max);
+    let end = ends.fold(1.0, f64::max);
     let (unit, label) = match against {
         Against::Steps => steps_unit(end),
         Against::Time => time_unit(end),
@@ -78,7 +78,9 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
         let points = |run: &Measured| {
             run.points.iter().map(|point| [x(point) / unit, point.success_rate]).collect()
         };
-        let means = mean(&acting.map(points).collect::<Vec<_>>());
+        let mut means = mean(&acting.map(points).collect::<Vec<_>>());
+        let end = common_end(curve, &x) / unit;
+        means.retain(|(x, _)| *x <= end);
         let band = |(x, spread): &(f64, Spread)| spread.band().map(|[low, high]| [*x, low, high]);
         Line {
             name: curve.name.clone(),
@@ -91,11 +93,19 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     };
     Chart {
         title: panel.title.clone(),
-        x: Axis { label: label.to_owned(), range: [0.0, (end / unit).max(1e-9)], percent: false },
+        x: Axis { label: label.to_owned(), range: [0.0, end / unit], percent: false },
         y: Axis { label: "success".to_owned(), range: [0.0, 1.0], percent: true },
         curves: panel.curves.iter().map(line).collect(),
         marks: Vec::new(),
     }
+}
+
+/// Where the first of a curve's finished runs ends: behind it the mean would be one over those alone
+/// that are slower.
+fn common_end(curve: &MeasuredCurve, x: &dyn Fn(&Point) -> f64) -> f64 {
+    let finished = curve.runs.iter().filter(|run| run.is_finished());
+    let ends = finished.filter_map(|run| Some(x(run.points.last()?)));
+    ends.fold(f64::INFINITY, f64::min)
 }
 
 /// Success of a method that takes no environment steps, in its evaluation.
@@ -118,5 +128,82 @@ fn time_unit(end_s: f64) -> (f64, &'static str) {
         10_800.0.. => (3600.0, "wall time, hours"),
         180.0.. => (60.0, "wall time, minutes"),
         _ => (1.0, "wall time, seconds"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::config::RunConfig;
+    use protocol::run::RunFolder;
+    use protocol::summary::Summary;
+    use protocol::task::Task;
+
+    use super::*;
+    use crate::tasks;
+
+    /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
+    fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
+        let file = tasks::file_of(Task::Navigation);
+        let config = RunConfig::assemble(file, "goalward", &["steps=1000".to_owned()]).unwrap();
+        let summary = |evaluation: f64| -> Summary {
+            let steps = points.last().unwrap().0;
+            serde_json::from_value(serde_json::json!({
+                "task": "navigation", "method": "goal-proximity", "preset": "goalward", "seed": 1,
+                "actors": 2, "env_steps": steps, "episodes": 10, "iterations": points.len(),
+                "success_rate": points.last().unwrap().1,
+                "evaluation": {"episodes": 50, "success_rate": evaluation},
+                "wall_s": 2.0, "steps_per_s": steps / 2, "policy_sha256": "ab",
+                "proximity_sha256": "cd", "log": {"files": 2, "trajectories": 9, "bytes": 9},
+                "seconds": {"rollout": 1, "environment": 1, "inference": 1, "transport": 1,
+                    "log": 1, "scoring": 1, "policy_update": 1, "reward_update": 1}
+            }))
+            .unwrap()
+        };
+        let point = |&(environment_steps, success_rate): &(u64, f64)| Point {
+            environment_steps,
+            success_rate,
+            ..Point::default()
+        };
+        Measured {
+            folder: RunFolder::new("run"),
+            config,
+            summary: evaluation.map(summary),
+            points: points.iter().map(point).collect(),
+        }
+    }
+
+    fn curve(runs: Vec<Measured>, missing: &[&str]) -> MeasuredCurve {
+        let missing = missing.iter().map(|&text| text.to_owned()).collect();
+        MeasuredCurve { name: "curve".to_owned(), anchor: Some(0.5), runs, missing }
+    }
+
+    #[test]
+    fn a_row_counts_finished_runs_and_averages_those_that_came_as_far() {
+        let whole = run(&[(250, 0.25), (500, 0.5), (1010, 1.0)], Some(0.875));
+        let half = run(&[(260, 0.75), (520, 1.0)], None);
+        let missing = ["half: unfinished, 520 of 1,000 steps", "other: not begun"];
+        let row = Row::of(&curve(vec![whole, half], &missing));
+        assert_eq!((row.finished, row.wanted), (1, 3));
+        let means = row.during.map(|spread| spread.unwrap().mean);
+        assert_eq!(means, [0.5, 0.75, 1.0]);
+        assert_eq!(row.evaluation.unwrap().mean, 0.875);
+        assert_eq!(row.steps_per_s, Some(505.0));
+    }
+
+    #[test]
+    fn a_method_without_steps_is_a_level() {
+        let cloning = curve(vec![run(&[(0, 0.0)], Some(0.625))], &[]);
+        let row = Row::of(&cloning);
+        assert_eq!((row.during, row.last, row.steps_per_s), ([None; 3], None, None));
+        let panel = MeasuredPanel {
+            name: "navigation".to_owned(),
+            title: "NAVIGATION".to_owned(),
+            task: Task::Navigation,
+            curves: vec![cloning],
+        };
+        let chart = chart(&panel, &Palette::of(&[vec!["curve"]]), Against::Steps);
+        assert_eq!((chart.curves[0].level, chart.curves[0].points.len()), (Some(0.625), 0));
+        assert_eq!(chart.curves[0].anchor, Some(0.5));
+        crate::chart::draw(&[chart], [720, 400]).unwrap();
     }
 }

@@ -60,7 +60,7 @@ pub(super) struct Measured {
 }
 
 /// A policy update as a point of curves.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Point {
     /// The iteration, from 0.
     pub(super) iteration: u64,
@@ -107,8 +107,7 @@ impl MeasuredCurve {
             missing: Vec::new(),
         };
         for folder in curve.runs {
-            let name = folder.path().file_name().unwrap_or(folder.path().as_os_str());
-            let name = name.to_string_lossy().into_owned();
+            let name = name(&folder);
             if !folder.config_file().exists() {
                 measured.missing.push(format!("{name}: not begun"));
                 continue;
@@ -151,6 +150,11 @@ impl Measured {
         Ok(Measured { folder, config, summary, points: points(&updates) })
     }
 
+    /// The name of its folder, with its seed.
+    pub(super) fn name(&self) -> String {
+        format!("{} (seed {})", name(&self.folder), self.config.seed)
+    }
+
     /// Whether it learned from environment steps; otherwise only its evaluation says something.
     pub(super) fn acts(&self) -> bool {
         self.points.last().is_some_and(|point| point.environment_steps > 0)
@@ -170,6 +174,11 @@ impl Measured {
         let [done, all] = [done, self.config.steps].map(figures::count);
         Some(format!("unfinished, {done} of {all} steps"))
     }
+}
+
+fn name(folder: &RunFolder) -> String {
+    let path = folder.path();
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 fn points(updates: &[(u64, PolicyUpdate)]) -> Vec<Point> {

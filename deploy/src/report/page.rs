@@ -83,7 +83,11 @@ fn figure(figure: &MeasuredFigure, pictures: &Pictures) -> Markup {
     html! {
         section id=(figure.name) {
             h2 { (figure.title) }
-            @for panel in &figure.panels { (self::panel(figure, panel, pictures)) }
+            div.panels {
+                @for panel in &figure.panels {
+                    article { (self::panel(figure, panel, pictures)) }
+                }
+            }
         }
     }
 }
@@ -91,31 +95,30 @@ fn figure(figure: &MeasuredFigure, pictures: &Pictures) -> Markup {
 fn panel(figure: &MeasuredFigure, panel: &MeasuredPanel, pictures: &Pictures) -> Markup {
     let learning = |against| pictures.learning(&figure.name, &panel.name, against);
     html! {
-        h3 { (panel.title) }
         @match learning(Against::Steps) {
-            Some(text) => { (picture(text, "")) }
-            None => { p { "No run of this panel exists yet." } }
+            Some(text) => { (picture(text, &panel.title, "")) }
+            None => { h3 { (panel.title) } p { "No run of this panel exists yet." } }
         }
         (table(panel))
         @if let Some(text) = learning(Against::Time) {
             details {
                 summary { "The same against wall time" }
-                (picture(text, "Every run had the machine to itself only if it was run so."))
+                (picture(text, &panel.title, "Runs that shared the machine with others took longer."))
             }
         }
         @match pictures.heat(&figure.name, &panel.name) {
-            Some(Ok(text)) => (picture(text, "The trained ensemble's proximity and uncertainty for the \
-                agent on every free cell; the ring marks the goal.")),
+            Some(Ok((text, caption))) => (picture(text, caption, caption)),
             Some(Err(reason)) => p { "No proximity over the grid: " (reason) },
             None => {}
         }
     }
 }
 
-fn picture(text: &str, caption: &str) -> Markup {
+/// A picture; its title is for those who cannot see it.
+fn picture(text: &str, title: &str, caption: &str) -> Markup {
     html! {
         figure {
-            div.picture.scroll { (PreEscaped(text)) }
+            div.picture.scroll role="img" aria-label=(title) { (PreEscaped(text)) }
             @if !caption.is_empty() { figcaption { (caption) } }
         }
     }
@@ -183,7 +186,7 @@ fn episodes(pictures: &Pictures) -> Markup {
                 h2 { "Proximity along an episode" }
                 @for episode in episodes {
                     @match episode {
-                        Ok((text, caption)) => (picture(text, caption)),
+                        Ok((text, caption)) => (picture(text, caption, caption)),
                         Err(reason) => p { "No picture: " (reason) },
                     }
                 }

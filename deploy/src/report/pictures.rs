@@ -24,8 +24,8 @@ pub(super) struct Pictures {
     files: BTreeMap<String, String>,
     /// Episodes: name of the picture and caption, or why there is none.
     episodes: Vec<Result<(String, String), String>>,
-    /// Panels without a heat map that should have one, and why.
-    without_heat: BTreeMap<String, String>,
+    /// Heat maps by the stems of their panels: the caption, or why there is none.
+    heats: BTreeMap<String, Result<String, String>>,
 }
 
 impl Pictures {
@@ -35,11 +35,8 @@ impl Pictures {
     /// When a chart cannot be drawn. A picture that needs the programs of a run is left out where
     /// they fail, and the report says so.
     pub(super) fn of(figures: &[MeasuredFigure]) -> Result<Pictures> {
-        let mut pictures = Pictures {
-            files: BTreeMap::new(),
-            episodes: Vec::new(),
-            without_heat: BTreeMap::new(),
-        };
+        let mut pictures =
+            Pictures { files: BTreeMap::new(), episodes: Vec::new(), heats: BTreeMap::new() };
         let panels = || figures.iter().flat_map(|figure| &figure.panels);
         let names = |panel: &'_ MeasuredPanel| -> Vec<String> {
             panel.curves.iter().map(|curve| curve.name.clone()).collect()
@@ -74,25 +71,28 @@ impl Pictures {
         self.text(&learning_file(&stem(figure, panel), against))
     }
 
-    /// The heat map of a panel, or why it has none; nothing where none belongs.
-    pub(super) fn heat(&self, figure: &str, panel: &str) -> Option<Result<&str, &str>> {
+    /// The heat map of a panel and its caption, or why it has none; nothing where none belongs.
+    pub(super) fn heat(&self, figure: &str, panel: &str) -> Option<Result<(&str, &str), &str>> {
         let stem = stem(figure, panel);
-        let drawn = self.text(&heat_file(&stem)).map(Ok);
-        drawn.or_else(|| self.without_heat.get(&stem).map(|reason| Err(reason.as_str())))
+        let caption = self.heats.get(&stem)?.as_ref();
+        let with_text = |caption| (self.drawn(&heat_file(&stem)), caption);
+        Some(caption.map(String::as_str).map_err(String::as_str).map(with_text))
     }
 
     /// The episodes: picture and caption, or why there is none.
     pub(super) fn episodes(&self) -> impl Iterator<Item = Result<(&str, &str), &str>> {
         self.episodes.iter().map(|episode| match episode {
-            Ok((name, caption)) => {
-                Ok((self.text(name).expect("its file was drawn with it"), caption.as_str()))
-            }
+            Ok((name, caption)) => Ok((self.drawn(name), caption.as_str())),
             Err(reason) => Err(reason.as_str()),
         })
     }
 
     fn text(&self, name: &str) -> Option<&str> {
         self.files.get(name).map(String::as_str)
+    }
+
+    fn drawn(&self, name: &str) -> &str {
+        self.text(name).expect("a caption is kept together with its file")
     }
 
     fn draw_learning(
@@ -114,19 +114,24 @@ impl Pictures {
     fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel) {
         let ObservationSpec::Cells { width, .. } = panel.task.spec().observation else { return };
         let Some(run) = asked(panel).into_iter().next() else { return };
-        match heat(run, width) {
-            Ok(drawn) => drop(self.files.insert(heat_file(&stem), drawn)),
-            Err(error) => drop(self.without_heat.insert(stem, format!("{error:#}"))),
-        }
+        let drawn = heat(run, width).map(|drawn| {
+            self.files.insert(heat_file(&stem), drawn);
+            format!(
+                "Proximity and uncertainty that the trained ensemble of {} has for the agent on \
+                 every free cell. The ring marks the goal.",
+                run.name()
+            )
+        });
+        self.heats.insert(stem, drawn.map_err(|error| format!("{error:#}")));
     }
 
     fn draw_episode(&mut self, run: &Measured) {
         let drawn = episode::along(&run.folder, &run.config).map(|along| {
             let name = format!("episode-{}.svg", run.config.task);
             self.files.insert(name.clone(), along.picture);
-            (name, along.caption)
+            (name, format!("{}, {}: {}", run.config.task, run.name(), along.caption))
         });
-        self.episodes.push(drawn.map_err(|error| format!("{}: {error:#}", run.config.task)));
+        self.episodes.push(drawn.map_err(|error| format!("{}: {error:#}", run.name())));
     }
 }
 

@@ -1,7 +1,7 @@
 //! Folders of runs as a figure: a panel for each task, a curve for each method and setting, runs that
 //! differ in their seeds alone together.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use anyhow::Result;
 use protocol::config::RunConfig;
@@ -26,14 +26,18 @@ type Described = (RunFolder, String, Phrases);
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
 pub(super) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
-    let mut tasks: BTreeMap<&str, (Task, Vec<Described>)> = BTreeMap::new();
+    let mut described = Vec::new();
     for folder in folders {
         let Measured { folder, config, .. } = Measured::of(folder)?;
-        let (_, runs) = tasks.entry(config.task.name()).or_insert((config.task, Vec::new()));
-        runs.push((folder, config.method.to_string(), phrases(&config)));
+        described.push((config.task, (folder, config.method.to_string(), phrases(&config))));
     }
-    let panels = tasks.into_values().map(|(task, runs)| panel(task, runs));
-    Ok(Figure { name: "runs".into(), title: "Runs".into(), panels: panels.collect() })
+    let of_task = |task| {
+        let of_task = described.iter().filter(move |(other, _)| *other == task);
+        let runs: Vec<Described> = of_task.map(|(_, run)| run.clone()).collect();
+        (!runs.is_empty()).then(|| panel(task, runs))
+    };
+    let panels = Task::ALL.into_iter().filter_map(of_task).collect();
+    Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
 }
 
 fn phrases(config: &RunConfig) -> Phrases {
@@ -49,10 +53,14 @@ fn panel(task: Task, runs: Vec<Described>) -> Panel {
     let sets = || runs.iter().map(|(.., phrases)| phrases);
     let is_common = |phrase: &&String| sets().all(|phrases| phrases.contains(*phrase));
     let common: Phrases = sets().next().into_iter().flatten().filter(is_common).cloned().collect();
+    let methods: BTreeSet<&str> = runs.iter().map(|(_, method, _)| method.as_str()).collect();
     let mut curves: Vec<Curve> = Vec::new();
     for (folder, method, phrases) in &runs {
-        let own = phrases.difference(&common).map(String::as_str);
-        let name = std::iter::once(method.as_str()).chain(own).collect::<Vec<_>>().join(", ");
+        let mut own: Vec<&str> = phrases.difference(&common).map(String::as_str).collect();
+        if own.is_empty() || methods.len() > 1 {
+            own.insert(0, method);
+        }
+        let name = own.join(", ");
         match curves.iter_mut().find(|curve| curve.name == name) {
             Some(curve) => curve.runs.push(folder.clone()),
             None => curves.push(Curve { name, runs: vec![folder.clone()], anchor: None }),
@@ -84,7 +92,7 @@ mod tests {
         assert_eq!(panel.title, "FETCH PUSH: preset goalward");
         let curves: Vec<_> =
             panel.curves.iter().map(|curve| (curve.name.as_str(), curve.runs.len())).collect();
-        let expected = [("goal-proximity", 2), ("goal-proximity, reward.uncertainty=0.1", 1)];
+        let expected = [("goal-proximity", 2), ("reward.uncertainty=0.1", 1)];
         assert_eq!(curves, expected);
     }
 }
