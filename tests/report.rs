@@ -55,8 +55,7 @@ fn nothing_to_report_is_said_in_a_line() {
         (&["run", "empty"], None, "empty"),
         (&["run", "missing.toml"], None, "missing.toml"),
         (&["run", "--quick"], None, "--quick"),
-        (&["run", "run"], Some("updates-00000.mcap"), "expected policy updates"),
-        (&["run", "run"], Some("trajectories-00000.mcap"), "expected files"),
+        (&["run", "run"], Some("updates-00000.mcap"), "expected files"),
     ] {
         if let Some(file) = gone {
             fs::remove_file(log.join(file)).unwrap();

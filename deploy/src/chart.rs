@@ -142,7 +142,8 @@ fn paint(area: &Area<'_>, chart: &Chart) -> Painted {
         .x_label_area_size(38 * UNIT)
         .y_label_area_size(52 * UNIT);
     if !chart.title.is_empty() {
-        builder.caption(&chart.title, font(17));
+        let room = (area.dim_in_pixel().0 / UNITS).saturating_sub(NAMES_WIDTH as u32 / UNITS);
+        builder.caption(&chart.title, font(letter_size(&chart.title, room).min(17)));
     }
     let mut plane = builder.build_cartesian_2d(left..right, low..high)?;
     plane
@@ -258,17 +259,18 @@ fn names(plane: &Plane<'_, '_>, screen: &Area<'_>, chart: &Chart) -> Painted {
         if let Some(element) = marker((x + 23 * UNIT, y), line.style) {
             screen.draw(&element)?;
         }
-        let style = font(name_size(&line.name)).pos(Pos::new(HPos::Left, VPos::Center));
+        let size = letter_size(&line.name, TEXT_WIDTH).min(13);
+        let style = font(size).pos(Pos::new(HPos::Left, VPos::Center));
         screen.draw(&Text::new(line.name.clone(), (x + 40 * UNIT, y), style))?;
     }
     Ok(())
 }
 
-/// Size of the letters that a name has room with, as far as they stay legible.
-fn name_size(name: &str) -> u32 {
-    let letters = name.chars().count().max(1) as u32;
+/// Size of the letters with which a text has room, as far as they stay legible, pixels.
+fn letter_size(text: &str, room: u32) -> u32 {
+    let letters = text.chars().count().max(1) as u32;
     // A letter is about half as wide as it is high.
-    (2 * TEXT_WIDTH / letters).clamp(9, 13)
+    (2 * room / letters).max(9)
 }
 
 /// Places near those wanted that are at least `gap` apart and, if there is room, within the range.
@@ -311,9 +313,9 @@ mod tests {
     }
 
     #[test]
-    fn long_names_have_smaller_letters() {
-        assert_eq!(name_size("goal-proximity"), 13);
-        assert!(name_size(&"long".repeat(8)) < 11);
+    fn long_texts_have_smaller_letters() {
+        assert_eq!(["goal", "goal-proximity"].map(|text| letter_size(text, 100)), [50, 14]);
+        assert_eq!(letter_size(&"long".repeat(80), 100), 9);
     }
 
     #[test]

@@ -213,7 +213,31 @@ fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use protocol::log::{FileWriter, Kind, Metadata, Topic};
+
     use super::*;
+    use crate::tasks;
+
+    #[test]
+    fn a_run_that_has_only_begun_is_refused_alone_and_missing_in_a_figure() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path().join("begun"));
+        std::fs::create_dir_all(folder.log()).unwrap();
+        let file = tasks::file_of(Task::Navigation);
+        let config = RunConfig::assemble(file, "goalward", &[]).unwrap();
+        std::fs::write(folder.config_file(), config.to_text()).unwrap();
+        let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed);
+        let log = folder.log().join("updates-00000.mcap");
+        FileWriter::create(&log, &metadata, &[Topic::PolicyUpdate]).unwrap().seal().unwrap();
+        let error = Measured::of(folder.clone()).err().unwrap();
+        assert!(format!("{error:#}").contains("expected policy updates"), "{error:#}");
+
+        let runs = vec![folder, RunFolder::new(directory.path().join("nowhere"))];
+        let curve = MeasuredCurve::of(Curve { name: "ours".into(), runs, anchor: None });
+        assert!(curve.runs.is_empty(), "a run without updates has no curve");
+        assert!(curve.missing[0].starts_with("begun: ") && curve.missing.len() == 2);
+        assert_eq!(curve.missing[1], "nowhere: not begun");
+    }
 
     #[test]
     fn pauses_do_not_count() {
