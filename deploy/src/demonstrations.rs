@@ -7,11 +7,10 @@ use std::process::{Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, bail};
 use protocol::config::RunConfig;
-use protocol::log::{FileReader, Kind, Record};
+use protocol::log::{FileReader, Kind};
 use protocol::run::RunFolder;
 use protocol::setting::Setting;
 use protocol::task::Task;
-use protocol::trajectory::Encoded;
 
 use crate::output::Output;
 use crate::programs::Program;
@@ -89,7 +88,7 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<(
 /// Of wrong usage, when it is missing, damaged, of another task or shape, or too short.
 pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
     let shown = file.display();
-    let mut reader = FileReader::open(file).map_err(Refusal::usage)?;
+    let reader = FileReader::open(file).map_err(Refusal::usage)?;
     let metadata = reader.metadata();
     if metadata.kind != Kind::Demonstrations {
         return Err(wrong_usage(format!(
@@ -102,19 +101,9 @@ pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
             "{shown}: expected demonstrations of the task {expected}, found {found}"
         )));
     }
-    let spec = config.task.spec();
-    let mut episodes = 0;
-    for entry in reader.by_ref() {
-        let Record::Trajectory(bytes) = entry.map_err(Refusal::usage)?.record else { continue };
-        Encoded::decode(bytes, &spec)
-            .map_err(|error| wrong_usage(format!("{shown}: demonstration {episodes}: {error}")))?;
-        episodes += 1;
-    }
-    if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
-        return Err(wrong_usage(format!(
-            "{shown}: {ending}; `goalward log repair` keeps what is readable"
-        )));
-    }
+    let (spec, with_actions) = (config.task.spec(), config.needs_expert_actions());
+    let found = protocol::demonstrations::read(file, &spec, with_actions);
+    let episodes = found.map_err(Refusal::usage)?.len() as u64;
     let wanted = config.demonstrations.episodes;
     if episodes < wanted {
         return Err(wrong_usage(format!(

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::log::{FileReader, log_files};
+use protocol::log::recorded_configs;
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
@@ -33,7 +33,7 @@ impl FullLog {
     /// # Errors
     /// When it cannot be read, or its episodes do not act again as they did.
     pub(crate) fn of(run: &RunFolder) -> Result<FullLog> {
-        if !has_actions_only(&run.log())? {
+        if recorded_configs(&run.log())?.iter().all(|config| config.log.observations) {
             return Ok(FullLog { folder: run.log(), made: false });
         }
         let folder = run.path().join("restored-log");
@@ -67,19 +67,6 @@ impl Drop for FullLog {
 pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
     let mut actor = Program::Actor.command()?;
     programs::figures(actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out))
-}
-
-/// Whether some sitting of a run recorded actions only.
-fn has_actions_only(log: &Path) -> Result<bool> {
-    for file in log_files(log)? {
-        let reader = FileReader::open(&file.path)?;
-        if let Some(config) = reader.metadata().config()
-            && !config?.log.observations
-        {
-            return Ok(true);
-        }
-    }
-    Ok(false)
 }
 
 fn remove_if_there(folder: &Path) -> Result<()> {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use protocol::config::{DEFAULT_PRESET, RunConfig};
-use protocol::log::{FileReader, log_files};
+use protocol::log::recorded_configs;
 use protocol::run::RunFolder;
 use protocol::task::Task;
 
@@ -48,7 +48,7 @@ impl Plan {
     pub(crate) fn new_run(wishes: Wishes) -> Result<Plan> {
         let task = wishes.task.unwrap_or(Task::Navigation);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
-        let config = RunConfig::assemble(tasks::file_of(task), preset, &wishes.settings)?;
+        let config = tasks::configuration(task, preset, &wishes.settings)?;
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), task));
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
@@ -140,11 +140,7 @@ pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
 /// # Errors
 /// When the settings make no sound configuration.
 pub(crate) fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
-    // The preset is laid out in the values already; only its name is to be kept.
-    let mut all = vec![format!("preset={:?}", old.preset)];
-    all.extend_from_slice(settings);
-    let config = RunConfig::assemble(&old.to_text(), DEFAULT_PRESET, &all)?;
-    with_absolute_paths(config)
+    with_absolute_paths(old.with_settings(settings)?)
 }
 
 /// A run can be continued from anywhere, so its configuration names no relative path.
@@ -162,11 +158,9 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
     if !folder.log().exists() {
         return Ok(());
     }
-    let files = log_files(&folder.log()).map_err(Refusal::usage)?;
-    // A file that does not tell is the learner's to repair.
-    let begun =
-        files.iter().find_map(|file| FileReader::open(&file.path).ok()?.metadata().config());
-    let Some((key, [began, found])) = begun.and_then(|begun| begun.ok()?.result_difference(config))
+    let begun = recorded_configs(&folder.log()).map_err(Refusal::usage)?;
+    let Some((key, [began, found])) =
+        begun.iter().find_map(|begun| begun.result_difference(config))
     else {
         return Ok(());
     };

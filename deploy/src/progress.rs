@@ -145,7 +145,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let Some(update) = &progress.update else {
         let received = figures::count(progress.steps_received);
         return match phase {
-            Ok(Phase::Pretraining) => "training the proximity function offline".to_owned(),
+            Ok(Phase::Pretraining) => "training the reward model offline".to_owned(),
             _ => format!("first rollout: {received} steps received"),
         };
     };
@@ -156,15 +156,23 @@ fn line(progress: &Progress, per_second: f64) -> String {
         Ok(Phase::Training | Phase::Finished) | Err(_) => "",
     };
     let (done, wanted) = (update.environment_steps, progress.steps_wanted);
+    if wanted == 0 {
+        return format!(
+            "{phase}pass {} over the demonstrations  loss {}  on those held out {}",
+            figures::count(update.iteration + 1),
+            figures::number(update.policy_loss),
+            figures::number(update.held_out_loss),
+        );
+    }
     let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
     // The environment's own reward is not learned and has no versions.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
-    let proximity = learned.map_or(String::new(), |update| {
+    let reward_loss = learned.map_or(String::new(), |update| {
         let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
-        format!("  proximity loss {}+{}", figures::number(demonstrations), figures::number(agent))
+        format!("  reward loss {}+{}", figures::number(demonstrations), figures::number(agent))
     });
     format!(
-        "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{proximity}  \
+        "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{reward_loss}  \
          actors {}  leases {}",
         figures::count(done),
         figures::count(wanted),
@@ -256,14 +264,23 @@ mod tests {
         assert_eq!(
             line,
             "409,600/1,500,000 steps  27 %  success 50 %  5,000 steps/s  3 min 38 s left  \
-             KL 0.500  value loss 0.500  proximity loss 0.500+0.500  actors 2  leases 32"
+             KL 0.500  value loss 0.500  reward loss 0.500+0.500  actors 2  leases 32"
         );
+    }
+
+    #[test]
+    fn without_environment_steps_it_shows_passes() {
+        let mut progress = progress(0, 0, 0.5);
+        let update = progress.update.as_mut().unwrap();
+        (update.iteration, update.policy_loss, update.held_out_loss) = (11, 0.25, 0.5);
+        let expected = "pass 12 over the demonstrations  loss 0.250  on those held out 0.500";
+        assert_eq!(line(&progress, f64::NAN), expected);
     }
 
     #[test]
     fn before_the_first_update_it_says_what_is_going_on() {
         let mut progress = Progress::default();
-        assert_eq!(line(&progress, f64::NAN), "training the proximity function offline");
+        assert_eq!(line(&progress, f64::NAN), "training the reward model offline");
         progress.phase = Phase::Training as i32;
         progress.steps_received = 1024;
         assert_eq!(line(&progress, f64::NAN), "first rollout: 1,024 steps received");

@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use protocol::Error;
 use protocol::messages::{Checkpoint, Phase};
 use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
+use protocol::tensors::Tensors;
 
 use crate::desk::{DISK_PATIENCE, Entry, Order};
 use crate::scoring::Refused;
@@ -46,7 +47,10 @@ impl Trainer {
         fs::create_dir_all(unfinished)?;
         let policy = self.state.policy.weights(self.state.iteration);
         policy.save(&unfinished.join(POLICY_FILE))?;
-        self.state.save(&unfinished.join(LEARNER_FILE))?;
+        let mut tensors = Tensors::default();
+        self.state.save(&mut tensors);
+        self.learner.save(&mut tensors);
+        tensors.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
         let proximity_sha256 = self.scoring.save(&path.display().to_string())?;
         let relative = folder.strip_prefix(self.folder.path()).unwrap_or(folder);

@@ -7,6 +7,7 @@
 pub mod advantage;
 pub mod algorithm;
 pub mod batch;
+mod beginning;
 mod checkpoint;
 pub mod cli;
 pub mod desk;

@@ -1,23 +1,20 @@
-//! Everything the learner carries from one iteration to the next, and its checkpoint file.
+//! What the trainer carries from one iteration to the next, beside what the policy learner does.
 //!
-//! Random streams are named, not carried (`protocol::seed`), so this is all there is.
+//! Random streams are named, not carried (`protocol::seed`), so both together are all there is.
 
 use std::collections::VecDeque;
-use std::path::Path;
 
-use anyhow::{Context, Result, anyhow};
-use networks::{Adam, RunningNormalizer};
+use networks::RunningNormalizer;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
 
-use crate::reward_scale::RewardScale;
 use crate::rollout::LanePlan;
 
 /// Training episodes the success rate is taken over (paper, Section 4: the last 100).
 const SUCCESS_WINDOW: usize = 100;
 
-/// Everything the learner carries from one iteration to the next.
+/// What the trainer carries from one iteration to the next.
 #[derive(Clone, Debug)]
 pub struct State {
     /// Iterations finished.
@@ -32,10 +29,6 @@ pub struct State {
     pub policy: PolicyState,
     /// The policy one update older: with lag 1 it still acts.
     pub previous_policy: PolicyState,
-    /// The policy's optimizer.
-    pub optimizer: Adam,
-    /// Running deviation of the discounted return.
-    pub reward_scale: RewardScale,
     lanes: Vec<Lane>,
     successes: VecDeque<bool>,
 }
@@ -55,6 +48,15 @@ impl PolicyState {
     pub fn weights(&self, version: u64) -> Weights {
         Weights::new(version, &self.parameters, &self.normalizer.to_numbers())
     }
+
+    fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
+        let (parameters, moments) = (self.parameters.len(), self.normalizer.to_numbers().len());
+        let read = |part: &str| format!("{name}.{part}");
+        self.parameters = tensors.exactly(&read("parameters"), parameters, Tensors::f32)?;
+        let numbers = tensors.exactly(&read("moments"), moments, Tensors::f64)?;
+        self.normalizer = RunningNormalizer::from_numbers(&numbers);
+        Ok(())
+    }
 }
 
 /// What a lane has run over its whole life.
@@ -66,7 +68,7 @@ struct Lane {
 
 impl State {
     /// The state before the first iteration.
-    pub fn fresh(policy: PolicyState, optimizer: Adam, lanes: u64) -> State {
+    pub fn fresh(policy: PolicyState, lanes: u64) -> State {
         State {
             iteration: 0,
             environment_steps: 0,
@@ -74,8 +76,6 @@ impl State {
             wall_s: 0.0,
             previous_policy: policy.clone(),
             policy,
-            optimizer,
-            reward_scale: RewardScale::default(),
             lanes: vec![Lane::default(); lanes as usize],
             successes: VecDeque::with_capacity(SUCCESS_WINDOW),
         }
@@ -115,9 +115,8 @@ impl State {
         reached as f64 / self.successes.len().max(1) as f64
     }
 
-    /// Writes the checkpoint file.
-    pub fn save(&self, path: &Path) -> Result<()> {
-        let mut tensors = Tensors::default();
+    /// Adds all of it.
+    pub fn save(&self, tensors: &mut Tensors) {
         let counts = [self.iteration, self.environment_steps, self.episodes];
         tensors.put_u64("counts", counts);
         tensors.put_f64("wall_s", [self.wall_s]);
@@ -127,67 +126,25 @@ impl State {
             tensors.put_f32(&format!("{name}.parameters"), parameters);
             tensors.put_f64(&format!("{name}.moments"), policy.normalizer.to_numbers());
         }
-        tensors.put_f32("adam.first_moment", self.optimizer.first_moment.iter().copied());
-        tensors.put_f32("adam.second_moment", self.optimizer.second_moment.iter().copied());
-        tensors.put_u64("adam.step", [self.optimizer.step]);
-        let scale = &self.reward_scale;
-        tensors.put_f64("reward_scale", [scale.mean, scale.variance, scale.count]);
         tensors.put_u64("lanes.episodes", self.lanes.iter().map(|lane| lane.episodes));
         tensors.put_u64("lanes.steps", self.lanes.iter().map(|lane| lane.steps));
         tensors.put_u8("successes", self.successes.iter().map(|success| u8::from(*success)));
-        Ok(tensors.save(path)?)
     }
 
-    /// Reads what [`State::save`] wrote, into the shapes of `fresh`.
-    pub fn load(path: &Path, fresh: State) -> Result<State> {
-        let tensors = Tensors::load(path)?;
-        Self::from_tensors(&tensors, fresh)
-            .map_err(|message| anyhow!(message))
-            .with_context(|| format!("checkpoint {}", path.display()))
-    }
-
-    fn from_tensors(tensors: &Tensors, fresh: State) -> Result<State, String> {
-        let counts = exactly("counts", 3, tensors.u64("counts")?)?;
-        let scale = exactly("reward_scale", 3, tensors.f64("reward_scale")?)?;
-        let size = fresh.policy.parameters.len();
-        let policy = |name: &str| -> Result<PolicyState, String> {
-            let parameters = format!("{name}.parameters");
-            let moments = format!("{name}.moments");
-            let count = fresh.policy.normalizer.to_numbers().len();
-            Ok(PolicyState {
-                parameters: exactly(&parameters, size, tensors.f32(&parameters)?)?,
-                normalizer: RunningNormalizer::from_numbers(&exactly(
-                    &moments,
-                    count,
-                    tensors.f64(&moments)?,
-                )?),
-            })
-        };
-        let numbers = |name| exactly(name, size, tensors.f32(name)?);
-        let lane_numbers = |name| exactly(name, fresh.lanes.len(), tensors.u64(name)?);
+    /// Takes over what [`State::save`] added.
+    ///
+    /// # Errors
+    /// When the arrays are not of these shapes.
+    pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        let counts = tensors.exactly("counts", 3, Tensors::u64)?;
+        [self.iteration, self.environment_steps, self.episodes] = [counts[0], counts[1], counts[2]];
+        self.wall_s = tensors.exactly("wall_s", 1, Tensors::f64)?[0];
+        self.policy.restore("policy", tensors)?;
+        self.previous_policy.restore("previous_policy", tensors)?;
+        let lane_numbers = |name| tensors.exactly(name, self.lanes.len(), Tensors::u64);
         let lanes = lane_numbers("lanes.episodes")?.into_iter().zip(lane_numbers("lanes.steps")?);
-        let mut optimizer = fresh.optimizer.clone();
-        optimizer.first_moment = numbers("adam.first_moment")?;
-        optimizer.second_moment = numbers("adam.second_moment")?;
-        optimizer.step = exactly("adam.step", 1, tensors.u64("adam.step")?)?[0];
-        Ok(State {
-            iteration: counts[0],
-            environment_steps: counts[1],
-            episodes: counts[2],
-            wall_s: exactly("wall_s", 1, tensors.f64("wall_s")?)?[0],
-            policy: policy("policy")?,
-            previous_policy: policy("previous_policy")?,
-            optimizer,
-            reward_scale: RewardScale { mean: scale[0], variance: scale[1], count: scale[2] },
-            lanes: lanes.map(|(episodes, steps)| Lane { episodes, steps }).collect(),
-            successes: tensors.u8("successes")?.into_iter().map(|byte| byte == 1).collect(),
-        })
+        self.lanes = lanes.map(|(episodes, steps)| Lane { episodes, steps }).collect();
+        self.successes = tensors.u8("successes")?.into_iter().map(|byte| byte == 1).collect();
+        Ok(())
     }
-}
-
-fn exactly<T>(name: &str, expected: usize, numbers: Vec<T>) -> Result<Vec<T>, String> {
-    if numbers.len() == expected {
-        return Ok(numbers);
-    }
-    Err(format!("array `{name}`: expected {expected} numbers, found {}", numbers.len()))
 }

@@ -44,7 +44,7 @@ impl Trainer {
         let reached = evaluation.iter().filter(|encoded| encoded.trajectory.success).count();
         Summary {
             task: self.config.task,
-            method: self.config.method,
+            method: self.config.method.clone(),
             preset: self.config.preset.clone(),
             seed: self.config.seed,
             actors: self.config.resources.actors,

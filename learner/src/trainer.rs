@@ -3,26 +3,22 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use networks::{ActorCritic, Adam, PolicyArchitecture, RunningNormalizer};
 use prost::Message;
 use protocol::bus::{Bus, BusAddress};
 use protocol::config::{RunConfig, UpdateOrder};
-use protocol::log::{Kind, LogOptions, LogWriter, Metadata, log_files, repair};
+use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
 use protocol::process::Stop;
-use protocol::run::{LEARNER_FILE, PROXIMITY_FILE, RunFolder};
-use protocol::seed::{self, Purpose};
+use protocol::run::{PROXIMITY_FILE, RunFolder};
 use protocol::summary::Seconds;
-use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::{Encoded, Source};
 
-use crate::algorithm::Figures;
-use crate::algorithm::ppo::{Ppo, Schedule};
-use crate::batch::Batch;
+use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::beginning::Beginning;
 use crate::desk::{DeskHandle, Entry, Order, Setup};
 use crate::rollout::{LanePlan, Rollout};
 use crate::scoring::Scoring;
-use crate::state::{PolicyState, State};
+use crate::state::State;
 
 /// How often a waiting trainer looks whether it is to stop.
 const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
@@ -35,8 +31,7 @@ pub struct Trainer {
     pub(crate) scoring: Scoring,
     pub(crate) desk: DeskHandle,
     pub(crate) progress: Progress,
-    spec: Spec,
-    ppo: Ppo,
+    pub(crate) learner: Box<dyn PolicyLearner>,
     pub(crate) stop: Stop,
     pub(crate) seconds: Seconds,
     started: Instant,
@@ -56,33 +51,25 @@ impl Trainer {
     /// Opens everything: the newest checkpoint or a fresh state, the log, the ports, the service.
     pub fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
         let config = folder.config()?;
-        let spec = config.task.spec();
-        let architecture = PolicyArchitecture::from(&config.policy);
-        let network = ActorCritic::new(spec.observation, spec.action, &architecture);
-        let state = initial_state(folder, &config, &network)?;
-        let threads = rayon::ThreadPoolBuilder::new()
-            .num_threads(config.resources.learner_threads)
-            .thread_name(|number| format!("update-{number}"))
-            .build()?;
+        let Beginning { learner, state } = Beginning::of_run(folder, &config)?;
         let address = BusAddress::of_run(folder.path())?;
         let bus = Bus::open(&address, "learner-trainer")?;
         let setup = Setup {
             address,
-            spec,
+            spec: config.task.spec(),
             weights_bytes: state.policy.weights(u64::MAX).encoded_len(),
             lease_timeout: Duration::from_millis(config.resources.lease_timeout_ms),
             log: open_log(folder, &config)?,
         };
         let mut desk = DeskHandle::start(setup, &bus)?;
-        let progress = Progress { steps_wanted: config.steps, ..Progress::default() };
+        let progress = Progress { steps_wanted: config.steps_wanted(), ..Progress::default() };
         desk.order(Order::Tell(progress.clone()))?;
         Ok(Trainer {
             folder: folder.clone(),
             scoring: Scoring::open(bus)?,
             desk,
             progress,
-            spec,
-            ppo: Ppo::new(spec, config.ppo.clone(), network, threads),
+            learner,
             stop: stop.clone(),
             seconds: Seconds::default(),
             started: Instant::now(),
@@ -96,31 +83,35 @@ impl Trainer {
     /// Trains to the end; false if a stop came before it.
     pub fn train(&mut self) -> Result<bool> {
         self.begin_scoring()?;
-        let iterations = self.config.iterations();
         self.publish_weights()?;
-        if self.state.iteration < iterations {
+        if !self.is_over(self.state.iteration) {
             self.open_rollout(self.state.iteration)?;
         }
-        while self.state.iteration < iterations {
+        while !self.is_over(self.state.iteration) {
             let Some(trajectories) = self.collect()? else { return Ok(false) };
             let rollout_s = self.opened.elapsed().as_secs_f64();
             self.state.count(&trajectories);
             self.tell(Phase::Training, None, None)?;
             let next = self.state.iteration + 1;
-            if self.config.rollout.lag == 1 && next < iterations {
+            if self.config.rollout.lag == 1 && !self.is_over(next) {
                 self.open_rollout(next)?;
             }
             self.learn(&trajectories, rollout_s)?;
             self.publish_weights()?;
-            if self.config.rollout.lag == 0 && next < iterations {
+            if self.config.rollout.lag == 0 && !self.is_over(next) {
                 self.open_rollout(next)?;
             }
             // The last one is saved when the run is concluded.
-            if next < iterations && next.is_multiple_of(self.config.checkpoint.iterations) {
+            if !self.is_over(next) && next.is_multiple_of(self.config.checkpoint.iterations) {
                 self.save()?;
             }
         }
         Ok(true)
+    }
+
+    /// Whether training is over after so many iterations.
+    fn is_over(&self, iteration: u64) -> bool {
+        iteration >= self.config.iterations() || self.learner.is_finished()
     }
 
     fn begin_scoring(&mut self) -> Result<()> {
@@ -140,14 +131,25 @@ impl Trainer {
 
     /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
     fn open_rollout(&mut self, iteration: u64) -> Result<()> {
+        if self.learner.is_offline() {
+            return Ok(());
+        }
         let version = iteration.saturating_sub(self.config.rollout.lag);
         let plans = self.state.plans(iteration, self.config.rollout.lane_steps);
         self.opened = Instant::now();
         self.desk.order(Order::Open(Rollout::open(Source::Training, iteration, version, plans)))
     }
 
-    /// The complete batch of the open rollout; none if a stop comes before it.
+    /// The batch of an iteration: an empty one for a learner that needs none; none if a stop comes before it.
     fn collect(&mut self) -> Result<Option<Vec<Encoded>>> {
+        if self.learner.is_offline() {
+            return Ok((!self.stop.is_requested()).then(Vec::new));
+        }
+        self.rolled_out()
+    }
+
+    /// The complete batch of the open rollout; none if a stop comes before it.
+    fn rolled_out(&mut self) -> Result<Option<Vec<Encoded>>> {
         while !self.stop.is_requested() {
             if let Some(batch) = self.desk.batch(LOOK_FOR_STOP)? {
                 return Ok(Some(batch));
@@ -176,7 +178,7 @@ impl Trainer {
         let scoring_s = begun.elapsed().as_secs_f64() - improved_s;
         let begun = Instant::now();
         let learning_rate = self.config.policy_learning_rate().at(iteration);
-        let figures = self.update_policy(trajectories, &scores, learning_rate)?;
+        let figures = self.improve_policy(trajectories, &scores, learning_rate)?;
         let update_s = begun.elapsed().as_secs_f64();
         if let Some(under_way) = improvement {
             reward_update = Some(self.scoring.improved(under_way)?);
@@ -193,27 +195,17 @@ impl Trainer {
     }
 
     /// Line 9.
-    fn update_policy(
+    fn improve_policy(
         &mut self,
         trajectories: &[Encoded],
         scores: &[Score],
         learning_rate: f64,
     ) -> Result<Figures> {
-        let mut batch = Batch::new(trajectories, scores, &self.spec)?;
-        if self.config.ppo.normalize_rewards {
-            let gamma = self.config.ppo.gamma;
-            batch.scale_rewards(&mut self.state.reward_scale, trajectories, gamma);
-        }
-        let schedule =
-            Schedule { run_seed: self.config.seed, iteration: self.state.iteration, learning_rate };
-        let State { policy, previous_policy, optimizer, .. } = &mut self.state;
+        let (run_seed, iteration) = (self.config.seed, self.state.iteration);
+        let schedule = Schedule { run_seed, iteration, learning_rate };
+        let State { policy, previous_policy, .. } = &mut self.state;
         previous_policy.clone_from(policy);
-        batch.normalize(&policy.normalizer);
-        let figures = self.ppo.update(&mut policy.parameters, optimizer, &batch, &schedule);
-        for encoded in trajectories {
-            policy.normalizer.update(encoded.trajectory.observations());
-        }
-        Ok(figures)
+        self.learner.update(policy, trajectories, scores, &schedule)
     }
 
     fn policy_update(
@@ -243,11 +235,12 @@ impl Trainer {
             mean_reward: mean(scores, |score| &score.rewards),
             mean_proximity: mean(scores, |score| &score.proximity),
             mean_uncertainty: mean(scores, |score| &score.uncertainty),
-            mean_episode_steps: steps as f64 / trajectories.len() as f64,
+            mean_episode_steps: steps as f64 / trajectories.len().max(1) as f64,
             weights_sha256: self.state.policy.weights(self.state.iteration).sha256(),
             rollout_s: times.rollout_s,
             scoring_s: times.scoring_s,
             update_s: times.update_s,
+            held_out_loss: figures.held_out_loss,
         }
     }
 
@@ -306,26 +299,7 @@ impl Trainer {
         let version = self.state.iteration;
         let rollout = Rollout::open(Source::Evaluation, version, version, plans);
         self.desk.order(Order::Open(rollout))?;
-        self.collect()
-    }
-}
-
-fn initial_state(folder: &RunFolder, config: &RunConfig, network: &ActorCritic) -> Result<State> {
-    let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
-    let parameters = network.initial_parameters(&mut stream);
-    let optimizer = Adam::new(parameters.len(), config.ppo.adam_epsilon);
-    let normalized = match config.task.spec().observation {
-        ObservationSpec::Vector { len } if config.policy.normalize_observations => len,
-        _ => 0,
-    };
-    let policy = PolicyState { parameters, normalizer: RunningNormalizer::new(normalized) };
-    let fresh = State::fresh(policy, optimizer, config.rollout.lanes);
-    match folder.newest_checkpoint() {
-        None => Ok(fresh),
-        Some((iteration, checkpoint)) => {
-            tracing::info!("continuing after iteration {iteration}");
-            State::load(&checkpoint.join(LEARNER_FILE), fresh)
-        }
+        self.rolled_out()
     }
 }
 
@@ -333,9 +307,6 @@ fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
     let metadata =
         Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
     std::fs::create_dir_all(folder.log())?;
-    for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
-        tracing::info!("{}", repair(&file.path)?);
-    }
     let options = LogOptions {
         rotate_bytes: config.log.file_mib << 20,
         observations: config.log.observations,

@@ -1,7 +1,10 @@
 //! The policy update as a whole: it solves a bandit, and threads change no bit of it.
 
-use learner::algorithm::ppo::{Ppo, Schedule};
+use learner::algorithm::Schedule;
+use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
+use std::sync::Arc;
+
 use networks::{ActorCritic, Adam, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
 use protocol::config::PpoConfig;
 use protocol::seed::{Purpose, stream};
@@ -72,7 +75,7 @@ fn train_with(config: PpoConfig, threads: usize, iterations: u64) -> (Vec<f32>, 
     let mut parameters = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
     let mut optimizer = Adam::new(parameters.len(), 1e-5);
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let mut ppo = Ppo::new(BANDIT, config, network.clone(), threads);
+    let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
     let mut mean = 0.0;
     for iteration in 0..iterations {
         let batch = batch(&network, &parameters, iteration);

@@ -60,7 +60,7 @@ fn policy(
                 batch,
                 &mut workspace,
                 &slopes,
-                &value_slopes,
+                Some(&value_slopes),
                 &mut gradient,
             );
         });
@@ -85,7 +85,7 @@ fn policies(criterion: &mut Criterion) {
 fn ensembles(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("proximity ensemble of five");
     for (name, spec, rows) in [("cells", CELLS, 64), ("vector", VECTOR, 128)] {
-        let network = Network::new(RewardArchitecture::default().network_shape(spec));
+        let network = Network::new(RewardArchitecture::default().network_shape(spec, 1, 0));
         let streams = (0..5).map(|member| stream(1, Purpose::RewardWeights, member, 0));
         let ensemble = Ensemble::new(network, streams);
         let prepared = ensemble.prepare();

@@ -2,6 +2,7 @@
 
 use protocol::seed::Stream;
 
+use crate::loss::sigmoid;
 use crate::network::{Batch, Network, Prepared, Workspace};
 
 /// Independently drawn copies of one network with a single output.
@@ -11,25 +12,32 @@ pub struct Ensemble {
     pub network: Network,
     /// The parameters of each member.
     pub members: Vec<Vec<f32>>,
+    /// Whether each member's output passes through a sigmoid before it is averaged.
+    pub squashed: bool,
 }
 
-/// What an ensemble says about one observation.
+/// What an ensemble says about one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
-    /// Mean of the members, clamped to [0, 1] after averaging.
-    pub proximity: f32,
-    /// Standard deviation of the members' unclamped outputs, over one less than their number.
-    pub uncertainty: f32,
+    /// Mean of the members.
+    pub mean: f32,
+    /// Standard deviation of the members, over one less than their number.
+    pub deviation: f32,
 }
 
 impl Score {
-    /// The score of one observation, from each member's output. A single member is never uncertain.
+    /// The score of one row, from each member's output. A single member is never uncertain.
     pub fn of(outputs: impl ExactSizeIterator<Item = f32> + Clone) -> Self {
         let count = outputs.len();
         let mean = outputs.clone().map(f64::from).sum::<f64>() / count as f64;
         let square = |output: f32| (f64::from(output) - mean) * (f64::from(output) - mean);
         let variance = outputs.map(square).sum::<f64>() / count.saturating_sub(1).max(1) as f64;
-        Self { proximity: mean.clamp(0.0, 1.0) as f32, uncertainty: variance.sqrt() as f32 }
+        Self { mean: mean as f32, deviation: variance.sqrt() as f32 }
+    }
+
+    /// The proximity of an ensemble that regresses it: the mean, clamped to [0, 1] after averaging.
+    pub fn proximity(&self) -> f32 {
+        self.mean.clamp(0.0, 1.0)
     }
 }
 
@@ -42,7 +50,7 @@ impl Ensemble {
         assert_eq!(network.outputs(), 1, "outputs of a member of an ensemble");
         let streams = streams.into_iter();
         let members = streams.map(|mut stream| network.initial_parameters(&mut stream)).collect();
-        Self { network, members }
+        Self { network, members, squashed: false }
     }
 
     /// Packs the parameters of every member for evaluation.
@@ -67,6 +75,9 @@ impl Ensemble {
             let own = self.network.forward(prepared, batch, workspace);
             outputs.extend_from_slice(own.as_slice());
         }
+        if self.squashed {
+            outputs.iter_mut().for_each(|output| *output = sigmoid(*output));
+        }
         let rows = outputs.len() / prepared.len();
         let row = |row: usize| {
             let members = 0..prepared.len();
@@ -82,12 +93,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_is_clamped_and_the_deviation_is_not() {
+    fn the_proximity_is_clamped_and_the_deviation_is_not() {
         let score = Score::of([0.5, 1.5, 2.5].into_iter());
-        assert_eq!(score, Score { proximity: 1.0, uncertainty: 1.0 });
+        assert_eq!((score, score.proximity()), (Score { mean: 1.5, deviation: 1.0 }, 1.0));
         let score = Score::of([-3.0, -3.0].into_iter());
-        assert_eq!(score, Score { proximity: 0.0, uncertainty: 0.0 });
+        assert_eq!((score, score.proximity()), (Score { mean: -3.0, deviation: 0.0 }, 0.0));
         let score = Score::of([0.25].into_iter());
-        assert_eq!(score, Score { proximity: 0.25, uncertainty: 0.0 });
+        assert_eq!((score, score.proximity()), (Score { mean: 0.25, deviation: 0.0 }, 0.25));
     }
 }

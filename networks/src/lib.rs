@@ -24,7 +24,7 @@ pub use distribution::Distribution;
 pub use ensemble::{Ensemble, Score};
 pub use initialization::Initialization;
 pub use layer::activation::{Activation, tanh};
-pub use loss::squared_error;
+pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};
 pub use network::{Batch, Network, Prepared, Workspace};
 pub use normalization::{RunningMoments, RunningNormalizer};
 pub use optimizer::{Adam, add, clip_global_norm};

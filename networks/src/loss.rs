@@ -22,3 +22,48 @@ pub fn squared_error(
     }
     f64::from(weight) * total
 }
+
+/// The cross entropy between the sigmoid of logits and one label for all, in [0, 1], times `weight`,
+/// and its gradient: a discriminator's loss on the expert's rows with label 1, the agent's with 0.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn binary_cross_entropy(logits: &[f32], label: f32, weight: f32, gradient: &mut [f32]) -> f64 {
+    assert_eq!(logits.len(), gradient.len(), "one slope for each logit");
+    let mut total = 0.0;
+    for (logit, slope) in logits.iter().zip(gradient) {
+        *slope = weight * (sigmoid(*logit) - label);
+        total += f64::from(softplus(*logit)) - f64::from(label) * f64::from(*logit);
+    }
+    f64::from(weight) * total
+}
+
+/// The loss of pairs of which the first is to be above the second, `-log sigmoid(above - below)`,
+/// times `weight`, and its gradients: the ranking loss of Figure 7.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn ranking(
+    above: &[f32],
+    below: &[f32],
+    weight: f32,
+    [above_gradient, below_gradient]: [&mut [f32]; 2],
+) -> f64 {
+    assert_eq!(above.len(), below.len(), "pairs");
+    let lead: Vec<f32> = above.iter().zip(below).map(|(above, below)| above - below).collect();
+    let loss = binary_cross_entropy(&lead, 1.0, weight, above_gradient);
+    assert_eq!(above_gradient.len(), below_gradient.len(), "pairs");
+    below_gradient.iter_mut().zip(above_gradient).for_each(|(below, above)| *below = -*above);
+    loss
+}
+
+/// The logistic function: the probability whose log-odds are given.
+pub fn sigmoid(number: f32) -> f32 {
+    (1.0 / (1.0 + libm::exp(-f64::from(number)))) as f32
+}
+
+/// `log(1 + exp(number))`, without overflow.
+pub fn softplus(number: f32) -> f32 {
+    let number = f64::from(number);
+    (number.max(0.0) + libm::log1p(libm::exp(-number.abs()))) as f32
+}

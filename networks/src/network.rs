@@ -302,6 +302,37 @@ impl Network {
             cells.parameter_gradient(batch.observations, winners, slopes.as_slice(), lanes, own);
         }
     }
+
+    /// The gradient of the numbers each row consists of, for the gradient of the outputs of the last
+    /// [`Network::forward`] in this workspace, which was with the same parameters: `numbers x rows`.
+    /// They are those of the vectors and then those beside them; of a grid only those beside.
+    /// [`Network::backward`] may come before it or after it.
+    ///
+    /// # Panics
+    /// If a shape is not that of the forward half.
+    pub fn input_gradient<'w>(
+        &self,
+        prepared: &Prepared,
+        workspace: &'w mut Workspace,
+        output_gradient: &DMatrix<f32>,
+    ) -> &'w DMatrix<f32> {
+        let Workspace { values, slopes, input_slopes, .. } = workspace;
+        assert_eq!(output_gradient.shape(), values[self.affine.len()].shape(), "outputs x rows");
+        let rows = output_gradient.ncols();
+        reshape(slopes, output_gradient.nrows(), rows);
+        slopes.copy_from(output_gradient);
+        for (index, layer) in self.affine.iter().enumerate().skip(self.join).rev() {
+            layer.activation.backward(values[index + 1].as_slice(), slopes.as_mut_slice());
+            reshape(input_slopes, layer.inputs, rows);
+            let panels = &prepared.panels[index];
+            layer.input_gradient(panels, slopes.as_slice(), input_slopes.as_mut_slice());
+            std::mem::swap(slopes, input_slopes);
+        }
+        if self.cells.is_some() {
+            last(slopes, self.shape.beside, rows);
+        }
+        slopes
+    }
 }
 
 /// Gives a matrix a new shape in the memory it has; its numbers are to be overwritten.
@@ -341,4 +372,14 @@ fn narrow(values: &mut DMatrix<f32>, further: usize, rows: usize) {
         numbers.copy_within(row * width..row * width + features, row * features);
     }
     reshape(values, features, rows);
+}
+
+/// Keeps only the last `further` features of each row.
+fn last(values: &mut DMatrix<f32>, further: usize, rows: usize) {
+    let width = values.nrows();
+    let numbers = values.as_mut_slice();
+    for row in 0..rows {
+        numbers.copy_within((row + 1) * width - further..(row + 1) * width, row * further);
+    }
+    reshape(values, further, rows);
 }

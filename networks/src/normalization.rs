@@ -8,6 +8,10 @@ use serde::{Deserialize, Serialize};
 /// What is added to a variance before its root is taken.
 const EPSILON: f64 = 1e-8;
 
+/// Numbers that vary by less in demonstrations are not normalized by them; meters, radians, or per
+/// second.
+const LEAST_DEVIATION: f64 = 0.01;
+
 /// Normalized observations are cut off at this many standard deviations.
 const CLIP: f64 = 10.0;
 
@@ -61,6 +65,15 @@ impl RunningNormalizer {
     /// A normalizer of observations of `len` numbers that has seen none.
     pub fn new(len: usize) -> Self {
         Self { moments: vec![RunningMoments::default(); len] }
+    }
+
+    /// A normalizer by the moments that observations of `len` numbers have in demonstrations; what
+    /// hardly varies there stays as it is.
+    pub fn of_demonstrations(len: usize, observations: &[u8]) -> Self {
+        let mut normalizer = Self::new(len);
+        normalizer.update(observations);
+        normalizer.leave_constant(LEAST_DEVIATION);
+        normalizer
     }
 
     /// Leaves numbers that vary by less than a deviation as they are from now on: scaled up, the

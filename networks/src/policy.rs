@@ -2,7 +2,7 @@
 //!
 //! Over cells, actor and critic are two heads of one network; over vectors they are two networks. A
 //! continuous policy has one further parameter for each action number, the logarithm of its standard
-//! deviation, which does not depend on the observation.
+//! deviation, which does not depend on the observation; a squashed one has a head for it instead.
 
 use nalgebra::DMatrix;
 use protocol::seed::Stream;
@@ -64,9 +64,13 @@ impl ActorCritic {
         action: ActionSpec,
         architecture: &PolicyArchitecture,
     ) -> Self {
-        let (actor_outputs, actor_gain, log_deviations) = match action {
-            ActionSpec::Discrete { count } => (count, 0.01, 0),
-            ActionSpec::Continuous { len } => (len, 1.0, len),
+        let distribution = Distribution::new(action, architecture.squashed);
+        let outputs = distribution.parameter_count();
+        let (actor_outputs, actor_gain, log_deviations) = match distribution {
+            Distribution::Categorical { .. } | Distribution::SquashedGaussian { .. } => {
+                (outputs, 0.01, 0)
+            }
+            Distribution::Gaussian { len } => (len, 1.0, len),
         };
         let head = |outputs, gain| {
             let initialization = Initialization::Orthogonal(gain);
@@ -81,7 +85,7 @@ impl ActorCritic {
         let network = |heads: Vec<Head>| {
             Network::new(NetworkShape {
                 observation,
-                frames: 1,
+                frames: architecture.frames,
                 beside: 0,
                 cells: architecture.cells.clone(),
                 hidden: hidden.clone(),
@@ -95,7 +99,6 @@ impl ActorCritic {
         } else {
             vec![network(vec![actor]), network(vec![critic])]
         };
-        let distribution = Distribution::new(action);
         Self { networks, distribution, actor_outputs, log_deviations }
     }
 
@@ -117,6 +120,19 @@ impl ActorCritic {
             networks.flat_map(|network| network.initial_parameters(stream)).collect();
         parameters.resize(self.parameter_count(), 0.0);
         parameters
+    }
+
+    /// Multiplies what the actor gives by a factor, in the parameters.
+    ///
+    /// # Panics
+    /// If there are not [`ActorCritic::parameter_count`] of them.
+    pub fn scale_actor(&self, parameters: &mut [f32], factor: f32) {
+        assert_eq!(parameters.len(), self.parameter_count(), "parameters of this policy");
+        let actor = &self.networks[0];
+        let last = actor.parameter_ranges().last().expect("there is an output layer").clone();
+        for row in parameters[last].chunks_exact_mut(actor.outputs()) {
+            row[..self.actor_outputs].iter_mut().for_each(|number| *number *= factor);
+        }
     }
 
     /// Packs a version of the parameters for evaluation.
@@ -192,7 +208,8 @@ impl ActorCritic {
     }
 
     /// Adds to `gradient` the gradient of all parameters, for the gradients of what the last
-    /// [`ActorCritic::forward`] in this workspace gave on the same batch and parameters.
+    /// [`ActorCritic::forward`] in this workspace gave on the same batch and parameters. Without
+    /// slopes of the values [`ActorCritic::act`] is enough, and the critic has no gradient.
     ///
     /// # Panics
     /// If a shape is not that of the forward half.
@@ -202,7 +219,7 @@ impl ActorCritic {
         batch: Batch<'_>,
         workspace: &mut PolicyWorkspace,
         parameter_slopes: &DMatrix<f32>,
-        value_slopes: &DMatrix<f32>,
+        value_slopes: Option<&DMatrix<f32>>,
         gradient: &mut [f32],
     ) {
         let PolicyWorkspace { networks: [first, second], slopes, .. } = workspace;
@@ -216,11 +233,18 @@ impl ActorCritic {
         let log_deviations = match &self.networks[..] {
             [_, critic] => {
                 let (critic_own, rest) = rest.split_at_mut(critic.parameter_count());
-                critic.backward(&prepared.networks[1], batch, second, value_slopes, critic_own);
+                if let Some(value_slopes) = value_slopes {
+                    let prepared = &prepared.networks[1];
+                    critic.backward(prepared, batch, second, value_slopes, critic_own);
+                }
                 rest
             }
             _ => {
-                slopes.row_mut(self.actor_outputs).copy_from(&value_slopes.row(0));
+                let mut row = slopes.row_mut(self.actor_outputs);
+                match value_slopes {
+                    Some(value_slopes) => row.copy_from(&value_slopes.row(0)),
+                    None => row.fill(0.0),
+                }
                 rest
             }
         };

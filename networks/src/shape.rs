@@ -1,6 +1,6 @@
 //! What a network looks like, as a configuration states it (paper, Appendix G.2).
 
-use protocol::config::{PolicyConfig, RewardConfig};
+use protocol::config::{ActionDistribution, PolicyActivation, PolicyConfig, RewardConfig};
 use protocol::task::ObservationSpec;
 use serde::{Deserialize, Serialize};
 
@@ -40,13 +40,24 @@ pub struct PolicyArchitecture {
     pub activation: Activation,
     /// Whether actor and critic share the encoder of cell observations.
     pub shared_trunk: bool,
+    /// Whether continuous actions are squashed, with deviations that depend on the observation.
+    pub squashed: bool,
+    /// Observations in a row: one, or two for an inverse dynamics model.
+    pub frames: usize,
 }
 
 impl Default for PolicyArchitecture {
     fn default() -> Self {
         let cells = CellsArchitecture::default();
         let activation = Activation::Tanh;
-        Self { cells, hidden: vec![256, 256], activation, shared_trunk: true }
+        Self {
+            cells,
+            hidden: vec![256, 256],
+            activation,
+            shared_trunk: true,
+            squashed: false,
+            frames: 1,
+        }
     }
 }
 
@@ -70,12 +81,18 @@ impl Default for RewardArchitecture {
 }
 
 impl RewardArchitecture {
-    /// The network of this architecture with one output, over a single observation.
-    pub fn network_shape(&self, observation: ObservationSpec) -> NetworkShape {
+    /// The network of this architecture with one output, over so many observations of a row and so
+    /// many numbers beside them.
+    pub fn network_shape(
+        &self,
+        observation: ObservationSpec,
+        frames: usize,
+        beside: usize,
+    ) -> NetworkShape {
         NetworkShape {
             observation,
-            frames: 1,
-            beside: 0,
+            frames,
+            beside,
             cells: self.cells.clone(),
             hidden: self.hidden.clone(),
             activation: self.activation,
@@ -124,8 +141,13 @@ impl From<&PolicyConfig> for PolicyArchitecture {
                 ..CellsArchitecture::default()
             },
             hidden: config.hidden.clone(),
+            activation: match config.activation {
+                PolicyActivation::Tanh => Activation::Tanh,
+                PolicyActivation::Relu => Activation::Relu,
+            },
             shared_trunk: config.shared_trunk,
-            ..PolicyArchitecture::default()
+            squashed: config.distribution == ActionDistribution::SquashedGaussian,
+            frames: 1,
         }
     }
 }

@@ -5,10 +5,11 @@
 use nalgebra::DMatrix;
 use networks::{
     Activation, ActorCritic, Batch, CellsArchitecture, Distribution, Head, Initialization, Network,
-    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, squared_error,
+    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking,
+    sigmoid, softplus, squared_error,
 };
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{ActionSpec, ObservationSpec};
+use protocol::task::{ActionSpec, ObservationSpec, floats};
 use rand::RngExt;
 
 const ROWS: usize = 7;
@@ -130,6 +131,65 @@ fn cells_networks() {
     check_network(NetworkShape { cells, ..shape(observation) });
 }
 
+/// Checks the gradient of a random linear function of the outputs with respect to the numbers of the
+/// rows, and that it leaves the gradient of the parameters as it is.
+fn check_inputs(shape: NetworkShape) {
+    let mut stream = random();
+    let vector = matches!(shape.observation, ObservationSpec::Vector { .. });
+    let observations = observations(shape.observation, shape.frames, &mut stream);
+    let beside: Vec<f32> = (0..ROWS * shape.beside).map(|_| normal(&mut stream)).collect();
+    let own = if vector { observations.len() / (4 * ROWS) } else { 0 };
+    let width = own + shape.beside;
+    let network = Network::new(shape);
+    let parameters: Vec<f32> =
+        (0..network.parameter_count()).map(|_| 0.4 * normal(&mut stream)).collect();
+    let prepared = network.prepare(&parameters);
+    let slopes = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
+    let mut workspace = Workspace::default();
+    let seen: Vec<f32> = if vector { floats(&observations).collect() } else { Vec::new() };
+    let mut numbers = Vec::new();
+    for row in 0..ROWS {
+        numbers.extend(&seen[row * own..(row + 1) * own]);
+        numbers.extend(&beside[row * (width - own)..(row + 1) * (width - own)]);
+    }
+    let expected = differences(&numbers, 5e-4, |numbers| {
+        let rows = numbers.chunks_exact(width);
+        let moved: Vec<u8> = rows
+            .clone()
+            .flat_map(|row| row[..own].iter().flat_map(|one| one.to_le_bytes()))
+            .collect();
+        let beside: Vec<f32> = rows.flat_map(|row| row[own..].iter().copied()).collect();
+        let observations = if vector { &moved } else { &observations };
+        let batch = Batch { observations, beside: &beside };
+        let outputs = network.forward(&prepared, batch, &mut workspace);
+        let each = outputs.iter().zip(&slopes);
+        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+    });
+    let batch = Batch { observations: &observations, beside: &beside };
+    let [alone, after] = [false, true].map(|between| {
+        network.forward(&prepared, batch, &mut workspace);
+        if between {
+            let found = network.input_gradient(&prepared, &mut workspace, &slopes);
+            assert_eq!(found.shape(), (width, ROWS));
+            assert_close("inputs", found.as_slice(), &expected, 0.01);
+        }
+        let mut gradient = vec![0.0; parameters.len()];
+        network.backward(&prepared, batch, &mut workspace, &slopes, &mut gradient);
+        gradient
+    });
+    assert_eq!(alone, after);
+}
+
+#[test]
+fn inputs() {
+    check_inputs(shape(ObservationSpec::Vector { len: 5 }));
+    let vector = shape(ObservationSpec::Vector { len: 4 });
+    check_inputs(NetworkShape { frames: 2, beside: 3, activation: Activation::Relu, ..vector });
+    let observation = ObservationSpec::Cells { height: 10, width: 11, classes: 3 };
+    check_inputs(NetworkShape { frames: 2, beside: 2, ..shape(observation) });
+    check_inputs(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
+}
+
 fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: bool) {
     let mut stream = random();
     let architecture = PolicyArchitecture {
@@ -157,7 +217,7 @@ fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: 
     loss(&parameters);
     let mut gradient = vec![0.0; count];
     let prepared = policy.prepare(&parameters);
-    policy.backward(&prepared, batch, &mut workspace, &slopes, &value_slopes, &mut gradient);
+    policy.backward(&prepared, batch, &mut workspace, &slopes, Some(&value_slopes), &mut gradient);
     assert_close("policy", &gradient, &expected, 0.01);
     let tail = count.saturating_sub(3);
     assert_close("last parameters", &gradient[tail..], &expected[tail..], 0.01);
@@ -177,15 +237,20 @@ fn policies() {
 #[test]
 fn distributions() {
     let mut stream = random();
-    for action in [ActionSpec::Discrete { count: 5 }, ActionSpec::Continuous { len: 3 }] {
-        let distribution = Distribution::new(action);
+    let continuous = ActionSpec::Continuous { len: 3 };
+    for (action, squashed) in
+        [(ActionSpec::Discrete { count: 5 }, false), (continuous, false), (continuous, true)]
+    {
+        let distribution = Distribution::new(action, squashed);
         let count = distribution.parameter_count();
         let parameters: Vec<f32> = (0..count).map(|_| 0.5 * normal(&mut stream)).collect();
         let mut bytes = vec![0; action.bytes()];
         for _ in 0..20 {
             let sampled = distribution.sample(&parameters, &mut stream, &mut bytes);
             assert_eq!(sampled, distribution.log_probability(&parameters, &bytes));
-            let expected = differences(&parameters, 5e-3, |parameters| {
+            // The deviation's bounded logarithm bends sharply.
+            let step = if squashed { 1e-3 } else { 5e-3 };
+            let expected = differences(&parameters, step, |parameters| {
                 let log_probability = distribution.log_probability(parameters, &bytes);
                 1.5 * f64::from(log_probability) - 0.7 * f64::from(distribution.entropy(parameters))
             });
@@ -236,4 +301,34 @@ fn losses() {
     });
     squared_error(&predictions, &targets, 0.25, &mut gradient);
     assert_close("squared error", &gradient, &expected, 1e-3);
+    for label in [0.0, 1.0] {
+        let expected = differences(&predictions, 1e-3, |predictions| {
+            binary_cross_entropy(predictions, label, 0.25, &mut [0.0; 3])
+        });
+        binary_cross_entropy(&predictions, label, 0.25, &mut gradient);
+        assert_close("cross entropy", &gradient, &expected, 1e-3);
+    }
+    let pairs = [0.1, 2.5, 0.3, -1.0];
+    let mut gradient = [0.0; 4];
+    let loss = |pairs: &[f32], gradient: &mut [f32; 4]| {
+        let (above, below) = gradient.split_at_mut(2);
+        ranking(&pairs[..2], &pairs[2..], 0.5, [above, below])
+    };
+    let expected = differences(&pairs, 1e-3, |pairs| loss(pairs, &mut [0.0; 4]));
+    loss(&pairs, &mut gradient);
+    assert_close("ranking", &gradient, &expected, 1e-3);
+}
+
+#[test]
+fn losses_have_the_values_of_the_definition() {
+    let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-6, "{found}");
+    let (two, three) = (2.0_f64, 3.0_f64);
+    let expert = -(1.0 / (1.0 + (-two).exp())).ln() - (1.0 / (1.0 + three.exp())).ln();
+    close(binary_cross_entropy(&[2.0, -3.0], 1.0, 1.0, &mut [0.0; 2]), expert);
+    let agent = -(1.0 - 1.0 / (1.0 + (-two).exp())).ln();
+    close(binary_cross_entropy(&[2.0], 0.0, 1.0, &mut [0.0]), agent);
+    let above = -(1.0 / (1.0 + (-two).exp())).ln();
+    close(ranking(&[1.5], &[-0.5], 1.0, [&mut [0.0], &mut [0.0]]), above);
+    assert_eq!((sigmoid(200.0), sigmoid(-200.0), sigmoid(0.0)), (1.0, 0.0, 0.5));
+    assert_eq!((softplus(200.0), softplus(-200.0)), (200.0, 0.0));
 }

@@ -106,7 +106,7 @@ fn check_policy(case: &Case, policy: &ActorCritic) {
             case.assert_close("entropies", &entropies, 1e-5);
             case.assert_close("values", found.values.as_slice(), 1e-5);
         }
-        policy.backward(&prepared, batch, &mut workspace, &slopes, &value_slopes, gradient);
+        policy.backward(&prepared, batch, &mut workspace, &slopes, Some(&value_slopes), gradient);
         loss as f32
     });
 }
@@ -134,7 +134,7 @@ fn cells_proximity() {
         hidden: HIDDEN.to_vec(),
         ..RewardArchitecture::default()
     };
-    let network = Network::new(architecture.network_shape(CELLS));
+    let network = Network::new(architecture.network_shape(CELLS, 1, 0));
     let batch = Batch::new(case.bytes("observations"));
     let targets = case.numbers("targets");
     let mut workspace = Workspace::default();

@@ -31,7 +31,7 @@ fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
 #[test]
 fn a_rows_bits_do_not_depend_on_its_batch() {
     for spec in [CELLS, VECTOR] {
-        let network = Network::new(RewardArchitecture::default().network_shape(spec));
+        let network = Network::new(RewardArchitecture::default().network_shape(spec, 1, 0));
         let prepared = network.prepare(&network.initial_parameters(&mut random()));
         let mut workspace = Workspace::default();
         let bytes = observations(spec, 40);
@@ -62,7 +62,7 @@ fn sharded_gradient(policy: &ActorCritic, spec: ObservationSpec, threads: usize)
         let (slopes, value_slopes): (DMatrix<f32>, DMatrix<f32>) =
             (found.parameters.map(|number| number - 0.3), found.values.map(|value| value - 1.0));
         let mut gradient = vec![0.0; parameters.len()];
-        policy.backward(&prepared, batch, workspace, &slopes, &value_slopes, &mut gradient);
+        policy.backward(&prepared, batch, workspace, &slopes, Some(&value_slopes), &mut gradient);
         gradient
     };
     let mut gradients = vec![Vec::new(); shards.len()];

@@ -75,6 +75,14 @@ pub enum Error {
         /// What was expected and what was met.
         message: String,
     },
+    /// Demonstrations that a run cannot learn from.
+    #[error("demonstrations {}: {message}", path.display())]
+    Demonstrations {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was met.
+        message: String,
+    },
     /// A folder that holds no run.
     #[error("{} is not a run: {message}", path.display())]
     NotARun {

@@ -32,6 +32,11 @@ impl RunConfig {
         self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
     }
 
+    /// A learning rate that falls to 0 over the run.
+    pub fn learning_rate_to_zero(&self, first: f64) -> LearningRate {
+        self.learning_rate(first, true, 0)
+    }
+
     fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
         let steps = if decay_steps == 0 { self.steps } else { decay_steps };
         LearningRate { first, iterations: decay.then(|| steps.div_ceil(self.iteration_steps())) }

@@ -2,11 +2,12 @@
 //!
 //! [`task`] says what a task's observations and actions look like, [`trajectory`] and [`messages`]
 //! what travels, [`bus`] how it travels (the only module that names iceoryx2), [`log`] how it is
-//! kept (the only one that names mcap), [`config`] what a run is and [`seed`] where its randomness
-//! comes from.
+//! kept (the only one that names mcap), [`config`] what a run is, [`mod@demonstrations`] what it learns from
+//! and [`seed`] where its randomness comes from.
 
 pub mod bus;
 pub mod config;
+pub mod demonstrations;
 pub mod error;
 pub mod learning_rate;
 pub mod log;

@@ -312,6 +312,9 @@ pub struct PolicyUpdate {
     /// Wall time of the update.
     #[prost(double, tag = "22")]
     pub update_s: f64,
+    /// Loss on demonstrations held out; of learners that hold some out.
+    #[prost(double, tag = "23")]
+    pub held_out_loss: f64,
 }
 
 /// One update of the reward model.

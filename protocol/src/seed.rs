@@ -36,6 +36,18 @@ pub enum Purpose {
     PretrainingBatches = 10,
     /// Batches of online reward-model training; major is the iteration.
     ImprovementBatches = 11,
+    /// Which demonstrations are held out from cloning.
+    HeldOutDemonstrations = 12,
+    /// Minibatches of cloning; major is the iteration, minor the pass.
+    CloningBatches = 13,
+    /// First weights of the inverse dynamics model.
+    InverseDynamicsWeights = 14,
+    /// Transitions the inverse dynamics model is trained on; major is the iteration.
+    InverseDynamicsBatches = 15,
+    /// First weights of Q-functions; major is the function.
+    QWeights = 16,
+    /// Replayed transitions and the actions drawn at them; major is the update.
+    Replay = 17,
 }
 
 /// Opens the stream named by its four parts.

@@ -5,7 +5,6 @@ use std::fs;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::config::Method;
 use crate::run::RunFolder;
 use crate::task::Task;
 
@@ -15,7 +14,7 @@ pub struct Summary {
     /// The task.
     pub task: Task,
     /// The method.
-    pub method: Method,
+    pub method: String,
     /// Name of the preset the configuration came from.
     pub preset: String,
     /// Seed of the run.

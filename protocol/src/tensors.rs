@@ -41,6 +41,20 @@ impl Tensors {
     kind!(put_u64, u64, u64, U64, 8);
     kind!(put_u8, u8, u8, U8, 1);
 
+    /// An array that has to have so many numbers, read by one of the functions for a kind.
+    pub fn exactly<T>(
+        &self,
+        name: &str,
+        expected: usize,
+        read: impl Fn(&Self, &str) -> Result<Vec<T>, String>,
+    ) -> Result<Vec<T>, String> {
+        let numbers = read(self, name)?;
+        if numbers.len() == expected {
+            return Ok(numbers);
+        }
+        Err(format!("array `{name}`: expected {expected} numbers, found {}", numbers.len()))
+    }
+
     fn bytes(&self, name: &str, kind: Dtype) -> Result<&[u8], String> {
         match self.arrays.get(name) {
             None => Err(format!("expected an array `{name}`, found none")),

@@ -1,13 +1,15 @@
 //! The configuration: presets and settings over a task's file, and what is refused with which words.
 
 use protocol::Error;
-use protocol::config::{Method, RunConfig, UpdateOrder};
+use protocol::config::{RewardModel, RunConfig, UpdateOrder};
 
 const FILE: &str = include_str!("../../deploy/tasks/navigation.toml");
 
+const METHODS: &str = include_str!("../../deploy/methods.toml");
+
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
-    RunConfig::assemble(FILE, preset, &settings)
+    RunConfig::assemble(FILE, METHODS, preset, &settings)
 }
 
 fn refusal(preset: &str, settings: &[&str]) -> String {
@@ -22,8 +24,25 @@ fn a_preset_changes_the_file_and_a_setting_changes_the_preset() {
     let authors = assemble("authors", &["seed=7", "reward.delta=0.9"]).unwrap();
     assert_eq!((authors.seed, authors.reward.delta), (7, 0.9));
     assert_eq!(authors.reward.order, UpdateOrder::ImproveFirst);
-    let method = assemble("goalward", &["method=environment-reward"]).unwrap().method;
-    assert_eq!(method, Method::EnvironmentReward);
+    let other = assemble("goalward", &["method=environment-reward"]).unwrap();
+    assert_eq!(other.reward.model, RewardModel::Environment);
+    assert!(!other.imitates() && !other.needs_expert_actions());
+}
+
+#[test]
+fn a_method_changes_the_preset_and_a_setting_changes_the_method() {
+    let cloning = |settings: &[&str]| {
+        let settings = [&["method=bc"], settings].concat();
+        assemble("paper", &settings).unwrap().cloning.unwrap()
+    };
+    assert_eq!((cloning(&[]).epochs, cloning(&[]).batch), (1000, 64), "a task's own change");
+    assert_eq!(cloning(&["cloning.batch=32"]).batch, 32);
+    let bc = assemble("goalward", &["method=bc"]).unwrap();
+    assert_eq!((bc.iterations(), bc.steps_wanted()), (1000, 0));
+    assert!(bc.imitates() && bc.needs_expert_actions());
+    assert!(!assemble("goalward", &["method=bco"]).unwrap().needs_expert_actions());
+    let gail = assemble("goalward", &["method=gail"]).unwrap();
+    assert!(gail.needs_expert_actions() && gail.iterations() > 300);
 }
 
 #[test]
@@ -50,6 +69,12 @@ fn what_is_wrong_is_named() {
         ("reward.ensemble=1", "2 for uncertainty"),
         ("steps=-1", "-1"),
         ("task=chess", "chess"),
+        ("method=magic", "`method` must be one of absolute, "),
+        ("learner=bc", "`cloning` must be there for this learner, found none"),
+        ("reward.model=none", "`reward.model` must be some for ppo"),
+        ("reward.form=gail", "`reward.form`"),
+        ("reward.input=transition", "`reward.input` must be state or state-action"),
+        ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
     ] {
         let message = refusal("goalward", &[setting]);
         assert!(message.contains(words), "{setting}: expected {words} in: {message}");

@@ -29,6 +29,6 @@ pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<Said> {
     shape.check(observations)?;
     let mut model = reward_model(folder, &config)?;
     restore(&mut *model, folder)?;
-    let estimates = model.estimate(observations);
+    let estimates = model.estimate(observations)?;
     Ok(Said { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
 }

@@ -5,7 +5,6 @@
 //! functions of their arguments.
 
 pub mod cli;
-pub mod demonstrations;
 pub mod estimate;
 pub mod experience;
 pub mod model;
@@ -17,12 +16,13 @@ pub mod target;
 mod tests;
 
 use anyhow::Result;
-use protocol::config::{Method, RunConfig};
+use protocol::config::{RewardModel as Model, RunConfig};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
 
-use crate::demonstrations::{Demonstrations, Selection};
-use crate::model::{EnvironmentReward, GoalProximity, RewardModel};
+use crate::model::{
+    Discriminator, FixedReward, GoalProximity, Learned, Objective, Ranking, RewardModel,
+};
 use crate::service::Service;
 
 /// Serves a run until the learner is gone and a stop is requested.
@@ -33,20 +33,21 @@ pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
 }
 
 fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
-    let spec = config.task.spec();
-    if config.method == Method::EnvironmentReward {
-        return Ok(Box::new(EnvironmentReward { observation_bytes: spec.observation.bytes() }));
-    }
-    let file = config.demonstrations.file.clone().unwrap_or_else(|| folder.demonstrations_file());
-    let selection =
-        Selection { spec, episodes: config.demonstrations.episodes, run_seed: config.seed };
-    let demonstrations = Demonstrations::load(&file, &selection, &config.reward)?;
+    Ok(match config.reward.model {
+        Model::Proximity => Box::new(learned::<GoalProximity>(folder, config)?),
+        Model::Ranking => Box::new(learned::<Ranking>(folder, config)?),
+        Model::Discriminator => Box::new(learned::<Discriminator>(folder, config)?),
+        Model::Environment => Box::new(FixedReward::Environment),
+        Model::None => Box::new(FixedReward::None),
+    })
+}
+
+fn learned<O: Objective>(folder: &RunFolder, config: &RunConfig) -> Result<Learned<O>> {
+    let demonstrations = protocol::demonstrations::load(folder, config)?;
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(config.resources.service_threads)
         .thread_name(|number| format!("ensemble-{number}"))
         .build()?;
-    let rate = config.reward_learning_rate();
-    let model =
-        GoalProximity::new(&spec, &config.reward, rate, config.seed, demonstrations, threads);
-    Ok(Box::new(model))
+    let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
+    Ok(Learned::new(&spec, &config.reward, rate, config.seed, &demonstrations, threads))
 }

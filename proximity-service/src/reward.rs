@@ -1,12 +1,14 @@
-//! The reward made from proximity and uncertainty: Eq. 5 and its ablations.
+//! The reward made from proximity and uncertainty: Eq. 5 and its ablations; and from a discriminator.
 
+use networks::{Score as RowScore, softplus};
 use protocol::config::{RewardConfig, RewardForm};
 
 /// Rewards of one episode, one per step (Eq. 5).
 ///
 /// `proximity` and `uncertainty` have one number per observation, so one more than there are steps.
-/// With `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6);
-/// without `final_bonus` the last step earns no extra proximity ("No Final").
+/// With `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6),
+/// with `form = airl` the logarithm of its odds; without `final_bonus` the last step earns no extra
+/// proximity ("No Final").
 pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) -> Vec<f32> {
     assert_eq!(proximity.len(), uncertainty.len(), "one uncertainty per proximity");
     let steps = proximity.len() - 1;
@@ -16,11 +18,37 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
         let progress = match config.form {
             RewardForm::Difference => after - before,
             RewardForm::Absolute => after,
+            RewardForm::Airl => log_odds(after),
+            RewardForm::Gail => unreachable!("a configuration has it for discriminators only"),
         };
         let bonus = if config.final_bonus && step + 1 == steps { after } else { 0.0 };
         progress + bonus - penalty * uncertainty[step + 1]
     };
     (0..steps).map(reward).collect()
+}
+
+/// Rewards of a discriminator, one per row: of its mean logit, less the penalty for the deviation of
+/// the members' logits. There is no final bonus, which is proximity's.
+pub fn discriminator_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
+    let penalty = config.uncertainty as f32;
+    let reward = |row: &RowScore| {
+        let own = match config.form {
+            // The logarithms of D and of 1 - D differ by the logit.
+            RewardForm::Airl => row.mean,
+            RewardForm::Gail => softplus(row.mean),
+            RewardForm::Difference | RewardForm::Absolute => {
+                unreachable!("a configuration has them for proximity only")
+            }
+        };
+        own - penalty * row.deviation
+    };
+    rows.iter().map(reward).collect()
+}
+
+/// The logarithm of the odds of a probability, finite also for 0 and 1.
+fn log_odds(probability: f32) -> f32 {
+    const LEAST: f32 = 1e-20;
+    libm::logf(probability + LEAST) - libm::logf(1.0 - probability + LEAST)
 }
 
 #[cfg(test)]
@@ -76,5 +104,29 @@ mod tests {
         assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &absolute), [0.5, 1.5]);
         let no_final = RewardConfig { uncertainty: 0.0, final_bonus: false, ..config() };
         assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &no_final), [0.25, 0.25]);
+    }
+
+    #[test]
+    fn the_odds_of_a_proximity_are_finite() {
+        let airl = RewardConfig {
+            uncertainty: 0.5,
+            final_bonus: false,
+            form: RewardForm::Airl,
+            ..config()
+        };
+        let found = rewards(&[0.5, 0.25, 1.0, 0.0], &[0.0, 1.0, 0.0, 0.0], &airl);
+        assert!((found[0] - (0.25_f32.ln() - 0.75_f32.ln() - 0.5)).abs() < 1e-6, "{found:?}");
+        assert!((found[1] - 46.0517).abs() < 1e-3 && found[2] == -found[1], "{found:?}");
+    }
+
+    #[test]
+    fn a_discriminator_rewards_its_logit_or_what_the_agent_would_not_do() {
+        let airl = RewardConfig { uncertainty: 0.5, form: RewardForm::Airl, ..config() };
+        let row = RowScore { mean: 2.0, deviation: 0.5 };
+        assert_eq!(discriminator_rewards(&[row], &airl), [1.75]);
+        let gail = RewardConfig { form: RewardForm::Gail, ..airl };
+        let agents = 1.0 - 1.0 / (1.0 + (-2.0_f32).exp());
+        let found = discriminator_rewards(&[row], &gail);
+        assert!((found[0] - (-agents.ln() - 0.25)).abs() < 1e-6, "{found:?}");
     }
 }

@@ -203,6 +203,6 @@ impl Service {
             "query: expected a multiple of {bytes} bytes, found {found}"
         );
         self.spec.observation.check(&query.observations)?;
-        Ok(Answer::Estimates(self.model.estimate(&query.observations)))
+        Ok(Answer::Estimates(self.model.estimate(&query.observations)?))
     }
 }

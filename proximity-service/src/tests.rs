@@ -1,20 +1,24 @@
 //! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
 
 use bytes::Bytes;
-use protocol::config::{Discounting, RewardConfig, RewardForm, UpdateOrder};
+use protocol::config::{
+    Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
+};
 use protocol::learning_rate::LearningRate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
-use crate::demonstrations::Demonstrations;
-use crate::model::{GoalProximity, RewardModel};
+use crate::model::{GoalProximity, Learned, Objective, RewardModel};
 
 /// The paper's reward over small networks.
 pub(crate) fn config() -> RewardConfig {
     RewardConfig {
+        model: Model::Proximity,
+        input: RewardInput::State,
         form: RewardForm::Difference,
         final_bonus: true,
         uncertainty: 0.1,
+        gradient_penalty: 0.0,
         discounting: Discounting::Linear,
         delta: 0.1,
         ensemble: 5,
@@ -33,7 +37,7 @@ pub(crate) fn config() -> RewardConfig {
     }
 }
 
-/// A corridor: the observation is a place and a row, and the goal is place 1.
+/// A corridor: the observation is a place and a row, and the goal is place 1. An action is 0 or 1.
 const CORRIDOR: Spec = Spec {
     task: Task::Navigation,
     observation: ObservationSpec::Vector { len: 2 },
@@ -42,7 +46,7 @@ const CORRIDOR: Spec = Spec {
 };
 
 /// A walk of ten steps from place 0 to place 1 in a row.
-fn walk(row: f32, source: Source) -> Trajectory {
+pub(crate) fn walk(row: f32, source: Source) -> Trajectory {
     let mut values = vec![0; 11 * 8];
     write_floats((0..11).flat_map(|step| [step as f32 / 10.0, row]), &mut values);
     let log_probs = if source == Source::Demonstration { 0 } else { 40 };
@@ -60,14 +64,42 @@ fn walk(row: f32, source: Source) -> Trajectory {
     }
 }
 
-fn model(threads: usize) -> GoalProximity {
-    let demonstrations = Demonstrations::of(&[walk(0.0, Source::Demonstration)], &config());
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let rate = LearningRate { first: 0.003, iterations: Some(100) };
-    GoalProximity::new(&CORRIDOR, &config(), rate, 1, demonstrations, threads)
+/// The walk from place 1 to place 0.
+pub(crate) fn walk_back(row: f32, source: Source) -> Trajectory {
+    let forth = walk(row, source);
+    let back: Vec<u8> = forth.values.chunks_exact(8).rev().flatten().copied().collect();
+    Trajectory { values: back.into(), ..forth }
 }
 
-fn place(place: f32, row: f32) -> Vec<u8> {
+/// A model that was shown a walk in row 0.
+pub(crate) fn learned<O: Objective>(config: &RewardConfig, threads: usize) -> Learned<O> {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let rate = LearningRate { first: config.learning_rate, iterations: Some(100) };
+    Learned::new(&CORRIDOR, config, rate, 1, &[walk(0.0, Source::Demonstration)], threads)
+}
+
+/// Whether two models of the same objective learn the same bits, one of them on three threads and
+/// from a checkpoint of the other's.
+pub(crate) fn assert_reproducible<O: Objective>(config: &RewardConfig) {
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    let mut one: Learned<O> = learned(config, 1);
+    one.pretrain();
+    one.improve(0, &batch);
+    let mut other: Learned<O> = learned(config, 3);
+    other.restore(&one.save()).unwrap();
+    for iteration in 1..4 {
+        let (of_one, of_other) = (one.improve(iteration, &batch), other.improve(iteration, &batch));
+        assert!(of_one.gradient_steps > 0);
+        assert_eq!(of_one.weights_sha256, of_other.weights_sha256);
+    }
+    assert_eq!(one.score(4, &batch), other.score(4, &batch));
+}
+
+fn model(threads: usize) -> Learned<GoalProximity> {
+    learned(&config(), threads)
+}
+
+pub(crate) fn place(place: f32, row: f32) -> Vec<u8> {
     let mut bytes = vec![0; 8];
     write_floats([place, row], &mut bytes);
     bytes
@@ -80,12 +112,12 @@ fn offline_training_fits_the_labels_and_is_sure_only_where_it_was_shown() {
     assert_eq!(update.gradient_steps, 200);
     assert!(update.weights_sha256 == model.sha256() && update.model_version == 1);
     for tenths in [0, 3, 7, 10] {
-        let estimates = model.estimate(&place(tenths as f32 / 10.0, 0.0));
+        let estimates = model.estimate(&place(tenths as f32 / 10.0, 0.0)).unwrap();
         let expected = tenths as f32 / 10.0;
         assert!((estimates.proximity[0] - expected).abs() < 0.1, "{expected}: {estimates:?}");
     }
-    let shown = model.estimate(&place(0.5, 0.0)).uncertainty[0];
-    let never_shown = model.estimate(&place(0.5, 5.0)).uncertainty[0];
+    let shown = model.estimate(&place(0.5, 0.0)).unwrap().uncertainty[0];
+    let never_shown = model.estimate(&place(0.5, 5.0)).unwrap().uncertainty[0];
     assert!(never_shown > 3.0 * shown, "shown {shown}, never shown {never_shown}");
 }
 
@@ -94,15 +126,15 @@ fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
     let mut model = model(2);
     model.pretrain();
     let elsewhere = place(0.9, 1.0);
-    let before = model.estimate(&elsewhere).proximity[0];
+    let before = model.estimate(&elsewhere).unwrap().proximity[0];
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
     let mut last = None;
     for iteration in 0..80 {
         last = Some(model.improve(iteration, &batch));
     }
-    let after = model.estimate(&elsewhere).proximity[0];
+    let after = model.estimate(&elsewhere).unwrap().proximity[0];
     assert!(before > 0.4 && after < 0.2, "before {before}, after {after}");
-    assert!(model.estimate(&place(0.9, 0.0)).proximity[0] > 0.6);
+    assert!(model.estimate(&place(0.9, 0.0)).unwrap().proximity[0] > 0.6);
     assert_eq!(last.unwrap().experience, 100);
 }
 
@@ -117,16 +149,28 @@ fn online_training_ends_when_the_learning_rate_is_zero() {
 
 #[test]
 fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
-    let batch = [Encoded::encode(walk(1.0, Source::Training))];
-    let mut one = model(1);
-    one.pretrain();
-    let mut other = model(3);
-    other.restore(&one.save()).unwrap();
-    for iteration in 0..3 {
-        let (of_one, of_other) = (one.improve(iteration, &batch), other.improve(iteration, &batch));
-        assert_eq!(of_one.weights_sha256, of_other.weights_sha256);
+    assert_reproducible::<GoalProximity>(&config());
+    let actions = RewardConfig { input: RewardInput::StateAction, ..config() };
+    assert_reproducible::<GoalProximity>(&actions);
+}
+
+#[test]
+fn proximity_with_actions_depends_on_the_action_and_needs_one() {
+    let config = RewardConfig { input: RewardInput::StateAction, uncertainty: 0.0, ..config() };
+    let mut model: Learned<GoalProximity> = learned(&config, 2);
+    model.pretrain();
+    let right = walk(0.0, Source::Training);
+    let wrong = Trajectory { discrete_actions: vec![1; 10].into(), ..right.clone() };
+    let batch = [right, wrong].map(Encoded::encode);
+    for iteration in 0..80 {
+        model.improve(iteration, &batch[1..]);
     }
-    assert_eq!(one.score(3, &batch), other.score(3, &batch));
+    let scores = model.score(80, &batch);
+    assert_eq!((scores[0].proximity.len(), scores[0].rewards.len()), (11, 10));
+    let [right, wrong] = [0, 1].map(|at: usize| scores[at].proximity[8]);
+    assert!(right > wrong + 0.3, "right {right}, wrong {wrong}");
+    let message = model.estimate(&place(0.5, 0.0)).unwrap_err().to_string();
+    assert!(message.contains("single states") && message.contains("states and actions"));
 }
 
 #[test]

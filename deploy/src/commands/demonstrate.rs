@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::config::DEFAULT_PRESET;
 use protocol::task::Task;
 
 use crate::demonstrations::{self, Recording};
@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if out.exists() {
         return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
     }
-    let mut config = RunConfig::assemble(tasks::file_of(task), DEFAULT_PRESET, &[])?;
+    let mut config = tasks::configuration(task, DEFAULT_PRESET, &[])?;
     config.demonstrations.coverage = coverage;
     config.demonstrations.noise = noise;
     let setting = config.demonstration_setting();

@@ -64,7 +64,7 @@ fn live(address: &BusAddress, config: &RunConfig) -> Result<String> {
 
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
     let doing = match Phase::try_from(progress.phase) {
-        Ok(Phase::Pretraining) => "training the proximity function offline",
+        Ok(Phase::Pretraining) => "training the reward model offline",
         Ok(Phase::Training) | Err(_) => "rolling out and learning",
         Ok(Phase::Evaluating) => "evaluating the policy",
         Ok(Phase::Finished) => "ending",
@@ -78,7 +78,7 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     if let Some(update) = &progress.reward_update {
         let losses = [update.demonstration_loss, update.agent_loss].map(figures::number);
         let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
-        rows.push(("proximity loss", losses));
+        rows.push(("reward loss", losses));
     }
     let (actors, leases) = (progress.actors, progress.leases);
     rows.push(("actors", format!("{actors}, {leases} leases handed out")));
@@ -147,7 +147,7 @@ mod tests {
     use crate::tasks;
 
     fn config() -> RunConfig {
-        RunConfig::assemble(tasks::file_of(Task::Navigation), "goalward", &[]).unwrap()
+        tasks::configuration(Task::Navigation, "goalward", &[]).unwrap()
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use protocol::bus::{BusAddress, check_shared_memory_room};
-use protocol::config::{Method, RunConfig};
+use protocol::config::RunConfig;
 use protocol::log::require_room;
 use protocol::run::RunFolder;
 use protocol::summary::Summary;
@@ -30,7 +30,8 @@ pub(crate) struct Arguments {
     /// produced their curves).
     #[arg(long)]
     preset: Option<String>,
-    /// Method: goal-proximity or environment-reward.
+    /// Method: goal-proximity (the default), a baseline such as gail, gaifo, gaifo-s, bc, bco or sqil,
+    /// or an ablation; deploy/methods.toml has them all.
     #[arg(long)]
     method: Option<String>,
     /// Seed of every random stream.
@@ -122,9 +123,8 @@ fn check(plan: &Plan) -> Result<()> {
 
 fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
-    let imitates = config.method != Method::EnvironmentReward;
     let recorded = config.demonstrations.file.is_some() || folder.demonstrations_file().exists();
-    if imitates && !recorded {
+    if config.imitates() && !recorded {
         let episodes = figures::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
         demonstrations::record_for_run(folder, config)?;
@@ -160,12 +160,13 @@ fn existing_part(path: &Path) -> PathBuf {
 }
 
 fn print_start(plan: &Plan) {
-    let RunConfig { task, preset, seed, steps, resources, .. } = &plan.config;
+    let config = &plan.config;
+    let RunConfig { task, method, preset, seed, resources, .. } = config;
     print_line(&format!(
-        "{} {task} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
+        "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         if plan.resumed { "continuing" } else { "training" },
         plan.folder.path().display(),
-        figures::count(*steps),
+        figures::count(config.steps_wanted()),
         resources.actors,
     ));
 }
@@ -208,8 +209,7 @@ mod tests {
             resume: false,
         };
         let settings = arguments.wishes().settings;
-        let text = crate::tasks::file_of(Task::Navigation);
-        let config = RunConfig::assemble(text, "goalward", &settings).unwrap();
+        let config = crate::tasks::configuration(Task::Navigation, "goalward", &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
         assert_eq!((config.demonstrations.coverage, config.ppo.clip), (1.0, 0.3));
     }

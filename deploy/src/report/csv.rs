@@ -45,7 +45,7 @@ pub(super) fn summary(figures: &[MeasuredFigure]) -> String {
          proximity_sha256\n"
     );
     for (run, names) in named(figures) {
-        let method = field(&run.config.method.to_string());
+        let method = field(&run.config.method);
         let preset = field(&run.config.preset);
         let Some(summary) = &run.summary else {
             write_line(&mut text, format_args!("{names},{method},{preset},0,,,,,,,,,,"));

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::config::{Method, RunConfig};
+use protocol::config::{RewardConfig, RewardInput, RewardModel, RunConfig};
 use protocol::log::{FileReader, Record};
 use protocol::run::RunFolder;
 use protocol::scene::SceneUpdate;
@@ -36,7 +36,8 @@ pub(super) struct Episode {
 
 /// Whether a run learned a function of the state that can be asked for proximity.
 pub(super) fn has_proximity(config: &RunConfig) -> bool {
-    config.method == Method::GoalProximity
+    let RewardConfig { model, input, .. } = &config.reward;
+    matches!(model, RewardModel::Proximity | RewardModel::Ranking) && *input == RewardInput::State
 }
 
 /// Asks the model in the newest checkpoint of a run.

@@ -133,7 +133,6 @@ fn time_unit(end_s: f64) -> (f64, &'static str) {
 
 #[cfg(test)]
 mod tests {
-    use protocol::config::RunConfig;
     use protocol::run::RunFolder;
     use protocol::summary::Summary;
     use protocol::task::Task;
@@ -143,8 +142,8 @@ mod tests {
 
     /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
     fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
-        let file = tasks::file_of(Task::Navigation);
-        let config = RunConfig::assemble(file, "goalward", &["steps=1000".to_owned()]).unwrap();
+        let steps = ["steps=1000".to_owned()];
+        let config = tasks::configuration(Task::Navigation, "goalward", &steps).unwrap();
         let summary = |evaluation: f64| -> Summary {
             let steps = points.last().unwrap().0;
             serde_json::from_value(serde_json::json!({

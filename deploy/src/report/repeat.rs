@@ -11,7 +11,7 @@ const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 /// keys and values; seed and steps left out.
 pub(super) fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let method = format!("method={}", config.method);
-    let usual = RunConfig::assemble(tasks::file_of(config.task), &config.preset, &[method]);
+    let usual = tasks::configuration(config.task, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
     let Ok(usual) = usual else { return Vec::new() };
     let differences = config.result_differences(&usual).into_iter();
@@ -54,8 +54,7 @@ mod tests {
     fn a_command_makes_its_configuration_again() {
         let changes = ["seed=3", "steps=60000", "reward.form=absolute", "reward.hidden=[8, 16]"];
         let changes = changes.map(str::to_owned);
-        let file = tasks::file_of(Task::Navigation);
-        let config = RunConfig::assemble(file, "paper", &changes).unwrap();
+        let config = tasks::configuration(Task::Navigation, "paper", &changes).unwrap();
         assert_eq!(
             command(&config),
             "goalward train navigation --method goal-proximity --preset paper --seed 3 \

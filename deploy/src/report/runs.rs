@@ -29,7 +29,7 @@ pub(super) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     let mut described = Vec::new();
     for folder in folders {
         let Measured { folder, config, .. } = Measured::of(folder)?;
-        described.push((config.task, (folder, config.method.to_string(), phrases(&config))));
+        described.push((config.task, (folder, config.method.clone(), phrases(&config))));
     }
     let of_task = |task| {
         let of_task = described.iter().filter(move |(other, _)| *other == task);

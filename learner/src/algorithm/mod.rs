@@ -1,13 +1,147 @@
 //! Policy learners: what turns a batch into better weights.
 
+mod bc;
+mod bco;
+mod cloning;
+mod gradient;
 pub mod ppo;
+mod replay;
+mod sqil;
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use networks::{ActorCritic, Adam, PolicyArchitecture, RunningNormalizer};
+use protocol::config::{self, RunConfig};
+use protocol::messages::Score;
+use protocol::seed::{self, Purpose};
+use protocol::task::{ObservationSpec, Spec};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, Trajectory};
+use rayon::ThreadPool;
+
+use crate::state::PolicyState;
+
+/// A policy learner. With a reward model it makes a method.
+pub trait PolicyLearner {
+    /// Improves the policy with the batch of an iteration and its scores.
+    ///
+    /// # Errors
+    /// When the scores are not those of the trajectories.
+    fn update(
+        &mut self,
+        policy: &mut PolicyState,
+        trajectories: &[Encoded],
+        scores: &[Score],
+        schedule: &Schedule,
+    ) -> Result<Figures>;
+
+    /// Whether it learns from demonstrations alone, without environment steps.
+    fn is_offline(&self) -> bool {
+        false
+    }
+
+    /// Whether there is nothing more to learn, before the run's last iteration.
+    fn is_finished(&self) -> bool {
+        false
+    }
+
+    /// Whether it learns from batches of earlier iterations, too.
+    fn remembers(&self) -> bool {
+        false
+    }
+
+    /// Takes in the batch of an earlier iteration, when a run is continued.
+    fn remember(&mut self, _trajectories: &[Encoded]) {}
+
+    /// Adds everything carried from one update to the next, but what it remembers.
+    fn save(&self, tensors: &mut Tensors);
+
+    /// Takes over what [`PolicyLearner::save`] added.
+    ///
+    /// # Errors
+    /// When the arrays are not those of this learner.
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String>;
+}
+
+/// What changes over a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Schedule {
+    /// Seed of the run.
+    pub run_seed: u64,
+    /// The iteration, which names the random streams.
+    pub iteration: u64,
+    /// Adam's learning rate.
+    pub learning_rate: f64,
+}
+
+/// The policy learner of a configuration, and the policy it begins with.
+pub fn create(
+    config: &RunConfig,
+    demonstrations: &[Trajectory],
+    threads: ThreadPool,
+) -> (Box<dyn PolicyLearner>, PolicyState) {
+    let spec = config.task.spec();
+    let network =
+        ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
+    let threads = Arc::new(threads);
+    let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
+    let parameters = network.initial_parameters(&mut stream);
+    let normalizer = match config.learner {
+        config::PolicyLearner::Ppo => RunningNormalizer::new(normalized(config, &spec)),
+        // Whoever learns actions from demonstrations sees observations as they lie there, for good.
+        _ => moments(config, &spec, demonstrations),
+    };
+    let learner: Box<dyn PolicyLearner> = match config.learner {
+        config::PolicyLearner::Ppo => Box::new(ppo::Ppo::new(config, network, threads)),
+        config::PolicyLearner::Bc => {
+            Box::new(bc::Bc::new(config, network, threads, &normalizer, demonstrations))
+        }
+        config::PolicyLearner::Bco => {
+            Box::new(bco::Bco::new(config, network, threads, &normalizer, demonstrations))
+        }
+        config::PolicyLearner::Sqil => {
+            Box::new(sqil::Sqil::new(config, network, threads, &normalizer, demonstrations))
+        }
+    };
+    (learner, PolicyState { parameters, normalizer })
+}
+
+/// How many numbers of an observation are normalized.
+fn normalized(config: &RunConfig, spec: &Spec) -> usize {
+    match spec.observation {
+        ObservationSpec::Vector { len } if config.policy.normalize_observations => len,
+        _ => 0,
+    }
+}
+
+/// The moments of the demonstrations' observations.
+fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> RunningNormalizer {
+    let observations: Vec<&[u8]> =
+        demonstrations.iter().map(|demonstration| demonstration.observations()).collect();
+    RunningNormalizer::of_demonstrations(normalized(config, spec), &observations.concat())
+}
+
+fn save_optimizer(name: &str, adam: &Adam, tensors: &mut Tensors) {
+    tensors.put_f32(&format!("{name}.first_moment"), adam.first_moment.iter().copied());
+    tensors.put_f32(&format!("{name}.second_moment"), adam.second_moment.iter().copied());
+    tensors.put_u64(&format!("{name}.step"), [adam.step]);
+}
+
+fn load_optimizer(name: &str, adam: &mut Adam, tensors: &Tensors) -> Result<(), String> {
+    let count = adam.first_moment.len();
+    let moment = |part: &str| tensors.exactly(&format!("{name}.{part}"), count, Tensors::f32);
+    (adam.first_moment, adam.second_moment) = (moment("first_moment")?, moment("second_moment")?);
+    adam.step = tensors.exactly(&format!("{name}.step"), 1, Tensors::u64)?[0];
+    Ok(())
+}
 
 /// Figures of one update, means over its minibatches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Clipped surrogate loss.
+    /// Loss of the policy: PPO's clipped surrogate, or the mean negative log-likelihood of actions.
     pub policy_loss: f64,
-    /// Clipped value loss.
+    /// Loss of values, or of Q-functions.
     pub value_loss: f64,
     /// Entropy of the policy, nats.
     pub entropy: f64,
@@ -17,6 +151,8 @@ pub struct Figures {
     pub clip_fraction: f64,
     /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
+    /// Loss on demonstrations held out; of learners that hold some out.
+    pub held_out_loss: f64,
 }
 
 impl Figures {
@@ -28,6 +164,7 @@ impl Figures {
         self.approximate_kl += other.approximate_kl;
         self.clip_fraction += other.clip_fraction;
         self.gradient_norm += other.gradient_norm;
+        self.held_out_loss += other.held_out_loss;
     }
 
     /// Divides every figure, to make a mean of a sum.
@@ -39,6 +176,7 @@ impl Figures {
             approximate_kl: self.approximate_kl / count,
             clip_fraction: self.clip_fraction / count,
             gradient_norm: self.gradient_norm / count,
+            held_out_loss: self.held_out_loss / count,
         }
     }
 }

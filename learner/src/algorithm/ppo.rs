@@ -1,45 +1,84 @@
 //! Proximal policy optimization with clipped ratios and values (Table 2; Algorithm 1, line 9).
-//!
-//! A minibatch is cut into shards of a fixed number of rows. Threads take whole shards and their
-//! gradients are added in shard order, so the number of threads never changes a bit.
 
-use nalgebra::DMatrix;
-use networks::{ActorCritic, Adam, Batch as Rows, Distribution, PolicyWorkspace, PreparedPolicy};
-use protocol::config::PpoConfig;
+use std::sync::Arc;
+
+use anyhow::Result;
+use networks::{ActorCritic, Adam, Distribution};
+use protocol::config::{PpoConfig, RunConfig};
+use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
+use protocol::tensors::Tensors;
+use protocol::trajectory::Encoded;
 use rand::seq::SliceRandom;
 use rayon::ThreadPool;
-use rayon::prelude::*;
 
 use crate::advantage::{generalized_advantages, normalize};
-use crate::algorithm::Figures;
+use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::{Figures, PolicyLearner, Schedule, load_optimizer, save_optimizer};
 use crate::batch::Batch;
+use crate::reward_scale::RewardScale;
+use crate::state::PolicyState;
 
-/// Most rows of a shard. Part of what a run means: changing it changes the order of sums.
-const SHARD_ROWS: usize = 128;
-
-/// A minibatch is cut into at least so many shards: what two threads can share.
-const SHARDS_MIN: usize = 2;
-
-/// The policy learner.
+/// The policy learner: rewards scaled, then updates, then the moments of what was observed.
 pub struct Ppo {
     spec: Spec,
-    config: PpoConfig,
-    network: ActorCritic,
-    threads: ThreadPool,
-    shards: Vec<Shard>,
-    prepared: PreparedPolicy,
+    update: PpoUpdate,
+    optimizer: Adam,
+    reward_scale: RewardScale,
 }
 
-/// Everything a thread needs for one shard; reused from minibatch to minibatch.
-struct Shard {
-    workspace: PolicyWorkspace,
-    observations: Vec<u8>,
-    parameter_slopes: DMatrix<f32>,
-    value_slopes: DMatrix<f32>,
-    gradient: Vec<f32>,
-    figures: Figures,
+impl Ppo {
+    /// A learner that has not learned yet.
+    pub fn new(config: &RunConfig, network: ActorCritic, threads: Arc<ThreadPool>) -> Ppo {
+        let spec = config.task.spec();
+        let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
+        let update = PpoUpdate::new(spec, config.ppo.clone(), network, threads);
+        Ppo { spec, update, optimizer, reward_scale: RewardScale::default() }
+    }
+}
+
+impl PolicyLearner for Ppo {
+    fn update(
+        &mut self,
+        policy: &mut PolicyState,
+        trajectories: &[Encoded],
+        scores: &[Score],
+        schedule: &Schedule,
+    ) -> Result<Figures> {
+        let mut batch = Batch::new(trajectories, scores, &self.spec)?;
+        let PpoConfig { normalize_rewards, gamma, .. } = self.update.config;
+        if normalize_rewards {
+            batch.scale_rewards(&mut self.reward_scale, trajectories, gamma);
+        }
+        batch.normalize(&policy.normalizer);
+        let optimizer = &mut self.optimizer;
+        let figures = self.update.update(&mut policy.parameters, optimizer, &batch, schedule);
+        for encoded in trajectories {
+            policy.normalizer.update(encoded.trajectory.observations());
+        }
+        Ok(figures)
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        save_optimizer("adam", &self.optimizer, tensors);
+        let scale = &self.reward_scale;
+        tensors.put_f64("reward_scale", [scale.mean, scale.variance, scale.count]);
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        load_optimizer("adam", &mut self.optimizer, tensors)?;
+        let scale = tensors.exactly("reward_scale", 3, Tensors::f64)?;
+        self.reward_scale = RewardScale { mean: scale[0], variance: scale[1], count: scale[2] };
+        Ok(())
+    }
+}
+
+/// The update of a policy and its value function by a batch.
+pub struct PpoUpdate {
+    spec: Spec,
+    config: PpoConfig,
+    gradient: Gradient,
 }
 
 /// What the rows of a batch are pulled towards.
@@ -49,22 +88,16 @@ struct Targets {
     advantages: Vec<f32>,
 }
 
-/// What changes over a run.
-#[derive(Clone, Copy, Debug)]
-pub struct Schedule {
-    /// Seed of the run.
-    pub run_seed: u64,
-    /// The iteration, which names the minibatch streams.
-    pub iteration: u64,
-    /// Adam's learning rate.
-    pub learning_rate: f64,
-}
-
-impl Ppo {
-    /// A learner of this network on these threads.
-    pub fn new(spec: Spec, config: PpoConfig, network: ActorCritic, threads: ThreadPool) -> Ppo {
-        let prepared = PreparedPolicy::default();
-        Ppo { spec, config, network, threads, shards: Vec::new(), prepared }
+impl PpoUpdate {
+    /// An update of this network on these threads.
+    pub fn new(
+        spec: Spec,
+        config: PpoConfig,
+        network: ActorCritic,
+        threads: Arc<ThreadPool>,
+    ) -> PpoUpdate {
+        let gradient = Gradient::new(network, spec.observation.bytes(), threads);
+        PpoUpdate { spec, config, gradient }
     }
 
     /// Improves the parameters with a batch: several epochs of minibatches, none after one that took
@@ -89,8 +122,16 @@ impl Ppo {
             let count = minibatches.len() as f64;
             let mut of_epoch = Figures::default();
             for minibatch in minibatches {
-                let mut own = self.gradient(parameters, batch, &targets, minibatch);
-                let gradient = &mut self.shards[0].gradient;
+                let loss = Loss {
+                    spec: &self.spec,
+                    config: &self.config,
+                    distribution: self.gradient.network().distribution(),
+                    batch,
+                    targets: &targets,
+                    weight: 1.0 / minibatch.len() as f32,
+                };
+                let (gradient, mut own) =
+                    self.gradient.of(parameters, &batch.observations, minibatch, &loss);
                 let largest = self.config.max_gradient_norm;
                 own.gradient_norm = networks::clip_global_norm(gradient, largest);
                 optimizer.update(parameters, gradient, learning_rate);
@@ -109,12 +150,11 @@ impl Ppo {
 
     /// Values under the current policy, and from them advantages and returns.
     fn targets(&mut self, parameters: &[f32], batch: &Batch) -> Targets {
-        self.network.prepare_into(parameters, &mut self.prepared);
-        let values = self.values(&batch.observations);
+        let values = self.values(parameters, &batch.observations);
         let bootstrap = self.config.bootstrap_truncated;
         let cut = batch.episodes.iter().filter(|episode| bootstrap && episode.truncated);
         let cut: Vec<&[u8]> = cut.map(|episode| &episode.last_observation[..]).collect();
-        let mut last_values = self.values(&cut.concat()).into_iter();
+        let mut last_values = self.values(parameters, &cut.concat()).into_iter();
         let (gamma, lambda) = (self.config.gamma as f32, self.config.gae_lambda as f32);
         let (mut advantages, mut returns) = (Vec::new(), Vec::new());
         let mut start = 0;
@@ -134,64 +174,8 @@ impl Ppo {
         Targets { values, returns, advantages }
     }
 
-    /// Values of observations under the prepared parameters.
-    fn values(&self, observations: &[u8]) -> Vec<f32> {
-        let shards = observations.par_chunks(SHARD_ROWS * self.spec.observation.bytes());
-        let value = |workspace: &mut PolicyWorkspace, rows: &[u8]| {
-            let evaluation = self.network.forward(&self.prepared, Rows::new(rows), workspace);
-            evaluation.values.as_slice().to_vec()
-        };
-        let values = || shards.map_init(PolicyWorkspace::default, value).collect::<Vec<_>>();
-        self.threads.install(values).concat()
-    }
-
-    fn grow_shards(&mut self, count: usize) {
-        let parameters = self.network.parameter_count();
-        let shard = || Shard {
-            workspace: PolicyWorkspace::default(),
-            observations: Vec::new(),
-            parameter_slopes: DMatrix::zeros(0, 0),
-            value_slopes: DMatrix::zeros(0, 0),
-            gradient: vec![0.0; parameters],
-            figures: Figures::default(),
-        };
-        if self.shards.len() < count {
-            self.shards.resize_with(count, shard);
-        }
-    }
-
-    /// The gradient of a minibatch, left in the first shard.
-    fn gradient(
-        &mut self,
-        parameters: &[f32],
-        batch: &Batch,
-        targets: &Targets,
-        minibatch: &[u32],
-    ) -> Figures {
-        self.network.prepare_into(parameters, &mut self.prepared);
-        let shard_rows = SHARD_ROWS.min(minibatch.len().div_ceil(SHARDS_MIN));
-        let count = minibatch.len().div_ceil(shard_rows);
-        self.grow_shards(count);
-        let loss = Loss {
-            spec: &self.spec,
-            config: &self.config,
-            network: &self.network,
-            prepared: &self.prepared,
-            batch,
-            targets,
-            weight: 1.0 / minibatch.len() as f32,
-        };
-        let shards = &mut self.shards[..count];
-        self.threads.install(|| {
-            let rows = minibatch.par_chunks(shard_rows);
-            shards.par_iter_mut().zip(rows).for_each(|(shard, rows)| loss.of_shard(shard, rows));
-        });
-        let (sum, further) = shards.split_at_mut(1);
-        for shard in further {
-            networks::add(&mut sum[0].gradient, &shard.gradient);
-            sum[0].figures.add(&shard.figures);
-        }
-        sum[0].figures
+    fn values(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<f32> {
+        self.gradient.evaluate(parameters, observations, |output| output.value)
     }
 }
 
@@ -199,55 +183,27 @@ impl Ppo {
 struct Loss<'a> {
     spec: &'a Spec,
     config: &'a PpoConfig,
-    network: &'a ActorCritic,
-    prepared: &'a PreparedPolicy,
+    distribution: Distribution,
     batch: &'a Batch,
     targets: &'a Targets,
     /// One over the rows of the minibatch.
     weight: f32,
 }
 
-impl Loss<'_> {
-    /// Gradient and figures of a shard.
-    fn of_shard(&self, shard: &mut Shard, rows: &[u32]) {
-        let bytes = self.spec.observation.bytes();
-        shard.observations.clear();
-        for &row in rows {
-            let start = row as usize * bytes;
-            shard.observations.extend(&self.batch.observations[start..start + bytes]);
-        }
-        let batch = Rows::new(&shard.observations);
-        let evaluation = self.network.forward(self.prepared, batch, &mut shard.workspace);
-        let width = evaluation.parameters.nrows();
-        shard.parameter_slopes.resize_mut(width, rows.len(), 0.0);
-        shard.value_slopes.resize_mut(1, rows.len(), 0.0);
-        shard.figures = Figures::default();
-        for (position, &row) in rows.iter().enumerate() {
-            let column = |matrix: &DMatrix<f32>| position * matrix.nrows();
-            let parameters = &evaluation.parameters.as_slice()[column(evaluation.parameters)..];
-            let start = column(&shard.parameter_slopes);
-            let slopes = &mut shard.parameter_slopes.as_mut_slice()[start..start + width];
-            let own = self.policy(row as usize, &parameters[..width], slopes);
-            shard.figures.add(&own);
-            let value = evaluation.values[(0, position)];
-            let (loss, slope) = self.value(row as usize, value);
-            shard.figures.value_loss += loss;
-            shard.value_slopes[(0, position)] = slope;
-        }
-        shard.gradient.fill(0.0);
-        self.network.backward(
-            self.prepared,
-            batch,
-            &mut shard.workspace,
-            &shard.parameter_slopes,
-            &shard.value_slopes,
-            &mut shard.gradient,
-        );
-    }
+impl RowLoss for Loss<'_> {
+    const OF_VALUES: bool = true;
 
+    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+        let policy = self.policy(row, output.parameters, slopes);
+        let (value_loss, slope) = self.value(row, output.value);
+        (Figures { value_loss, ..policy }, slope)
+    }
+}
+
+impl Loss<'_> {
     /// Clipped surrogate and entropy bonus of one row, and their slopes.
     fn policy(&self, row: usize, parameters: &[f32], slopes: &mut [f32]) -> Figures {
-        let distribution: Distribution = self.network.distribution();
+        let distribution = self.distribution;
         let bytes = self.spec.action.bytes();
         let action = &self.batch.actions[row * bytes..(row + 1) * bytes];
         let difference =

@@ -4,10 +4,8 @@
 use protocol::seed::Stream;
 use protocol::task::{floats, write_floats};
 
+use super::HALF_LOG_TAU;
 use crate::initialization::standard_normal;
-
-/// Half the logarithm of two pi.
-const HALF_LOG_TAU: f32 = 0.918_938_5;
 
 /// Means and logarithms of standard deviations.
 fn split(parameters: &[f32]) -> (&[f32], &[f32]) {

@@ -5,9 +5,13 @@
 //! the same bits everywhere.
 mod categorical;
 mod gaussian;
+mod squashed;
 
 use protocol::seed::Stream;
 use protocol::task::ActionSpec;
+
+/// Half the logarithm of two pi.
+const HALF_LOG_TAU: f32 = 0.918_938_5;
 
 /// How actions are drawn, given the parameters of one observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,13 +27,20 @@ pub enum Distribution {
         /// How many numbers.
         len: usize,
     },
+    /// The hyperbolic tangents of independent normal numbers; the parameters are `len` means, then
+    /// `len` numbers that the logarithms of standard deviations are made of.
+    SquashedGaussian {
+        /// How many numbers.
+        len: usize,
+    },
 }
 
 impl Distribution {
-    /// The distribution for a kind of action.
-    pub fn new(action: ActionSpec) -> Self {
+    /// The distribution for a kind of action; only continuous ones can be squashed.
+    pub fn new(action: ActionSpec, squashed: bool) -> Self {
         match action {
             ActionSpec::Discrete { count } => Distribution::Categorical { count },
+            ActionSpec::Continuous { len } if squashed => Distribution::SquashedGaussian { len },
             ActionSpec::Continuous { len } => Distribution::Gaussian { len },
         }
     }
@@ -38,7 +49,7 @@ impl Distribution {
     pub fn parameter_count(self) -> usize {
         match self {
             Distribution::Categorical { count } => count,
-            Distribution::Gaussian { len } => 2 * len,
+            Distribution::Gaussian { len } | Distribution::SquashedGaussian { len } => 2 * len,
         }
     }
 
@@ -56,6 +67,7 @@ impl Distribution {
         match self {
             Distribution::Categorical { .. } => categorical::sample(parameters, stream, action),
             Distribution::Gaussian { .. } => gaussian::sample(parameters, stream, action),
+            Distribution::SquashedGaussian { .. } => squashed::sample(parameters, stream, action),
         }
         self.log_probability(parameters, action)
     }
@@ -69,6 +81,7 @@ impl Distribution {
         match self {
             Distribution::Categorical { .. } => categorical::mode(parameters, action),
             Distribution::Gaussian { .. } => gaussian::mode(parameters, action),
+            Distribution::SquashedGaussian { .. } => squashed::mode(parameters, action),
         }
     }
 
@@ -81,10 +94,11 @@ impl Distribution {
         match self {
             Distribution::Categorical { .. } => categorical::log_probability(parameters, action),
             Distribution::Gaussian { .. } => gaussian::log_probability(parameters, action),
+            Distribution::SquashedGaussian { .. } => squashed::log_probability(parameters, action),
         }
     }
 
-    /// The entropy, in nats.
+    /// The entropy, in nats; of squashed numbers that before they are squashed.
     ///
     /// # Panics
     /// If the row has another length than this distribution's.
@@ -93,6 +107,7 @@ impl Distribution {
         match self {
             Distribution::Categorical { .. } => categorical::entropy(parameters),
             Distribution::Gaussian { .. } => gaussian::entropy(parameters),
+            Distribution::SquashedGaussian { .. } => squashed::entropy(parameters),
         }
     }
 
@@ -114,7 +129,52 @@ impl Distribution {
         let of = match self {
             Distribution::Categorical { .. } => categorical::gradient,
             Distribution::Gaussian { .. } => gaussian::gradient,
+            Distribution::SquashedGaussian { .. } => squashed::gradient,
         };
         of(parameters, action, log_probability_slope, entropy_slope, gradient);
+    }
+
+    /// Draws an action of squashed numbers and keeps the normal numbers it was made of in `noise`, so
+    /// that [`Distribution::pathwise_gradient`] can follow them. Returns its log-probability.
+    ///
+    /// # Panics
+    /// If this is another distribution, or a length is not its own.
+    pub fn draw(
+        self,
+        parameters: &[f32],
+        stream: &mut Stream,
+        noise: &mut [f32],
+        action: &mut [f32],
+    ) -> f32 {
+        self.check(parameters);
+        let Distribution::SquashedGaussian { .. } = self else {
+            panic!("{self:?} has no pathwise draw")
+        };
+        squashed::draw(parameters, stream, noise, action)
+    }
+
+    /// Writes the gradient of a loss with respect to the parameters, through an action drawn by
+    /// [`Distribution::draw`] from `noise`, given its derivatives with respect to the numbers of the
+    /// action and to its log-probability.
+    ///
+    /// # Panics
+    /// If a length is not this distribution's.
+    pub fn pathwise_gradient(
+        self,
+        parameters: &[f32],
+        noise: &[f32],
+        action_slopes: &[f32],
+        log_probability_slope: f32,
+        gradient: &mut [f32],
+    ) {
+        self.check(parameters);
+        self.check(gradient);
+        squashed::pathwise_gradient(
+            parameters,
+            noise,
+            action_slopes,
+            log_probability_slope,
+            gradient,
+        );
     }
 }

@@ -40,7 +40,7 @@ pub use metadata::{Kind, Metadata};
 pub use reader::{Ending, Entry, FileReader, Record};
 pub use repair::{Repair, repair};
 pub use rewrite::rewrite;
-pub use run::{RunReader, read_contents, read_run};
+pub use run::{RunReader, read_contents, read_run, recorded_configs};
 pub use topic::{Contents, Topic};
 pub use writer::{LogOptions, LogWriter};
 

@@ -9,13 +9,14 @@ use std::path::{Path, PathBuf};
 
 use prost::Message as _;
 
-use super::folder::{followed, log_files};
+use super::folder::{LogFile, followed, log_files};
 use super::metadata::Metadata;
 use super::reader::{Ending, Entry, FileReader, decode};
 use super::scan::Message;
 use super::topic::{Contents, Topic};
 use super::{Kind, read_error};
 use crate::Error;
+use crate::config::RunConfig;
 
 /// Reads all that a run's log folder holds: trajectories, scores, updates and checkpoints merged
 /// by log time. A policy update comes behind the trajectories it learned from.
@@ -266,4 +267,10 @@ struct RewardUpdateName {
 struct IterationName {
     #[prost(uint64, tag = "1")]
     iteration: u64,
+}
+/// The configurations that the files of a run's log were recorded under, as far as they can be read:
+/// a file may be cut off, or of an older build.
+pub fn recorded_configs(folder: &Path) -> Result<Vec<RunConfig>, Error> {
+    let config = |file: LogFile| FileReader::open(&file.path).ok()?.metadata().config()?.ok();
+    Ok(log_files(folder)?.into_iter().filter_map(config).collect())
 }

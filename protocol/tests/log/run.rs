@@ -135,7 +135,9 @@ fn sittings_may_differ_in_what_changes_no_result() {
     let folder = tempfile::tempdir().unwrap();
     let sit = |setting: &str| {
         let file = include_str!("../../../deploy/tasks/navigation.toml");
-        let config = RunConfig::assemble(file, "goalward", &[setting.to_owned()]).unwrap();
+        let config =
+            RunConfig::assemble(file, "[goal-proximity]", "goalward", &[setting.to_owned()])
+                .unwrap();
         let metadata = metadata().with("config", config.to_text());
         let options = LogOptions::default();
         LogWriter::create(folder.path(), &metadata, options).unwrap().finish().unwrap();

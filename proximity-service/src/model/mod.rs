@@ -1,17 +1,31 @@
 //! Reward models: what learns the reward and answers for it.
 
-mod environment;
+mod discriminator;
+mod ensemble;
+mod fixed;
+mod input;
+mod learned;
+mod objective;
+mod penalty;
 mod proximity;
+mod ranking;
 
 use anyhow::Result;
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 
-pub use environment::EnvironmentReward;
+pub use discriminator::Discriminator;
+pub use ensemble::{Losses, Minibatch, TrainedEnsemble};
+pub use fixed::FixedReward;
+pub use input::{Input, Rows};
+pub use learned::Learned;
+pub use objective::{Drawn, Learning, Objective, Seen};
+pub use penalty::GradientPenalty;
 pub use proximity::GoalProximity;
+pub use ranking::Ranking;
 
-/// A reward model. With PPO it makes a method.
+/// A reward model. With a policy learner it makes a method.
 pub trait RewardModel {
     /// Trains on the demonstrations alone (Algorithm 1, lines 2 to 5).
     fn pretrain(&mut self) -> RewardUpdate;
@@ -23,7 +37,10 @@ pub trait RewardModel {
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score>;
 
     /// Proximity and uncertainty of any observations. Changes nothing.
-    fn estimate(&self, observations: &[u8]) -> Estimates;
+    ///
+    /// # Errors
+    /// When the model cannot tell them from single observations.
+    fn estimate(&self, observations: &[u8]) -> Result<Estimates>;
 
     /// Hash of all weights.
     fn sha256(&self) -> String;

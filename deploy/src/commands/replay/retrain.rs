@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
-use protocol::config::{Method, RunConfig};
+use protocol::config::RunConfig;
 use protocol::log::{Contents, Record, read_contents};
 use protocol::run::RunFolder;
 
@@ -58,7 +58,7 @@ pub(super) fn retrain(
 fn configuration(recorded: &RunFolder) -> Result<RunConfig> {
     let mut config = recorded.config()?;
     let file = recorded.demonstrations_file();
-    if config.method != Method::EnvironmentReward && config.demonstrations.file.is_none() {
+    if config.imitates() && config.demonstrations.file.is_none() {
         let file = fs::canonicalize(&file)
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
         config.demonstrations.file = Some(file);

@@ -1,0 +1,164 @@
+//! Behavioral cloning from observation (Torabi et al., 2018a; paper, Section 4.1): an inverse
+//! dynamics model, fitted to the agent's own transitions, infers the actions of the demonstrations,
+//! and the policy is cloned from those. Both go on as the policy gathers new transitions.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
+use protocol::config::{CloningConfig, InverseDynamicsConfig, RunConfig};
+use protocol::messages::Score;
+use protocol::seed::{self, Purpose};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, Trajectory};
+use rand::seq::SliceRandom;
+use rayon::ThreadPool;
+
+use crate::algorithm::bc::settings;
+use crate::algorithm::cloning::{Cloning, Pairs};
+use crate::algorithm::replay::Replay;
+use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::state::PolicyState;
+
+/// The learner of behavioral cloning from observation.
+pub(super) struct Bco {
+    config: InverseDynamicsConfig,
+    cloning_config: CloningConfig,
+    normalizer: RunningNormalizer,
+    inverse: Cloning,
+    inverse_parameters: Vec<f32>,
+    policy: Cloning,
+    experience: Replay,
+    /// Environment steps so far.
+    steps: u64,
+    /// Pairs of successive observations of the demonstrations.
+    transitions: Vec<u8>,
+    /// The first observation of each pair, and the action inferred for it.
+    pairs: Pairs,
+}
+
+impl Bco {
+    /// A learner that has not learned yet.
+    pub(super) fn new(
+        config: &RunConfig,
+        network: ActorCritic,
+        threads: Arc<ThreadPool>,
+        normalizer: &RunningNormalizer,
+        demonstrations: &[Trajectory],
+    ) -> Bco {
+        let spec = config.task.spec();
+        let cloning = config.cloning.clone().expect("checked with the configuration");
+        let inverse = config.inverse_dynamics.clone().expect("checked with the configuration");
+        let model = ActorCritic::new(spec.observation, spec.action, &architecture(&inverse));
+        let mut stream = seed::stream(config.seed, Purpose::InverseDynamicsWeights, 0, 0);
+        let (one, action) = (spec.observation.bytes(), spec.action.bytes());
+        let expert = Replay::of_demonstrations(spec, demonstrations);
+        let mut transitions = Vec::new();
+        let mut pairs = Pairs::default();
+        for position in 0..expert.len() {
+            let observations = expert.get(position).observations;
+            transitions.extend(observations);
+            pairs.observations.extend(&observations[..one]);
+        }
+        normalizer.normalize(&mut transitions);
+        normalizer.normalize(&mut pairs.observations);
+        let mut inverse_settings = settings(&cloning);
+        inverse_settings.batch = inverse.batch;
+        Bco {
+            inverse_parameters: model.initial_parameters(&mut stream),
+            inverse: Cloning::new(model, [2 * one, action], inverse_settings, Arc::clone(&threads)),
+            policy: Cloning::new(network, [one, action], settings(&cloning), threads),
+            experience: Replay::new(spec, inverse.experience),
+            normalizer: normalizer.clone(),
+            config: inverse,
+            cloning_config: cloning,
+            steps: 0,
+            transitions,
+            pairs,
+        }
+    }
+
+    /// Fits the inverse dynamics model to transitions drawn from the agent's.
+    fn improve_inverse(&mut self, schedule: &Schedule) {
+        let Schedule { run_seed, iteration, .. } = *schedule;
+        let mut stream = seed::stream(run_seed, Purpose::InverseDynamicsBatches, iteration, 0);
+        let count = self.config.samples.min(self.experience.len());
+        let drawn = rand::seq::index::sample(&mut stream, self.experience.len(), count);
+        let mut pairs = Pairs::default();
+        for position in drawn {
+            let transition = self.experience.get(position);
+            pairs.observations.extend(transition.observations);
+            pairs.actions.extend(transition.action);
+        }
+        self.normalizer.normalize(&mut pairs.observations);
+        let rows: Vec<u32> = (0..count as u32).collect();
+        let rate = self.config.learning_rate;
+        self.inverse.train(&mut self.inverse_parameters, &pairs, &rows, rate);
+    }
+}
+
+/// The inverse dynamics model: the action distribution of a policy that sees two observations.
+fn architecture(config: &InverseDynamicsConfig) -> PolicyArchitecture {
+    PolicyArchitecture {
+        cells: CellsArchitecture {
+            channels: config.convolution_channels.to_vec(),
+            features: config.features,
+            ..CellsArchitecture::default()
+        },
+        hidden: config.hidden.clone(),
+        frames: 2,
+        ..PolicyArchitecture::default()
+    }
+}
+
+impl PolicyLearner for Bco {
+    fn update(
+        &mut self,
+        policy: &mut PolicyState,
+        trajectories: &[Encoded],
+        _scores: &[Score],
+        schedule: &Schedule,
+    ) -> Result<Figures> {
+        self.remember(trajectories);
+        if self.steps < self.config.exploration_steps {
+            return Ok(Figures::default());
+        }
+        self.improve_inverse(schedule);
+        self.pairs.actions = self.inverse.modes(&self.inverse_parameters, &self.transitions);
+        let count = self.transitions.len() / self.inverse.row_bytes();
+        let mut rows: Vec<u32> = (0..count as u32).collect();
+        let mut figures = Figures::default();
+        for pass in 0..self.cloning_config.epochs {
+            let Schedule { run_seed, iteration, .. } = *schedule;
+            rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, pass));
+            let rate = self.cloning_config.learning_rate;
+            figures = self.policy.train(&mut policy.parameters, &self.pairs, &rows, rate);
+        }
+        Ok(figures)
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn remember(&mut self, trajectories: &[Encoded]) {
+        for encoded in trajectories {
+            self.steps += u64::from(encoded.trajectory.steps);
+            self.experience.push(&encoded.trajectory);
+        }
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        self.policy.save("adam", tensors);
+        self.inverse.save("inverse.adam", tensors);
+        tensors.put_f32("inverse.parameters", self.inverse_parameters.iter().copied());
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.policy.restore("adam", tensors)?;
+        self.inverse.restore("inverse.adam", tensors)?;
+        let count = self.inverse_parameters.len();
+        self.inverse_parameters = tensors.exactly("inverse.parameters", count, Tensors::f32)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,148 @@
+//! Maximum likelihood: the action distribution of a network is fitted to actions that were taken.
+//! Behavioral cloning fits the policy to the expert's; inverse dynamics fits the action between two
+//! observations to the agent's own.
+
+use std::sync::Arc;
+
+use networks::{ActorCritic, Adam, Distribution};
+use protocol::tensors::Tensors;
+use rayon::ThreadPool;
+
+use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::{Figures, load_optimizer, save_optimizer};
+
+/// What is cloned: rows of observations, as the network sees them, and the action of each.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pairs {
+    /// Observations, each row of the same length.
+    pub(crate) observations: Vec<u8>,
+    /// Actions, each of the same length.
+    pub(crate) actions: Vec<u8>,
+}
+
+/// How it is cloned.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Settings {
+    /// Rows of a minibatch.
+    pub(crate) batch: usize,
+    /// Adam's epsilon.
+    pub(crate) adam_epsilon: f64,
+    /// Largest norm of a gradient.
+    pub(crate) max_gradient_norm: f64,
+}
+
+/// A network in training.
+pub(crate) struct Cloning {
+    gradient: Gradient,
+    optimizer: Adam,
+    settings: Settings,
+    action_bytes: usize,
+}
+
+impl Cloning {
+    /// Training of a network whose rows and actions have so many bytes.
+    pub(crate) fn new(
+        network: ActorCritic,
+        [row_bytes, action_bytes]: [usize; 2],
+        settings: Settings,
+        threads: Arc<ThreadPool>,
+    ) -> Cloning {
+        let optimizer = Adam::new(network.parameter_count(), settings.adam_epsilon);
+        let gradient = Gradient::new(network, row_bytes, threads);
+        Cloning { gradient, optimizer, settings, action_bytes }
+    }
+
+    /// Trains on the pairs named by `rows`, in that order.
+    pub(crate) fn train(
+        &mut self,
+        parameters: &mut [f32],
+        pairs: &Pairs,
+        rows: &[u32],
+        learning_rate: f64,
+    ) -> Figures {
+        let mut figures = Figures::default();
+        let minibatches = rows.chunks(self.settings.batch);
+        let count = minibatches.len();
+        for minibatch in minibatches {
+            let loss = Likelihood {
+                distribution: self.gradient.network().distribution(),
+                actions: &pairs.actions,
+                action_bytes: self.action_bytes,
+                weight: 1.0 / minibatch.len() as f32,
+            };
+            let (gradient, mut own) =
+                self.gradient.of(parameters, &pairs.observations, minibatch, &loss);
+            let largest = self.settings.max_gradient_norm;
+            own.gradient_norm = networks::clip_global_norm(gradient, largest);
+            self.optimizer.update(parameters, gradient, learning_rate);
+            figures.add(&own);
+        }
+        figures.divided_by(count.max(1) as f64)
+    }
+
+    /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.
+    pub(crate) fn loss(&mut self, parameters: &[f32], pairs: &Pairs) -> Option<f64> {
+        let distribution = self.gradient.network().distribution();
+        let rows = self
+            .gradient
+            .evaluate(parameters, &pairs.observations, |output| output.parameters.to_vec());
+        let actions = pairs.actions.chunks_exact(self.action_bytes);
+        let losses = rows.iter().zip(actions).map(|(parameters, action)| {
+            -f64::from(distribution.log_probability(parameters, action))
+        });
+        (!rows.is_empty()).then(|| losses.sum::<f64>() / rows.len() as f64)
+    }
+
+    /// The most probable action of every row, one after another.
+    pub(crate) fn modes(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<u8> {
+        let (distribution, bytes) = (self.gradient.network().distribution(), self.action_bytes);
+        let mode = |output: RowOutput<'_>| {
+            let mut action = vec![0; bytes];
+            distribution.mode(output.parameters, &mut action);
+            action
+        };
+        self.gradient.evaluate(parameters, observations, mode).concat()
+    }
+
+    /// Bytes of a row.
+    pub(crate) fn row_bytes(&self) -> usize {
+        self.gradient.row_bytes()
+    }
+
+    /// Adds the optimizer's state.
+    pub(crate) fn save(&self, name: &str, tensors: &mut Tensors) {
+        save_optimizer(name, &self.optimizer, tensors);
+    }
+
+    /// Takes over what [`Cloning::save`] added.
+    pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
+        load_optimizer(name, &mut self.optimizer, tensors)
+    }
+}
+
+/// Negative log-likelihood of the actions.
+struct Likelihood<'a> {
+    distribution: Distribution,
+    actions: &'a [u8],
+    action_bytes: usize,
+    /// One over the rows of the minibatch.
+    weight: f32,
+}
+
+impl RowLoss for Likelihood<'_> {
+    const OF_VALUES: bool = false;
+
+    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+        let action = &self.actions[row * self.action_bytes..(row + 1) * self.action_bytes];
+        let distribution = self.distribution;
+        distribution.gradient(output.parameters, action, -self.weight, 0.0, slopes);
+        let weight = f64::from(self.weight);
+        let log_probability = distribution.log_probability(output.parameters, action);
+        let figures = Figures {
+            policy_loss: -weight * f64::from(log_probability),
+            entropy: weight * f64::from(distribution.entropy(output.parameters)),
+            ..Figures::default()
+        };
+        (figures, 0.0)
+    }
+}

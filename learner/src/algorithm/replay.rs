@@ -1,0 +1,116 @@
+//! Transitions to be drawn again and again: the newest of the agent, or those of demonstrations.
+
+use std::collections::VecDeque;
+
+use protocol::task::Spec;
+use protocol::trajectory::{Ending, Trajectory};
+
+/// A first-in, first-out buffer of transitions. Episodes share the bytes they came in.
+pub(crate) struct Replay {
+    spec: Spec,
+    capacity: usize,
+    episodes: VecDeque<Trajectory>,
+    /// Number of the first episode held.
+    first_episode: u64,
+    /// Episode and step of each transition, the oldest first.
+    transitions: VecDeque<(u64, u32)>,
+}
+
+/// A transition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Transition<'a> {
+    /// The observation acted on and the next one, one after the other.
+    pub(crate) observations: &'a [u8],
+    /// The action taken.
+    pub(crate) action: &'a [u8],
+    /// Whether it ended the episode at the goal.
+    pub(crate) terminated: bool,
+}
+
+impl Replay {
+    /// An empty buffer for so many transitions of a task.
+    pub(crate) fn new(spec: Spec, capacity: usize) -> Replay {
+        let (episodes, transitions) = (VecDeque::new(), VecDeque::new());
+        Replay { spec, capacity, episodes, first_episode: 0, transitions }
+    }
+
+    /// All transitions of demonstrations.
+    pub(crate) fn of_demonstrations(spec: Spec, demonstrations: &[Trajectory]) -> Replay {
+        let mut replay = Replay::new(spec, usize::MAX);
+        demonstrations.iter().for_each(|demonstration| replay.push(demonstration));
+        replay
+    }
+
+    /// Takes in an episode; the oldest transitions make room.
+    pub(crate) fn push(&mut self, trajectory: &Trajectory) {
+        let number = self.first_episode + self.episodes.len() as u64;
+        self.episodes.push_back(trajectory.clone());
+        self.transitions.extend((0..trajectory.steps).map(|step| (number, step)));
+        let excess = self.transitions.len().saturating_sub(self.capacity);
+        self.transitions.drain(..excess);
+        let oldest = self.transitions.front().map_or(self.first_episode, |(number, _)| *number);
+        self.episodes.drain(..(oldest - self.first_episode) as usize);
+        self.first_episode = oldest;
+    }
+
+    /// Transitions held.
+    pub(crate) fn len(&self) -> usize {
+        self.transitions.len()
+    }
+
+    /// The transition at `position`, 0 being the oldest.
+    pub(crate) fn get(&self, position: usize) -> Transition<'_> {
+        let (number, step) = self.transitions[position];
+        let trajectory = &self.episodes[(number - self.first_episode) as usize];
+        let (one, action) = (self.spec.observation.bytes(), self.spec.action.bytes());
+        let step = step as usize;
+        let last = step + 1 == trajectory.steps as usize;
+        Transition {
+            observations: &trajectory.observations()[step * one..(step + 2) * one],
+            action: trajectory.actions().get(step * action..(step + 1) * action).unwrap_or(&[]),
+            terminated: last && trajectory.ending == Ending::Terminated as i32,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::task::Task;
+
+    use super::*;
+
+    fn episode(first: u8, steps: u32) -> Trajectory {
+        let mut cells = vec![0; 361 * (steps as usize + 1)];
+        for (step, observation) in (first..).zip(cells.chunks_exact_mut(361)) {
+            observation[0] = step;
+        }
+        Trajectory {
+            steps,
+            cells: cells.into(),
+            discrete_actions: (first..).take(steps as usize).collect::<Vec<u8>>().into(),
+            ending: Ending::Terminated as i32,
+            ..Trajectory::default()
+        }
+    }
+
+    #[test]
+    fn the_newest_transitions_stay_and_keep_their_episodes() {
+        let mut replay = Replay::new(Task::Navigation.spec(), 4);
+        replay.push(&episode(10, 3));
+        replay.push(&episode(20, 3));
+        assert_eq!((replay.len(), replay.episodes.len()), (4, 2));
+        let found: Vec<_> = (0..4)
+            .map(|position| {
+                let transition = replay.get(position);
+                let observations = transition.observations;
+                (observations[0], observations[361], transition.action[0], transition.terminated)
+            })
+            .collect();
+        assert_eq!(
+            found,
+            [(12, 13, 12, true), (20, 21, 20, false), (21, 22, 21, false), (22, 23, 22, true)]
+        );
+        replay.push(&episode(30, 4));
+        assert_eq!((replay.len(), replay.episodes.len(), replay.get(0).action[0]), (4, 1, 30));
+    }
+}

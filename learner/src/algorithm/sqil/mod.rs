@@ -1,0 +1,199 @@
+//! Soft Q imitation learning (Reddy et al., 2020; paper, Appendix D.3): off-policy learning from
+//! transitions of the expert, which earn 1, and of the agent, which earn 0. Soft Q-learning for
+//! discrete actions, a soft actor-critic for continuous ones.
+
+mod q_function;
+mod soft_actor_critic;
+mod soft_q;
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use networks::{ActorCritic, RunningNormalizer};
+use protocol::config::{RunConfig, SqilConfig};
+use protocol::learning_rate::LearningRate;
+use protocol::messages::Score;
+use protocol::seed::{self, Purpose, Stream};
+use protocol::task::{ActionSpec, Spec};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, Trajectory};
+use rand::RngExt;
+use rayon::ThreadPool;
+
+use crate::algorithm::replay::Replay;
+use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::state::PolicyState;
+use soft_actor_critic::SoftActorCritic;
+use soft_q::SoftQ;
+
+/// The learner of soft Q imitation learning.
+pub(super) struct Sqil {
+    spec: Spec,
+    config: SqilConfig,
+    learning_rate: LearningRate,
+    normalizer: RunningNormalizer,
+    expert: Replay,
+    agent: Replay,
+    /// Environment steps so far.
+    steps: u64,
+    /// Updates so far; they name the random streams.
+    updates: u64,
+    learner: Box<dyn SoftLearner>,
+}
+
+/// What learns soft Q-functions and a policy from them.
+trait SoftLearner {
+    /// One update.
+    fn update(
+        &mut self,
+        policy: &mut Vec<f32>,
+        minibatch: &Minibatch,
+        stream: &mut Stream,
+        learning_rate: f64,
+    ) -> Figures;
+
+    /// Adds everything carried from one update to the next.
+    fn save(&self, tensors: &mut Tensors);
+
+    /// Takes over what [`SoftLearner::save`] added.
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String>;
+}
+
+/// Transitions drawn for an update: those of the expert, then those of the agent.
+#[derive(Clone, Debug, Default)]
+struct Minibatch {
+    /// Observations acted on, as networks see them.
+    observations: Vec<u8>,
+    /// Actions taken.
+    actions: Vec<u8>,
+    /// The next observations.
+    next_observations: Vec<u8>,
+    /// Rewards, 1 of the expert and 0 of the agent.
+    rewards: Vec<f32>,
+    /// What stands for the value of the next observation, where the episode ended at the goal.
+    end_values: Vec<Option<f32>>,
+}
+
+impl Minibatch {
+    /// What a Q-function is fitted to: rewards and the discounted soft values of what comes next.
+    fn targets(&self, next_values: &[f32], gamma: f32) -> Vec<f32> {
+        let values =
+            self.end_values.iter().zip(next_values).map(|(end, next)| end.unwrap_or(*next));
+        self.rewards.iter().zip(values).map(|(reward, value)| reward + gamma * value).collect()
+    }
+
+    fn len(&self) -> usize {
+        self.rewards.len()
+    }
+}
+
+impl Sqil {
+    /// A learner that has not learned yet.
+    pub(super) fn new(
+        config: &RunConfig,
+        network: ActorCritic,
+        threads: Arc<ThreadPool>,
+        normalizer: &RunningNormalizer,
+        demonstrations: &[Trajectory],
+    ) -> Sqil {
+        let spec = config.task.spec();
+        let own = config.sqil.clone().expect("checked with the configuration");
+        let learner: Box<dyn SoftLearner> = match spec.action {
+            ActionSpec::Discrete { .. } => Box::new(SoftQ::new(config, &own, network, threads)),
+            ActionSpec::Continuous { .. } => {
+                Box::new(SoftActorCritic::new(config, &own, network, threads))
+            }
+        };
+        Sqil {
+            spec,
+            learning_rate: config.learning_rate_to_zero(own.learning_rate),
+            normalizer: normalizer.clone(),
+            expert: Replay::of_demonstrations(spec, demonstrations),
+            agent: Replay::new(spec, own.experience),
+            steps: 0,
+            updates: 0,
+            learner,
+            config: own,
+        }
+    }
+
+    /// Updates that the steps so far are worth.
+    fn updates_owed(&self) -> u64 {
+        let steps = self.steps.saturating_sub(self.config.exploration_steps);
+        (steps as f64 * self.config.updates_per_step) as u64
+    }
+
+    /// Draws as many transitions of the expert as of the agent.
+    fn draw(&self, stream: &mut Stream) -> Minibatch {
+        let SqilConfig { batch, gamma, absorbing, .. } = self.config;
+        let end_value = if absorbing { (1.0 / (1.0 - gamma)) as f32 } else { 0.0 };
+        let one = self.spec.observation.bytes();
+        let mut minibatch = Minibatch::default();
+        for (replay, reward) in [(&self.expert, 1.0), (&self.agent, 0.0)] {
+            for _ in 0..batch {
+                let transition = replay.get(stream.random_range(0..replay.len()));
+                let (observation, next) = transition.observations.split_at(one);
+                minibatch.observations.extend(observation);
+                minibatch.next_observations.extend(next);
+                minibatch.actions.extend(transition.action);
+                minibatch.rewards.push(reward);
+                minibatch.end_values.push(transition.terminated.then_some(end_value));
+            }
+        }
+        self.normalizer.normalize(&mut minibatch.observations);
+        self.normalizer.normalize(&mut minibatch.next_observations);
+        minibatch
+    }
+}
+
+impl PolicyLearner for Sqil {
+    fn update(
+        &mut self,
+        policy: &mut PolicyState,
+        trajectories: &[Encoded],
+        _scores: &[Score],
+        schedule: &Schedule,
+    ) -> Result<Figures> {
+        self.remember(trajectories);
+        let rate = self.learning_rate.at(schedule.iteration);
+        let owed = self.updates_owed().saturating_sub(self.updates);
+        let mut figures = Figures::default();
+        for _ in 0..owed {
+            let mut stream = seed::stream(schedule.run_seed, Purpose::Replay, self.updates, 0);
+            let minibatch = self.draw(&mut stream);
+            let own = self.learner.update(&mut policy.parameters, &minibatch, &mut stream, rate);
+            figures.add(&own);
+            self.updates += 1;
+        }
+        Ok(figures.divided_by(owed.max(1) as f64))
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn remember(&mut self, trajectories: &[Encoded]) {
+        for encoded in trajectories {
+            self.steps += u64::from(encoded.trajectory.steps);
+            self.agent.push(&encoded.trajectory);
+        }
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        tensors.put_u64("updates", [self.updates]);
+        self.learner.save(tensors);
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.updates = tensors.exactly("updates", 1, Tensors::u64)?[0];
+        self.learner.restore(tensors)
+    }
+}
+
+/// Moves target functions towards the functions they follow.
+fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
+    let rate = rate as f32;
+    for (target, parameter) in targets.iter_mut().zip(parameters) {
+        *target += rate * (parameter - *target);
+    }
+}

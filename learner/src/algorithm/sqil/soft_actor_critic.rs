@@ -1,0 +1,229 @@
+//! A soft actor-critic for continuous actions (Haarnoja et al., 2018): two Q-functions, a squashed
+//! normal policy that follows the smaller of them, and a temperature tuned to an entropy.
+
+use std::sync::Arc;
+
+use networks::{ActorCritic, Adam, Distribution};
+use protocol::config::{RunConfig, SqilConfig};
+use protocol::seed::Stream;
+use protocol::task::{ActionSpec, Spec, floats};
+use protocol::tensors::Tensors;
+use rayon::ThreadPool;
+
+use super::q_function::{Asked, QFunction};
+use super::{Minibatch, SoftLearner};
+use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::{Figures, load_optimizer, save_optimizer};
+
+/// The two Q-functions, the policy's optimizer and the temperature.
+pub(super) struct SoftActorCritic {
+    config: SqilConfig,
+    action_len: usize,
+    q_functions: [QFunction; 2],
+    actor: Gradient,
+    optimizer: Adam,
+    log_temperature: Vec<f32>,
+    temperature_optimizer: Adam,
+    threads: Arc<ThreadPool>,
+}
+
+/// Actions drawn for some observations.
+#[derive(Default)]
+struct Drawn {
+    /// The normal numbers they were made of.
+    noise: Vec<f32>,
+    actions: Vec<f32>,
+    log_probs: Vec<f32>,
+}
+
+impl SoftActorCritic {
+    pub(super) fn new(
+        config: &RunConfig,
+        own: &SqilConfig,
+        network: ActorCritic,
+        threads: Arc<ThreadPool>,
+    ) -> SoftActorCritic {
+        let spec: Spec = config.task.spec();
+        let action_len = match spec.action {
+            ActionSpec::Continuous { len } => len,
+            ActionSpec::Discrete { .. } => unreachable!("soft Q-learning has discrete actions"),
+        };
+        let q_function =
+            |number| QFunction::new(number, &spec, action_len, &own.hidden, config.seed);
+        SoftActorCritic {
+            config: own.clone(),
+            action_len,
+            q_functions: [0, 1].map(q_function),
+            optimizer: Adam::new(network.parameter_count(), 1e-8),
+            actor: Gradient::new(network, spec.observation.bytes(), Arc::clone(&threads)),
+            log_temperature: vec![libm::logf(own.temperature as f32)],
+            temperature_optimizer: Adam::new(1, 1e-8),
+            threads,
+        }
+    }
+
+    fn temperature(&self) -> f32 {
+        libm::expf(self.log_temperature[0])
+    }
+
+    fn draw(&mut self, policy: &[f32], observations: &[u8], stream: &mut Stream) -> Drawn {
+        let distribution = self.actor.network().distribution();
+        let rows = self.actor.evaluate(policy, observations, |output| output.parameters.to_vec());
+        let numbers = rows.len() * self.action_len;
+        let mut drawn =
+            Drawn { noise: vec![0.0; numbers], actions: vec![0.0; numbers], log_probs: Vec::new() };
+        let noise = drawn.noise.chunks_exact_mut(self.action_len);
+        let actions = drawn.actions.chunks_exact_mut(self.action_len);
+        for ((parameters, noise), action) in rows.iter().zip(noise).zip(actions) {
+            drawn.log_probs.push(distribution.draw(parameters, stream, noise, action));
+        }
+        drawn
+    }
+
+    /// Fits both Q-functions to the soft values of what comes next.
+    fn improve_q_functions(
+        &mut self,
+        policy: &[f32],
+        minibatch: &Minibatch,
+        stream: &mut Stream,
+        learning_rate: f64,
+    ) -> f64 {
+        let temperature = self.temperature();
+        let next = self.draw(policy, &minibatch.next_observations, stream);
+        let asked = Asked { observations: &minibatch.next_observations, actions: &next.actions };
+        let [first, second] =
+            self.q_functions.each_ref().map(|one| one.target_values(asked, &self.threads));
+        let values = first.iter().zip(&second).zip(&next.log_probs);
+        let values: Vec<f32> = values
+            .map(|((first, second), log_prob)| first.min(*second) - temperature * log_prob)
+            .collect();
+        let targets = minibatch.targets(&values, self.config.gamma as f32);
+        let actions: Vec<f32> =
+            floats(&minibatch.actions).map(|number| number.clamp(-1.0, 1.0)).collect();
+        let asked = Asked { observations: &minibatch.observations, actions: &actions };
+        let threads = &self.threads;
+        let fit = |one: &mut QFunction| one.fit(asked, &targets, learning_rate, threads);
+        self.q_functions.iter_mut().map(fit).sum::<f64>() / 2.0
+    }
+
+    /// Moves the policy towards what the smaller Q-function prefers.
+    fn improve_policy(
+        &mut self,
+        policy: &mut [f32],
+        minibatch: &Minibatch,
+        stream: &mut Stream,
+        learning_rate: f64,
+    ) -> Figures {
+        let observations = &minibatch.observations;
+        let drawn = self.draw(policy, observations, stream);
+        let asked = Asked { observations, actions: &drawn.actions };
+        let [first, second] =
+            self.q_functions.each_ref().map(|one| one.action_slopes(asked, &self.threads));
+        let smaller = first.0.iter().zip(&second.0).map(|(first, second)| first <= second);
+        let rows =
+            first.1.chunks_exact(self.action_len).zip(second.1.chunks_exact(self.action_len));
+        let slopes = smaller.zip(rows).flat_map(
+            |(is_first, (first, second))| {
+                if is_first { first } else { second }
+            },
+        );
+        let loss = Improvement {
+            distribution: self.actor.network().distribution(),
+            action_len: self.action_len,
+            slopes: slopes.copied().collect(),
+            temperature: self.temperature(),
+            weight: 1.0 / minibatch.len() as f32,
+            drawn: &drawn,
+        };
+        let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
+        let (gradient, mut figures) = self.actor.of(policy, observations, &rows, &loss);
+        figures.gradient_norm = networks::clip_global_norm(gradient, f64::INFINITY);
+        self.optimizer.update(policy, gradient, learning_rate);
+        if self.config.tune_temperature {
+            self.tune_temperature(&drawn.log_probs, learning_rate);
+        }
+        figures
+    }
+
+    /// Raises the temperature where the policy's entropy is below minus the numbers of an action.
+    fn tune_temperature(&mut self, log_probs: &[f32], learning_rate: f64) {
+        let mean = log_probs.iter().sum::<f32>() / log_probs.len() as f32;
+        let slope = self.action_len as f32 - mean;
+        self.temperature_optimizer.update(&mut self.log_temperature, &[slope], learning_rate);
+    }
+}
+
+impl SoftLearner for SoftActorCritic {
+    fn update(
+        &mut self,
+        policy: &mut Vec<f32>,
+        minibatch: &Minibatch,
+        stream: &mut Stream,
+        learning_rate: f64,
+    ) -> Figures {
+        let value_loss = self.improve_q_functions(policy, minibatch, stream, learning_rate);
+        let figures = self.improve_policy(policy, minibatch, stream, learning_rate);
+        let rate = self.config.target_rate;
+        self.q_functions.iter_mut().for_each(|one| one.follow(rate));
+        Figures { value_loss, ..figures }
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        for (number, one) in self.q_functions.iter().enumerate() {
+            one.save(&format!("q{number}"), tensors);
+        }
+        save_optimizer("adam", &self.optimizer, tensors);
+        save_optimizer("temperature.adam", &self.temperature_optimizer, tensors);
+        tensors.put_f32("temperature.logarithm", self.log_temperature.iter().copied());
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        for (number, one) in self.q_functions.iter_mut().enumerate() {
+            one.restore(&format!("q{number}"), tensors)?;
+        }
+        load_optimizer("adam", &mut self.optimizer, tensors)?;
+        load_optimizer("temperature.adam", &mut self.temperature_optimizer, tensors)?;
+        self.log_temperature = tensors.exactly("temperature.logarithm", 1, Tensors::f32)?;
+        Ok(())
+    }
+}
+
+/// `temperature x log pi(a | s) - Q(s, a)` of drawn actions.
+struct Improvement<'a> {
+    distribution: Distribution,
+    action_len: usize,
+    drawn: &'a Drawn,
+    /// Slopes of the smaller Q-function with respect to the drawn actions.
+    slopes: Vec<f32>,
+    temperature: f32,
+    /// One over the rows.
+    weight: f32,
+}
+
+impl RowLoss for Improvement<'_> {
+    const OF_VALUES: bool = false;
+
+    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+        let numbers = row * self.action_len..(row + 1) * self.action_len;
+        let action_slopes: Vec<f32> =
+            self.slopes[numbers.clone()].iter().map(|slope| -self.weight * slope).collect();
+        let of_log_prob = self.weight * self.temperature;
+        let noise = &self.drawn.noise[numbers];
+        let distribution = self.distribution;
+        distribution.pathwise_gradient(
+            output.parameters,
+            noise,
+            &action_slopes,
+            of_log_prob,
+            slopes,
+        );
+        let log_prob = f64::from(self.drawn.log_probs[row]);
+        let weight = f64::from(self.weight);
+        let figures = Figures {
+            policy_loss: weight * f64::from(self.temperature) * log_prob,
+            entropy: -weight * log_prob,
+            ..Figures::default()
+        };
+        (figures, 0.0)
+    }
+}

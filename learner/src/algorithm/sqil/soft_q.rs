@@ -1,0 +1,135 @@
+//! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`,
+//! and the policy that goes with it draws actions by `Q / temperature`.
+
+use std::sync::Arc;
+
+use networks::{ActorCritic, Adam};
+use protocol::config::{RunConfig, SqilConfig};
+use protocol::seed::Stream;
+use protocol::tensors::Tensors;
+use rayon::ThreadPool;
+
+use super::{Minibatch, SoftLearner, follow};
+use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::{Figures, load_optimizer, save_optimizer};
+
+/// The Q-function has the policy's shape: its outputs for actions are the policy's logits times the
+/// temperature.
+pub(super) struct SoftQ {
+    gradient: Gradient,
+    optimizer: Adam,
+    /// Of the Q-function; empty before the first update.
+    parameters: Vec<f32>,
+    targets: Vec<f32>,
+    config: SqilConfig,
+    largest_norm: f64,
+}
+
+impl SoftQ {
+    pub(super) fn new(
+        config: &RunConfig,
+        own: &SqilConfig,
+        network: ActorCritic,
+        threads: Arc<ThreadPool>,
+    ) -> SoftQ {
+        let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
+        let bytes = config.task.spec().observation.bytes();
+        SoftQ {
+            gradient: Gradient::new(network, bytes, threads),
+            optimizer,
+            parameters: Vec::new(),
+            targets: Vec::new(),
+            config: own.clone(),
+            largest_norm: config.ppo.max_gradient_norm,
+        }
+    }
+}
+
+/// The soft value of Q-values.
+fn soft_value(q_values: &[f32], temperature: f32) -> f32 {
+    let largest = q_values.iter().fold(f32::NEG_INFINITY, |largest, &value| largest.max(value));
+    let sum = q_values.iter().map(|value| libm::expf((value - largest) / temperature)).sum();
+    largest + temperature * libm::logf(sum)
+}
+
+impl SoftLearner for SoftQ {
+    fn update(
+        &mut self,
+        policy: &mut Vec<f32>,
+        minibatch: &Minibatch,
+        _stream: &mut Stream,
+        learning_rate: f64,
+    ) -> Figures {
+        if self.parameters.is_empty() {
+            self.parameters.clone_from(policy);
+            self.targets.clone_from(policy);
+        }
+        let SqilConfig { temperature, gamma, target_rate, .. } = self.config;
+        let value = |output: RowOutput<'_>| soft_value(output.parameters, temperature as f32);
+        let next = &minibatch.next_observations;
+        let next_values = self.gradient.evaluate(&self.targets, next, value);
+        let loss = Bellman {
+            targets: minibatch.targets(&next_values, gamma as f32),
+            actions: &minibatch.actions,
+            weight: 1.0 / minibatch.len() as f32,
+        };
+        let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
+        let observations = &minibatch.observations;
+        let (gradient, mut figures) =
+            self.gradient.of(&self.parameters, observations, &rows, &loss);
+        figures.gradient_norm = networks::clip_global_norm(gradient, self.largest_norm);
+        self.optimizer.update(&mut self.parameters, gradient, learning_rate);
+        follow(&mut self.targets, &self.parameters, target_rate);
+        policy.clone_from(&self.parameters);
+        self.gradient.network().scale_actor(policy, (1.0 / temperature) as f32);
+        figures
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        save_optimizer("q.adam", &self.optimizer, tensors);
+        tensors.put_f32("q.parameters", self.parameters.iter().copied());
+        tensors.put_f32("q.targets", self.targets.iter().copied());
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        load_optimizer("q.adam", &mut self.optimizer, tensors)?;
+        self.parameters = tensors.f32("q.parameters")?;
+        let count = self.parameters.len();
+        self.targets = tensors.exactly("q.targets", count, Tensors::f32)?;
+        Ok(())
+    }
+}
+
+/// Half the squared Bellman error of the actions taken.
+struct Bellman<'a> {
+    targets: Vec<f32>,
+    actions: &'a [u8],
+    /// One over the rows.
+    weight: f32,
+}
+
+impl RowLoss for Bellman<'_> {
+    const OF_VALUES: bool = false;
+
+    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+        let action = usize::from(self.actions[row]);
+        let error = output.parameters[action] - self.targets[row];
+        slopes.fill(0.0);
+        slopes[action] = self.weight * error;
+        let value_loss = 0.5 * f64::from(self.weight * error * error);
+        (Figures { value_loss, ..Figures::default() }, 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_soft_value_lies_between_the_largest_and_that_plus_the_entropy_of_chance() {
+        let value = soft_value(&[1.0, 3.0, 2.0, -50.0], 0.01);
+        assert!((value - 3.0).abs() < 1e-6, "{value}");
+        let equal = soft_value(&[2.0; 4], 0.5);
+        assert!((equal - (2.0 + 0.5 * 4.0f32.ln())).abs() < 1e-6, "{equal}");
+    }
+}

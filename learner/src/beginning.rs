@@ -1,0 +1,90 @@
+//! Where training begins: afresh, or from the newest checkpoint and the log before it.
+
+use std::collections::HashMap;
+
+use anyhow::{Context, Result, anyhow};
+use protocol::config::{PolicyLearner as Kind, RunConfig};
+use protocol::log::{Record, log_files, read_run, repair};
+use protocol::run::{LEARNER_FILE, RunFolder};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, TrajectoryKey};
+
+use crate::algorithm::{self, PolicyLearner};
+use crate::state::State;
+
+/// The policy learner and the state of a run, as its newest checkpoint has them.
+pub(crate) struct Beginning {
+    pub(crate) learner: Box<dyn PolicyLearner>,
+    pub(crate) state: State,
+}
+
+impl Beginning {
+    /// Seals the log that an interrupted run left, and reads its newest checkpoint.
+    pub(crate) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
+        std::fs::create_dir_all(folder.log())?;
+        for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
+            tracing::info!("{}", repair(&file.path)?);
+        }
+        let mut beginning = Beginning::fresh(folder, config)?;
+        let Some((iteration, checkpoint)) = folder.newest_checkpoint() else {
+            return Ok(beginning);
+        };
+        tracing::info!("continuing after iteration {iteration}");
+        let file = checkpoint.join(LEARNER_FILE);
+        beginning
+            .restore(&Tensors::load(&file)?)
+            .map_err(|message| anyhow!(message))
+            .with_context(|| format!("checkpoint {}", file.display()))?;
+        if beginning.learner.remembers() {
+            remember(folder, config, iteration, &mut *beginning.learner)?;
+        }
+        Ok(beginning)
+    }
+
+    fn fresh(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
+        let demonstrations = match config.learner {
+            Kind::Ppo => Vec::new(),
+            Kind::Bc | Kind::Bco | Kind::Sqil => protocol::demonstrations::load(folder, config)?,
+        };
+        let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(config.resources.learner_threads)
+            .thread_name(|number| format!("update-{number}"))
+            .build()?;
+        let (learner, policy) = algorithm::create(config, &demonstrations, threads);
+        Ok(Beginning { learner, state: State::fresh(policy, config.rollout.lanes) })
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.state.restore(tensors)?;
+        self.learner.restore(tensors)
+    }
+}
+
+/// Gives a learner the batches of the iterations before `iteration`, from the log: a replay buffer
+/// lies in no checkpoint, because the log has it already.
+fn remember(
+    folder: &RunFolder,
+    config: &RunConfig,
+    iteration: u64,
+    learner: &mut dyn PolicyLearner,
+) -> Result<()> {
+    let spec = config.task.spec();
+    let mut trajectories: HashMap<TrajectoryKey, Encoded> = HashMap::new();
+    for entry in read_run(&folder.log())? {
+        match entry?.record {
+            Record::Trajectory(bytes) => {
+                let encoded = Encoded::decode(bytes, &spec)?;
+                trajectories.insert(encoded.key, encoded);
+            }
+            Record::PolicyUpdate(update) if update.iteration < iteration => {
+                let taken = |key: &TrajectoryKey| trajectories.remove(key);
+                let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();
+                learner.remember(&batch.with_context(|| {
+                    format!("iteration {}: expected its whole batch in the log", update.iteration)
+                })?);
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}

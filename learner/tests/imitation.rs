@@ -1,0 +1,331 @@
+//! The learners that imitate: each finds the expert's actions in a small world, threads change no bit
+//! of it, and a restored one goes on alike.
+
+use learner::algorithm::{self, PolicyLearner, Schedule};
+use learner::state::PolicyState;
+use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
+use protocol::config::RunConfig;
+use protocol::seed::{Purpose, Stream, stream};
+use protocol::task::{Task, floats, write_floats};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, Ending, Source, Trajectory};
+use rand::RngExt;
+
+const METHODS: &str = include_str!("../../deploy/methods.toml");
+const NAVIGATION: &str = include_str!("../../deploy/tasks/navigation.toml");
+const FETCH_PUSH: &str = include_str!("../../deploy/tasks/fetch_push.toml");
+
+fn config(file: &str, settings: &[&str]) -> RunConfig {
+    let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+    RunConfig::assemble(file, METHODS, "goalward", &settings).unwrap()
+}
+
+/// A corridor of a grid: places 1 to 17 of row 1, goals at both ends. Action 0 goes right, 2 left.
+struct Corridor;
+
+/// A place and the goal.
+type Place = (usize, usize);
+
+impl Corridor {
+    fn observation((place, goal): Place) -> Vec<u8> {
+        let mut cells = vec![1; 361];
+        cells[20..37].fill(0);
+        cells[19 + goal] = 2;
+        cells[19 + place] = 3;
+        cells
+    }
+
+    fn expert((place, goal): Place) -> u8 {
+        if goal > place { 0 } else { 2 }
+    }
+
+    fn step((place, goal): Place, action: u8) -> Place {
+        match action {
+            0 => ((place + 1).min(17), goal),
+            2 => ((place - 1).max(1), goal),
+            _ => (place, goal),
+        }
+    }
+
+    /// An episode of a policy from a place, to the goal or to 30 steps.
+    fn episode(from: Place, source: Source, mut act: impl FnMut(Place) -> u8) -> Trajectory {
+        let (mut place, mut cells, mut actions) = (from, Self::observation(from), Vec::new());
+        while actions.len() < 30 && place.0 != place.1 {
+            let action = act(place);
+            place = Self::step(place, action);
+            actions.push(action);
+            cells.extend(Self::observation(place));
+        }
+        let success = place.0 == place.1;
+        let steps = actions.len() as u32;
+        let log_probs = if source == Source::Demonstration { 0 } else { 4 * actions.len() };
+        Trajectory {
+            task: Task::Navigation.name().to_owned(),
+            source: source as i32,
+            steps,
+            observation_shape: vec![19, 19],
+            cells: cells.into(),
+            discrete_actions: actions.into(),
+            log_probs: vec![0; log_probs].into(),
+            ending: if success { Ending::Terminated } else { Ending::Truncated } as i32,
+            success,
+            steps_to_goal: if success { steps } else { 0 },
+            ..Trajectory::default()
+        }
+    }
+
+    fn demonstrations() -> Vec<Trajectory> {
+        let starts = (2..16).flat_map(|place| [(place, 1), (place, 17)]);
+        starts.map(|from| Self::episode(from, Source::Demonstration, Self::expert)).collect()
+    }
+
+    /// What somebody gathers who acts at random.
+    fn wandering(draws: &mut Stream, episodes: usize) -> Vec<Encoded> {
+        let episode = |_| {
+            let goal = if draws.random::<bool>() { 1 } else { 17 };
+            let from = (draws.random_range(2..17), goal);
+            Self::episode(from, Source::Training, |_| draws.random_range(0..4))
+        };
+        (0..episodes).map(episode).map(Encoded::encode).collect()
+    }
+
+    /// Share of places where the policy's most probable action is the expert's.
+    fn agreement(config: &RunConfig, policy: &PolicyState) -> f64 {
+        let places: Vec<Place> = (2..17).flat_map(|place| [(place, 1), (place, 17)]).collect();
+        let observations: Vec<u8> =
+            places.iter().flat_map(|&place| Self::observation(place)).collect();
+        let found = modes(config, policy, &observations);
+        let same =
+            found.iter().zip(&places).filter(|(found, place)| found[0] == Self::expert(**place));
+        same.count() as f64 / places.len() as f64
+    }
+}
+
+/// The most probable action of each observation.
+fn modes(config: &RunConfig, policy: &PolicyState, observations: &[u8]) -> Vec<Vec<u8>> {
+    let spec = config.task.spec();
+    let architecture = PolicyArchitecture::from(&config.policy);
+    let network = ActorCritic::new(spec.observation, spec.action, &architecture);
+    let prepared = network.prepare(&policy.parameters);
+    let mut observations = observations.to_vec();
+    policy.normalizer.normalize(&mut observations);
+    let mut workspace = PolicyWorkspace::default();
+    let outputs = network.act(&prepared, Rows::new(&observations), &mut workspace);
+    let mode = |row: &[f32]| {
+        let mut action = vec![0; spec.action.bytes()];
+        network.distribution().mode(row, &mut action);
+        action
+    };
+    outputs.as_slice().chunks_exact(outputs.nrows()).map(mode).collect()
+}
+
+fn begin(
+    config: &RunConfig,
+    demonstrations: &[Trajectory],
+    threads: usize,
+) -> (Box<dyn PolicyLearner>, PolicyState) {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    algorithm::create(config, demonstrations, threads)
+}
+
+fn schedule(iteration: u64) -> Schedule {
+    Schedule { run_seed: 1, iteration, learning_rate: 0.0 }
+}
+
+/// Trains on random wandering; the policy after so many iterations.
+fn wander(
+    config: &RunConfig,
+    iterations: u64,
+    threads: usize,
+) -> (Box<dyn PolicyLearner>, PolicyState) {
+    let (mut learner, mut policy) = begin(config, &Corridor::demonstrations(), threads);
+    for iteration in 0..iterations {
+        let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
+        let batch = Corridor::wandering(&mut draws, 20);
+        let figures = learner.update(&mut policy, &batch, &[], &schedule(iteration)).unwrap();
+        assert!(figures.policy_loss.is_finite() && figures.value_loss.is_finite());
+    }
+    (learner, policy)
+}
+
+const SMALL: [&str; 3] =
+    ["policy.convolution_channels=[4, 4, 4]", "policy.features=16", "cloning.learning_rate=0.001"];
+
+fn small(method: &str, settings: &[&str]) -> RunConfig {
+    let method = format!("method={method}");
+    let cloning = if method.ends_with("sqil") { 2 } else { 3 };
+    config(NAVIGATION, &[&[&method[..]], &SMALL[..cloning], settings].concat())
+}
+
+fn bco() -> RunConfig {
+    small(
+        "bco",
+        &[
+            "inverse_dynamics.convolution_channels=[8, 8, 8]",
+            "inverse_dynamics.features=32",
+            "inverse_dynamics.learning_rate=0.003",
+            "inverse_dynamics.samples=1024",
+            "inverse_dynamics.batch=16",
+            "inverse_dynamics.exploration_steps=1000",
+            "cloning.batch=16",
+            "cloning.epochs=12",
+        ],
+    )
+}
+
+fn sqil() -> RunConfig {
+    small(
+        "sqil",
+        &[
+            "steps=1000000",
+            "sqil.learning_rate=0.003",
+            "sqil.exploration_steps=500",
+            "sqil.updates_per_step=0.1",
+            "sqil.target_rate=0.05",
+            "sqil.gamma=0.9",
+        ],
+    )
+}
+
+#[test]
+fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
+    let config = small("bc", &["cloning.patience=150", "cloning.batch=16"]);
+    let (mut learner, mut policy) = begin(&config, &Corridor::demonstrations(), 2);
+    assert!(learner.is_offline() && Corridor::agreement(&config, &policy) < 0.8);
+    let mut losses = Vec::new();
+    for iteration in 0..config.iterations() {
+        if learner.is_finished() {
+            break;
+        }
+        let figures = learner.update(&mut policy, &[], &[], &schedule(iteration)).unwrap();
+        losses.push(figures.held_out_loss);
+    }
+    assert!(learner.is_finished() && losses.len() < 1000, "{} passes", losses.len());
+    let best = losses.iter().copied().fold(f64::INFINITY, f64::min);
+    assert_eq!(losses[losses.len() - 151], best, "patience counts from the best pass");
+    assert!(best < 0.2, "held out {best} nats");
+    assert!(Corridor::agreement(&config, &policy) > 0.95);
+}
+
+#[test]
+fn actions_are_inferred_from_what_the_agent_did_itself() {
+    let config = bco();
+    let (_, early) = wander(&config, 1, 2);
+    assert_eq!(early.parameters, begin(&config, &Corridor::demonstrations(), 1).1.parameters);
+    let (_, policy) = wander(&config, 60, 2);
+    let agreement = Corridor::agreement(&config, &policy);
+    assert!(agreement > 0.9, "{agreement}");
+}
+
+#[test]
+fn soft_q_learning_follows_the_expert() {
+    let config = sqil();
+    let (_, policy) = wander(&config, 30, 2);
+    let agreement = Corridor::agreement(&config, &policy);
+    assert!(agreement > 0.9, "{agreement}");
+}
+
+#[test]
+fn a_soft_actor_critic_follows_the_expert() {
+    let config = config(
+        FETCH_PUSH,
+        &[
+            "method=sqil",
+            "policy.hidden=[32]",
+            "sqil.hidden=[32]",
+            "sqil.learning_rate=0.003",
+            "sqil.exploration_steps=100",
+            "sqil.gamma=0.9",
+            "sqil.target_rate=0.02",
+            "sqil.batch=64",
+        ],
+    );
+    let demonstrations: Vec<Trajectory> = (0..40)
+        .map(|number| line(number as f32 / 20.0 - 1.0, Source::Demonstration, expert))
+        .collect();
+    let (mut learner, mut policy) = begin(&config, &demonstrations, 2);
+    let mut draws = stream(1, Purpose::TrainingActions, 0, 0);
+    for iteration in 0..25 {
+        let episode = |_| {
+            let from = draws.random_range(-1.0..1.0);
+            Encoded::encode(line(from, Source::Training, |_| draws.random_range(-1.0..1.0)))
+        };
+        let batch: Vec<Encoded> = (0..20).map(episode).collect();
+        learner.update(&mut policy, &batch, &[], &schedule(iteration)).unwrap();
+    }
+    for place in [-0.8f32, -0.4, 0.4, 0.8] {
+        let action = modes(&config, &policy, &point(place)).remove(0);
+        let found = floats(&action).next().unwrap();
+        let wanted = expert(place);
+        assert!((found - wanted).abs() < 0.3, "at {place}: expected {wanted}, found {found}");
+    }
+}
+
+/// An expert on a line, who goes to the middle.
+fn expert(place: f32) -> f32 {
+    -0.8 * place
+}
+
+fn point(place: f32) -> Vec<u8> {
+    let mut bytes = vec![0; 64];
+    write_floats([place], &mut bytes[..4]);
+    bytes
+}
+
+/// Ten steps on a line, each a fifth of the action's first number.
+fn line(from: f32, source: Source, mut act: impl FnMut(f32) -> f32) -> Trajectory {
+    let (mut place, mut values, mut actions) = (from, point(from), Vec::new());
+    for _ in 0..10 {
+        let action = act(place);
+        place += 0.2 * action;
+        values.extend(point(place));
+        actions.extend([action, 0.0, 0.0].map(f32::to_le_bytes).concat());
+    }
+    let log_probs = if source == Source::Demonstration { 0 } else { 40 };
+    Trajectory {
+        task: Task::FetchPush.name().to_owned(),
+        source: source as i32,
+        steps: 10,
+        observation_shape: vec![16],
+        values: values.into(),
+        continuous_actions: actions.into(),
+        log_probs: vec![0; log_probs].into(),
+        ending: Ending::Truncated as i32,
+        ..Trajectory::default()
+    }
+}
+
+#[test]
+fn threads_change_no_bit_and_a_restored_learner_goes_on_alike() {
+    for config in [bco(), sqil()] {
+        let (one, policy) = wander(&config, 6, 1);
+        let (_, same) = wander(&config, 6, 3);
+        assert_eq!(policy.parameters, same.parameters, "{}", config.method);
+        let mut tensors = Tensors::default();
+        one.save(&mut tensors);
+        let (mut restored, _) = begin(&config, &Corridor::demonstrations(), 2);
+        restored.restore(&tensors).unwrap();
+        let mut policies = [policy.clone(), policy];
+        let mut learners = [one, restored];
+        let recorded = |iteration| {
+            let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
+            Corridor::wandering(&mut draws, 20)
+        };
+        assert!(learners[1].remembers());
+        (0..6).for_each(|iteration| learners[1].remember(&recorded(iteration)));
+        for (learner, policy) in learners.iter_mut().zip(&mut policies) {
+            learner.update(policy, &recorded(6), &[], &schedule(6)).unwrap();
+        }
+        assert_eq!(policies[0].parameters, policies[1].parameters, "{}", config.method);
+    }
+}
+
+#[test]
+fn a_foreign_checkpoint_is_refused_with_the_array_that_differs() {
+    let (mut learner, _) = begin(&bco(), &Corridor::demonstrations(), 1);
+    let mut tensors = Tensors::default();
+    learner.save(&mut tensors);
+    tensors.put_f32("inverse.parameters", [1.0]);
+    let message = learner.restore(&tensors).unwrap_err();
+    assert!(message.contains("inverse.parameters") && message.contains("found 1"), "{message}");
+}

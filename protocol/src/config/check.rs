@@ -1,0 +1,217 @@
+//! What a configuration must fulfil. Everything behind it reads checked values only.
+
+use super::{
+    CloningConfig, InverseDynamicsConfig, PolicyLearner, RewardForm, RewardInput, RewardModel,
+    RunConfig, SqilConfig,
+};
+use crate::Error;
+use crate::error::within;
+use crate::task::ObservationSpec;
+
+impl RunConfig {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let at_least_one = [
+            ("demonstrations.episodes", self.demonstrations.episodes),
+            ("rollout.lanes", self.rollout.lanes),
+            ("rollout.lane_steps", self.rollout.lane_steps),
+            ("policy.features", self.policy.features as u64),
+            ("ppo.epochs", self.ppo.epochs),
+            ("ppo.minibatches", self.ppo.minibatches),
+            ("reward.batch", self.reward.batch as u64),
+            ("reward.experience", self.reward.experience as u64),
+            ("checkpoint.iterations", self.checkpoint.iterations),
+            ("checkpoint.keep", self.checkpoint.keep as u64),
+            ("log.file_mib", self.log.file_mib),
+            ("resources.actors", self.resources.actors),
+            ("resources.lease_timeout_ms", self.resources.lease_timeout_ms),
+        ];
+        for (key, number) in at_least_one {
+            within(key, number >= 1, "at least 1", number)?;
+        }
+        let spec = self.task.spec();
+        self.environment.check("environment", &spec)?;
+        self.demonstration_setting().check("demonstrations", &spec)?;
+        self.check_limits()?;
+        self.check_learner()?;
+        self.check_reward()?;
+        self.check_fractions()
+    }
+
+    fn check_learner(&self) -> Result<(), Error> {
+        let (cloning, inverse, sqil) = match self.learner {
+            PolicyLearner::Ppo => (false, false, false),
+            PolicyLearner::Bc => (true, false, false),
+            PolicyLearner::Bco => (true, true, false),
+            PolicyLearner::Sqil => (false, false, true),
+        };
+        let acts = self.learner != PolicyLearner::Bc;
+        within("steps", !acts || self.steps >= 1, "at least 1", self.steps)?;
+        let given = |present: bool| if present { "some" } else { "none" };
+        for (key, wanted, found) in [
+            ("cloning", cloning, self.cloning.is_some()),
+            ("inverse_dynamics", inverse, self.inverse_dynamics.is_some()),
+            ("sqil", sqil, self.sqil.is_some()),
+        ] {
+            within(key, found || !wanted, "there for this learner", given(found))?;
+        }
+        if let Some(cloning) = &self.cloning {
+            cloning.check()?;
+        }
+        if let Some(inverse) = &self.inverse_dynamics {
+            inverse.check()?;
+        }
+        if let Some(sqil) = &self.sqil {
+            sqil.check()?;
+            let lag = self.rollout.lag;
+            within(
+                "rollout.lag",
+                !(self.learner == PolicyLearner::Sqil && lag > 0),
+                "0 for sqil",
+                lag,
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_reward(&self) -> Result<(), Error> {
+        let reward = &self.reward;
+        let found = self.learner;
+        let rewarded = reward.model != RewardModel::None;
+        within("reward.model", rewarded || found != PolicyLearner::Ppo, "some for ppo", "none")?;
+        let adversarial = reward.model == RewardModel::Discriminator;
+        let (expected, fits) = match reward.form {
+            RewardForm::Difference | RewardForm::Absolute => {
+                ("airl or gail for a discriminator", !adversarial)
+            }
+            RewardForm::Gail => ("another than gail but for a discriminator", adversarial),
+            RewardForm::Airl => ("airl", true),
+        };
+        within(
+            "reward.form",
+            fits || !reward.model.learns(),
+            expected,
+            format!("{:?}", reward.form),
+        )?;
+        let single = reward.input != RewardInput::Transition;
+        within("reward.input", single || adversarial, "state or state-action", "transition")?;
+        let penalty = reward.gradient_penalty;
+        let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
+        within(
+            "reward.gradient_penalty",
+            penalty >= 0.0 && penalty.is_finite(),
+            "0 or above",
+            penalty,
+        )?;
+        let holds = penalty == 0.0 || (adversarial && vector);
+        within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)
+    }
+
+    fn check_limits(&self) -> Result<(), Error> {
+        let seed = self.seed;
+        within("seed", seed <= i64::MAX as u64, "below 2^63", seed)?;
+        within("rollout.lag", self.rollout.lag <= 1, "0 or 1", self.rollout.lag)?;
+        within("rollout.lanes", self.rollout.lanes <= 4096, "at most 4096", self.rollout.lanes)?;
+        let (lane_steps, horizon) = (self.rollout.lane_steps, self.task.spec().horizon_steps);
+        let expected = format!("at least the longest episode, {horizon}");
+        within("rollout.lane_steps", lane_steps >= u64::from(horizon), &expected, lane_steps)?;
+        let normalized = self.policy.normalize_observations;
+        let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
+        within("policy.normalize_observations", vector || !normalized, "false for a grid", true)?;
+        let normalized = self.reward.normalize_observations;
+        within("reward.normalize_observations", vector || !normalized, "false for a grid", true)?;
+        let actors = self.resources.actors;
+        within("resources.actors", actors <= 64, "at most 64", actors)?;
+        let ensemble = self.reward.ensemble;
+        within("reward.ensemble", (1..=32).contains(&ensemble), "1 to 32", ensemble)?;
+        let needs_two = self.reward.uncertainty > 0.0;
+        within("reward.ensemble", ensemble >= 2 || !needs_two, "2 for uncertainty", ensemble)?;
+        let (samples, batch) = (self.reward.samples, self.reward.batch);
+        within(
+            "reward.samples",
+            samples == 0 || samples >= batch,
+            "0 or at least a batch",
+            samples,
+        )?;
+        let (minibatches, steps) = (self.ppo.minibatches, self.iteration_steps());
+        within("ppo.minibatches", minibatches <= steps / 2, "at most half the steps", minibatches)
+    }
+
+    fn check_fractions(&self) -> Result<(), Error> {
+        let above_zero = [
+            ("ppo.learning_rate", self.ppo.learning_rate),
+            ("ppo.adam_epsilon", self.ppo.adam_epsilon),
+            ("ppo.clip", self.ppo.clip),
+            ("ppo.max_gradient_norm", self.ppo.max_gradient_norm),
+            ("reward.learning_rate", self.reward.learning_rate),
+        ];
+        for (key, number) in above_zero {
+            positive(key, number)?;
+        }
+        let not_negative = [
+            ("ppo.value_clip", self.ppo.value_clip),
+            ("ppo.value_coefficient", self.ppo.value_coefficient),
+            ("ppo.entropy_coefficient", self.ppo.entropy_coefficient),
+            ("ppo.target_kl", self.ppo.target_kl),
+            ("reward.uncertainty", self.reward.uncertainty),
+        ];
+        for (key, number) in not_negative {
+            within(key, number.is_finite() && number >= 0.0, "0 or above", number)?;
+        }
+        let unit = [
+            ("ppo.gamma", self.ppo.gamma),
+            ("ppo.gae_lambda", self.ppo.gae_lambda),
+            ("reward.delta", self.reward.delta),
+        ];
+        for (key, number) in unit {
+            within(key, number > 0.0 && number <= 1.0, "above 0 and at most 1", number)?;
+        }
+        Ok(())
+    }
+}
+
+impl CloningConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("cloning.learning_rate", self.learning_rate)?;
+        positive("cloning.adam_epsilon", self.adam_epsilon)?;
+        positive("cloning.max_gradient_norm", self.max_gradient_norm)?;
+        within("cloning.batch", self.batch >= 1, "at least 1", self.batch)?;
+        within("cloning.epochs", self.epochs >= 1, "at least 1", self.epochs)?;
+        let held_out = self.validation;
+        within(
+            "cloning.validation",
+            (0.0..1.0).contains(&held_out),
+            "0 or above, below 1",
+            held_out,
+        )?;
+        within("cloning.patience", self.patience >= 1, "at least 1", self.patience)
+    }
+}
+
+impl InverseDynamicsConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("inverse_dynamics.learning_rate", self.learning_rate)?;
+        let (batch, samples) = (self.batch, self.samples);
+        within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
+        within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;
+        let kept = self.experience;
+        within("inverse_dynamics.experience", kept >= samples, "at least the samples", kept)
+    }
+}
+
+impl SqilConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("sqil.learning_rate", self.learning_rate)?;
+        positive("sqil.temperature", self.temperature)?;
+        positive("sqil.updates_per_step", self.updates_per_step)?;
+        let (gamma, rate) = (self.gamma, self.target_rate);
+        within("sqil.gamma", gamma > 0.0 && gamma < 1.0, "above 0 and below 1", gamma)?;
+        within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
+        let (batch, kept) = (self.batch, self.experience);
+        within("sqil.batch", batch >= 1, "at least 1", batch)?;
+        within("sqil.experience", kept >= batch, "at least a batch", kept)
+    }
+}
+
+fn positive(key: &str, number: f64) -> Result<(), Error> {
+    within(key, number.is_finite() && number > 0.0, "above 0", number)
+}

@@ -1,0 +1,181 @@
+//! Discriminators: whether a state (GAIfO-s), a transition (GAIfO) or a state and action (GAIL) is the
+//! expert's, by logistic regression (Section 4.1, baselines).
+//!
+//! Each member of an ensemble is trained on its own, on the same minibatches, as all our ensembles
+//! are; the authors train the mean of five logits by one loss.
+
+use networks::{Score as RowScore, binary_cross_entropy, sigmoid};
+use protocol::config::{RewardConfig, RewardInput};
+use protocol::seed::Stream;
+use protocol::trajectory::Trajectory;
+
+use super::ensemble::{Losses, Minibatch};
+use super::input::Input;
+use super::objective::{Drawn, Learning, Objective, Seen};
+use crate::reward::discriminator_rewards;
+
+/// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Discriminator;
+
+impl Objective for Discriminator {
+    const SQUASHED: bool = false;
+
+    fn new(_config: &RewardConfig, _demonstrations: &[Trajectory]) -> Self {
+        Discriminator
+    }
+
+    /// One row a step: a state that nobody acts in, such as the goal, tells nothing of who acts.
+    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+        input.append_steps(seen.observations, seen.actions, rows);
+    }
+
+    /// One row a step; of states the last one, too, for whoever asks how it looks.
+    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+        if input.sees() == RewardInput::State {
+            input.append_observations(seen.observations, seen.actions, rows);
+        } else {
+            input.append_steps(seen.observations, seen.actions, rows);
+        }
+    }
+
+    /// Nothing: without an agent there is nothing to tell apart.
+    fn offline(&self, _learning: &Learning<'_>) -> Vec<Drawn> {
+        Vec::new()
+    }
+
+    /// One pass over as many rows of each as there are, at most the samples wanted.
+    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+        let samples = learning.config.samples.min(learning.demonstrations).min(agent);
+        learning.pairs(agent, samples, stream)
+    }
+
+    /// The mean over the expert's rows and the mean over the agent's; their sum is twice the mean
+    /// over both.
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses {
+        let count = minibatch.drawn.demonstrations.len();
+        let (own, agent) = outputs.split_at(count);
+        let (own_slopes, agent_slopes) = slopes.split_at_mut(count);
+        let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;
+        Losses {
+            demonstrations: binary_cross_entropy(own, 1.0, weight(own), own_slopes),
+            agent: binary_cross_entropy(agent, 0.0, weight(agent), agent_slopes),
+        }
+    }
+
+    /// The probability that a row is the expert's.
+    fn proximity(&self, row: &RowScore) -> f32 {
+        sigmoid(row.mean)
+    }
+
+    /// The row of a step is the state acted in, so that of the last state goes without a reward.
+    fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32> {
+        discriminator_rewards(&rows[..steps], config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Learned, RewardModel};
+    use crate::tests::{assert_reproducible, config, learned, place, walk, walk_back};
+    use protocol::config::RewardForm;
+    use protocol::trajectory::{Encoded, Source};
+
+    /// A single discriminator.
+    fn of(input: RewardInput) -> RewardConfig {
+        RewardConfig {
+            input,
+            form: RewardForm::Airl,
+            uncertainty: 0.0,
+            ensemble: 1,
+            learning_rate: 0.01,
+            batch: 2,
+            samples: 40,
+            ..config()
+        }
+    }
+
+    /// Trains on what the agent does, a hundred episodes of it; then scores it and the expert's walk.
+    /// Gives the mean rewards of both, and the model.
+    fn rewards_of(config: &RewardConfig, agents: Trajectory) -> ([f32; 2], Learned<Discriminator>) {
+        let batch = [agents, walk(0.0, Source::Training)].map(Encoded::encode);
+        let mut model: Learned<Discriminator> = learned(config, 2);
+        assert_eq!(model.pretrain().gradient_steps, 0);
+        for iteration in 0..100 {
+            let update = model.improve(iteration, &batch[..1]);
+            assert_eq!(update.gradient_steps, 5);
+        }
+        let scores = model.score(100, &batch);
+        let mean = |at: usize| scores[at].rewards.iter().sum::<f32>() / 10.0;
+        ([mean(0), mean(1)], model)
+    }
+
+    #[test]
+    fn states_of_the_expert_earn_more() {
+        let (rewards, model) = rewards_of(&of(RewardInput::State), walk(1.0, Source::Training));
+        assert!(rewards[1] > 1.0 && rewards[0] < -1.0, "{rewards:?}");
+        let [expert, agent] = [0.0, 1.0].map(|row| model.estimate(&place(0.5, row)).unwrap());
+        assert!(expert.proximity[0] > 0.7 && agent.proximity[0] < 0.3, "{expert:?} {agent:?}");
+        let score = &model.score(0, &[Encoded::encode(walk(1.0, Source::Training))])[0];
+        assert_eq!((score.rewards.len(), score.proximity.len()), (10, 11));
+    }
+
+    #[test]
+    fn transitions_tell_which_way_the_agent_walks_where_states_do_not() {
+        let back = walk_back(0.0, Source::Training);
+        let (blind, _) = rewards_of(&of(RewardInput::State), back.clone());
+        let (seeing, model) = rewards_of(&of(RewardInput::Transition), back);
+        assert!((blind[1] - blind[0]).abs() < 0.3, "{blind:?}");
+        assert!(seeing[1] > seeing[0] + 1.0, "{seeing:?}");
+        let message = model.estimate(&place(0.5, 0.0)).unwrap_err().to_string();
+        assert!(message.contains("single states") && message.contains("transitions"), "{message}");
+    }
+
+    #[test]
+    fn actions_tell_the_agent_where_states_and_transitions_do_not() {
+        let mut agents = walk(0.0, Source::Training);
+        agents.discrete_actions = vec![1; 10].into();
+        let (blind, _) = rewards_of(&of(RewardInput::Transition), agents.clone());
+        let (seeing, _) = rewards_of(&of(RewardInput::StateAction), agents);
+        assert_eq!(blind[0], blind[1]);
+        assert!(seeing[1] > seeing[0] + 1.0, "{seeing:?}");
+    }
+
+    #[test]
+    fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
+        for input in [RewardInput::State, RewardInput::Transition, RewardInput::StateAction] {
+            let penalty = RewardConfig { gradient_penalty: 1.0, ensemble: 3, ..of(input) };
+            assert_reproducible::<Discriminator>(&penalty);
+        }
+    }
+
+    #[test]
+    fn the_penalty_pulls_the_norm_of_the_gradient_towards_one() {
+        let norm = |gradient_penalty: f64| {
+            let config = RewardConfig { gradient_penalty, ..of(RewardInput::State) };
+            let (_, model) = rewards_of(&config, walk(1.0, Source::Training));
+            let logit = |at: f32, row: f32| {
+                let proximity = model.estimate(&place(at, row)).unwrap().proximity[0];
+                (proximity / (1.0 - proximity)).ln()
+            };
+            let along = (logit(0.55, 0.5) - logit(0.45, 0.5)) / 0.1;
+            along.hypot((logit(0.5, 0.55) - logit(0.5, 0.45)) / 0.1)
+        };
+        let (free, penalized) = (norm(0.0), norm(10.0));
+        assert!(free > 3.0 && (penalized - 1.0).abs() < 0.2, "{free} without, {penalized} with");
+    }
+
+    #[test]
+    fn an_uncertain_row_earns_less() {
+        let config = RewardConfig { uncertainty: 0.5, ensemble: 4, ..of(RewardInput::State) };
+        let (_, model) = rewards_of(&config, walk(1.0, Source::Training));
+        let score = &model.score(0, &[Encoded::encode(walk(0.0, Source::Training))])[0];
+        for ((reward, proximity), uncertainty) in
+            score.rewards.iter().zip(&score.proximity).zip(&score.uncertainty)
+        {
+            let logit = (proximity / (1.0 - proximity)).ln();
+            assert!(*uncertainty > 0.0 && (reward - (logit - 0.5 * uncertainty)).abs() < 1e-4);
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! The ensemble of every learned reward model: its training step, its scores, its state.
+//!
+//! Every member sees the same minibatches; their only difference is where they start. Members are
+//! trained, and shards of rows scored, on several threads: each result is computed by one thread in
+//! a fixed order, so the number of threads never changes a bit.
+
+use networks::{
+    Adam, Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore,
+    Workspace,
+};
+use protocol::config::RewardConfig;
+use protocol::seed::{self, Purpose};
+use protocol::tensors::Tensors;
+use protocol::weights;
+use rayon::ThreadPool;
+use rayon::prelude::*;
+
+use super::input::{Input, Rows};
+use super::objective::Drawn;
+use super::penalty::GradientPenalty;
+
+/// Adam's epsilon, as in the authors' code.
+const ADAM_EPSILON: f64 = 1e-8;
+
+/// Rows scored at a time by one thread.
+const SHARD_ROWS: usize = 64;
+
+/// An ensemble with its optimizers.
+pub struct TrainedEnsemble {
+    input: Input,
+    normalizer: RunningNormalizer,
+    ensemble: Ensemble,
+    trainers: Vec<Trainer>,
+    prepared: Vec<Prepared>,
+    threads: ThreadPool,
+}
+
+/// What a gradient step is taken on: rows of demonstrations, then rows of the agent.
+pub struct Minibatch {
+    /// The rows, normalized.
+    pub rows: Rows,
+    /// Which ones they are.
+    pub drawn: Drawn,
+    /// What the discriminator's gradient is penalized by, if it is.
+    pub penalty: Option<GradientPenalty>,
+}
+
+/// A member's optimizer, and memory that its training reuses.
+#[derive(Clone, Debug)]
+struct Trainer {
+    optimizer: Adam,
+    prepared: Prepared,
+    workspace: Workspace,
+    gradient: Vec<f32>,
+}
+
+/// The two terms of a model's loss on a minibatch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// On demonstrations.
+    pub demonstrations: f64,
+    /// On the agent's experience.
+    pub agent: f64,
+}
+
+impl Losses {
+    /// The mean of each term; zero if there are none.
+    pub fn mean(losses: &[Losses]) -> Losses {
+        let count = losses.len().max(1) as f64;
+        Losses {
+            demonstrations: losses.iter().map(|loss| loss.demonstrations).sum::<f64>() / count,
+            agent: losses.iter().map(|loss| loss.agent).sum::<f64>() / count,
+        }
+    }
+}
+
+impl TrainedEnsemble {
+    /// A fresh ensemble over rows of an input. If `squashed`, its members' outputs pass through a
+    /// sigmoid before they are averaged.
+    pub fn new(
+        input: Input,
+        config: &RewardConfig,
+        run_seed: u64,
+        normalizer: RunningNormalizer,
+        squashed: bool,
+        threads: ThreadPool,
+    ) -> Self {
+        let network = Network::new(input.network_shape(&RewardArchitecture::from(config)));
+        let members = 0..config.ensemble as u64;
+        let streams =
+            members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
+        let ensemble = Ensemble { squashed, ..Ensemble::new(network, streams) };
+        let parameters = ensemble.members[0].len();
+        let trainer = Trainer {
+            optimizer: Adam::new(parameters, ADAM_EPSILON),
+            prepared: Prepared::default(),
+            workspace: Workspace::default(),
+            gradient: vec![0.0; parameters],
+        };
+        TrainedEnsemble {
+            input,
+            normalizer,
+            trainers: vec![trainer; config.ensemble],
+            prepared: ensemble.prepare(),
+            ensemble,
+            threads,
+        }
+    }
+
+    /// Rows as the networks see them.
+    pub fn normalized(&self, rows: Vec<u8>) -> Rows {
+        let mut rows = self.input.split(rows);
+        self.normalizer.normalize(&mut rows.observations);
+        rows
+    }
+
+    /// One optimizer step of every member. The loss takes the outputs of one member and gives their
+    /// slopes. [`TrainedEnsemble::prepare`] has to follow before rows are scored.
+    pub fn train(
+        &mut self,
+        minibatch: &Minibatch,
+        loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses + Sync,
+        learning_rate: f64,
+    ) -> Losses {
+        let network = &self.ensemble.network;
+        let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
+        let train = |(member, trainer): (&mut Vec<f32>, &mut Trainer)| {
+            let losses = trainer.differentiate(network, member, minibatch, &loss);
+            trainer.optimizer.update(member, &trainer.gradient, learning_rate);
+            losses
+        };
+        let losses: Vec<Losses> = self.threads.install(|| members.map(train).collect());
+        Losses::mean(&losses)
+    }
+
+    /// Makes the trained weights those that rows are scored with.
+    pub fn prepare(&mut self) {
+        self.prepared = self.ensemble.prepare();
+    }
+
+    /// Scores of rows, in order.
+    pub fn scores(&self, rows: &[u8]) -> Vec<RowScore> {
+        let score = |workspace: &mut Workspace, shard: &[u8]| {
+            let (mut outputs, mut scores) = (Vec::new(), Vec::new());
+            let rows = self.normalized(shard.to_vec());
+            self.ensemble.score(&self.prepared, rows.batch(), workspace, &mut outputs, &mut scores);
+            scores
+        };
+        let shards = rows.par_chunks(SHARD_ROWS * self.input.row_bytes());
+        let scores = || shards.map_init(Workspace::default, score).collect::<Vec<_>>();
+        self.threads.install(scores).concat()
+    }
+
+    /// Hash of all weights.
+    pub fn sha256(&self) -> String {
+        weights::sha256(self.ensemble.members.iter().map(Vec::as_slice))
+    }
+
+    /// Adds weights, optimizers and normalization to a checkpoint.
+    pub fn save(&self, tensors: &mut Tensors) {
+        tensors.put_f64("moments", self.normalizer.to_numbers());
+        let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
+        for (number, (member, trainer)) in members {
+            let adam = &trainer.optimizer;
+            let name = |part| format!("member{number}.{part}");
+            tensors.put_f32(&name("parameters"), member.iter().copied());
+            tensors.put_f32(&name("adam.first_moment"), adam.first_moment.iter().copied());
+            tensors.put_f32(&name("adam.second_moment"), adam.second_moment.iter().copied());
+            tensors.put_u64(&name("adam.step"), [adam.step]);
+        }
+    }
+
+    /// Takes over what [`TrainedEnsemble::save`] added.
+    ///
+    /// # Errors
+    /// When the arrays are not those of this ensemble.
+    pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.normalizer = RunningNormalizer::from_numbers(&tensors.f64("moments")?);
+        let members = self.ensemble.members.iter_mut().zip(&mut self.trainers).enumerate();
+        for (number, (member, trainer)) in members {
+            let adam = &mut trainer.optimizer;
+            let name = |part| format!("member{number}.{part}");
+            let read = |part| tensors.exactly(&name(part), member.len(), Tensors::f32);
+            let parts = (read("parameters")?, read("adam.first_moment")?);
+            adam.second_moment = read("adam.second_moment")?;
+            (*member, adam.first_moment) = parts;
+            adam.step = tensors.exactly(&name("adam.step"), 1, Tensors::u64)?[0];
+        }
+        self.prepare();
+        Ok(())
+    }
+}
+
+impl Trainer {
+    /// Losses of one member, and the gradient of their sum and of the penalty.
+    fn differentiate(
+        &mut self,
+        network: &Network,
+        member: &[f32],
+        minibatch: &Minibatch,
+        loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses,
+    ) -> Losses {
+        let Trainer { prepared, workspace, gradient, .. } = self;
+        network.prepare_into(member, prepared);
+        let batch = minibatch.rows.batch();
+        let outputs = network.forward(prepared, batch, workspace);
+        let mut slopes = outputs.clone();
+        let losses = loss(minibatch, outputs.as_slice(), slopes.as_mut_slice());
+        gradient.fill(0.0);
+        network.backward(prepared, batch, workspace, &slopes, gradient);
+        if let Some(penalty) = &minibatch.penalty {
+            penalty.differentiate(network, prepared, workspace, gradient);
+        }
+        losses
+    }
+}

@@ -1,0 +1,160 @@
+//! What a reward model sees of a step: a state, a transition, or a state and the action taken there.
+//!
+//! A row is its observations' bytes and, behind them, the numbers beside them as little-endian
+//! `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
+
+use networks::{Batch, NetworkShape, RewardArchitecture};
+use protocol::config::RewardInput;
+use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
+
+/// The rows of a task for a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Input {
+    observation: ObservationSpec,
+    action: ActionSpec,
+    sees: RewardInput,
+}
+
+/// Rows as a network reads them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rows {
+    /// The observations of all rows.
+    pub observations: Vec<u8>,
+    /// The numbers beside them, of all rows.
+    pub beside: Vec<f32>,
+}
+
+impl Rows {
+    /// The rows as a network's batch.
+    pub fn batch(&self) -> Batch<'_> {
+        Batch { observations: &self.observations, beside: &self.beside }
+    }
+}
+
+impl Input {
+    /// The rows of a task for a model that sees this of a step.
+    pub fn new(spec: &Spec, sees: RewardInput) -> Self {
+        Input { observation: spec.observation, action: spec.action, sees }
+    }
+
+    /// What the model sees of a step.
+    pub fn sees(&self) -> RewardInput {
+        self.sees
+    }
+
+    /// Observations of a row.
+    pub fn frames(&self) -> usize {
+        if self.sees == RewardInput::Transition { 2 } else { 1 }
+    }
+
+    /// Numbers beside them: a discrete action has one for each choice, 1 for the one taken.
+    pub fn beside(&self) -> usize {
+        match (self.sees, self.action) {
+            (RewardInput::State | RewardInput::Transition, _) => 0,
+            (RewardInput::StateAction, ActionSpec::Discrete { count }) => count,
+            (RewardInput::StateAction, ActionSpec::Continuous { len }) => len,
+        }
+    }
+
+    /// A network over these rows.
+    pub fn network_shape(&self, architecture: &RewardArchitecture) -> NetworkShape {
+        architecture.network_shape(self.observation, self.frames(), self.beside())
+    }
+
+    fn observation_bytes(&self) -> usize {
+        self.frames() * self.observation.bytes()
+    }
+
+    /// Length of a row.
+    pub fn row_bytes(&self) -> usize {
+        self.observation_bytes() + 4 * self.beside()
+    }
+
+    /// Appends a row for every step of an episode: for every observation but the last.
+    pub fn append_steps(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
+        let (one, seen) = (self.observation.bytes(), self.observation_bytes());
+        for step in 0..observations.len() / one - 1 {
+            rows.extend(&observations[step * one..step * one + seen]);
+            if self.sees == RewardInput::StateAction {
+                let width = self.action.bytes();
+                self.append_action(&actions[step * width..(step + 1) * width], rows);
+            }
+        }
+    }
+
+    /// Appends a row for every observation of an episode. Beside the last one, where no action was
+    /// taken, there are zeros. The authors sample one from the policy if the episode is the agent's;
+    /// this service has no policy, and the expert's last action is zeros there, too.
+    ///
+    /// # Panics
+    /// If the model sees transitions: the last observation begins none.
+    pub fn append_observations(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
+        assert_ne!(self.sees, RewardInput::Transition, "a single observation is no transition");
+        self.append_steps(observations, actions, rows);
+        rows.extend(&observations[observations.len() - self.observation.bytes()..]);
+        rows.resize(rows.len() + 4 * self.beside(), 0);
+    }
+
+    fn append_action(&self, action: &[u8], rows: &mut Vec<u8>) {
+        match self.action {
+            ActionSpec::Continuous { .. } => rows.extend(action),
+            ActionSpec::Discrete { count } => {
+                let taken = usize::from(action[0]);
+                let number = |choice| if choice == taken { 1.0_f32 } else { 0.0 };
+                rows.extend((0..count).flat_map(|choice| number(choice).to_le_bytes()));
+            }
+        }
+    }
+
+    /// Takes rows apart for a network.
+    pub fn split(&self, rows: Vec<u8>) -> Rows {
+        if self.beside() == 0 {
+            return Rows { observations: rows, beside: Vec::new() };
+        }
+        let mut split = Rows::default();
+        for row in rows.chunks_exact(self.row_bytes()) {
+            let (observations, beside) = row.split_at(self.observation_bytes());
+            split.observations.extend(observations);
+            split.beside.extend(floats(beside));
+        }
+        split
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::task::Task;
+
+    const TINY: Spec = Spec {
+        task: Task::Navigation,
+        observation: ObservationSpec::Cells { height: 1, width: 2, classes: 9 },
+        action: ActionSpec::Discrete { count: 2 },
+        horizon_steps: 9,
+    };
+
+    #[test]
+    fn rows_hold_what_the_model_sees() {
+        let (observations, actions) = ([1, 2, 3, 4, 5, 6], [1, 0]);
+        let steps = |sees| {
+            let (input, mut rows) = (Input::new(&TINY, sees), Vec::new());
+            input.append_steps(&observations, &actions, &mut rows);
+            assert_eq!(rows.len(), 2 * input.row_bytes());
+            input.split(rows)
+        };
+        assert_eq!(steps(RewardInput::State).observations, [1, 2, 3, 4]);
+        assert_eq!(steps(RewardInput::Transition).observations, [1, 2, 3, 4, 3, 4, 5, 6]);
+        let found = steps(RewardInput::StateAction);
+        assert_eq!(found.observations, [1, 2, 3, 4]);
+        assert_eq!(found.beside, [0.0, 1.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn no_action_is_taken_at_the_last_observation() {
+        let (input, mut rows) = (Input::new(&TINY, RewardInput::StateAction), Vec::new());
+        input.append_observations(&[1, 2, 3, 4], &[1], &mut rows);
+        let found = input.split(rows);
+        assert_eq!(found.observations, [1, 2, 3, 4]);
+        assert_eq!(found.beside, [0.0, 1.0, 0.0, 0.0]);
+    }
+}

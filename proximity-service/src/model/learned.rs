@@ -1,0 +1,241 @@
+//! A reward model that is learned: rows of demonstrations against rows of the agent, and an ensemble
+//! trained on both. Models differ in their [`Objective`] alone.
+
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use networks::RunningNormalizer;
+use protocol::config::{RewardConfig, RewardInput};
+use protocol::learning_rate::LearningRate;
+use protocol::messages::{Estimates, RewardUpdate, Score};
+use protocol::seed::{self, Purpose};
+use protocol::task::{ObservationSpec, Spec};
+use protocol::tensors::Tensors;
+use protocol::trajectory::{Encoded, Trajectory};
+use rayon::ThreadPool;
+
+use super::RewardModel;
+use super::ensemble::{Losses, Minibatch, TrainedEnsemble};
+use super::input::Input;
+use super::objective::{Drawn, Learning, Objective, Seen};
+use super::penalty::GradientPenalty;
+use crate::experience::Experience;
+
+/// A learned reward model.
+pub struct Learned<O> {
+    objective: O,
+    config: RewardConfig,
+    learning_rate: LearningRate,
+    input: Input,
+    run_seed: u64,
+    /// Rows of the demonstrations.
+    demonstrations: Vec<u8>,
+    experience: Experience,
+    ensemble: TrainedEnsemble,
+    version: u64,
+}
+
+impl<O: Objective> Learned<O> {
+    /// A fresh model for a task.
+    pub fn new(
+        spec: &Spec,
+        config: &RewardConfig,
+        learning_rate: LearningRate,
+        run_seed: u64,
+        demonstrations: &[Trajectory],
+        threads: ThreadPool,
+    ) -> Self {
+        let objective = O::new(config, demonstrations);
+        let input = Input::new(spec, config.input);
+        let mut rows = Vec::new();
+        for trajectory in demonstrations {
+            let (observations, actions) = (trajectory.observations(), trajectory.actions());
+            objective.append_training_rows(&input, Seen { observations, actions }, &mut rows);
+        }
+        let normalizer = normalizer(spec, config, demonstrations);
+        let ensemble =
+            TrainedEnsemble::new(input, config, run_seed, normalizer, O::SQUASHED, threads);
+        Learned {
+            objective,
+            config: config.clone(),
+            learning_rate,
+            input,
+            run_seed,
+            demonstrations: rows,
+            experience: Experience::new(config.experience, input.row_bytes()),
+            ensemble,
+            version: 0,
+        }
+    }
+
+    fn learning(&self) -> Learning<'_> {
+        Learning {
+            config: &self.config,
+            run_seed: self.run_seed,
+            demonstrations: self.demonstrations.len() / self.input.row_bytes(),
+        }
+    }
+
+    fn minibatch(&self, drawn: Drawn) -> Minibatch {
+        let size = self.input.row_bytes();
+        let mut rows = Vec::new();
+        for position in &drawn.demonstrations {
+            rows.extend(&self.demonstrations[position * size..(position + 1) * size]);
+        }
+        for &position in &drawn.agent {
+            self.experience.append_to(position, &mut rows);
+        }
+        Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
+    }
+
+    /// One optimizer step of every member.
+    fn train(&mut self, minibatch: &Minibatch, learning_rate: f64) -> Losses {
+        let objective = &self.objective;
+        let losses = |minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]| {
+            objective.losses(minibatch, outputs, slopes)
+        };
+        self.ensemble.train(minibatch, losses, learning_rate)
+    }
+
+    fn updated(&mut self, iteration: u64, losses: &[Losses], begun: Instant) -> RewardUpdate {
+        self.version += 1;
+        self.ensemble.prepare();
+        let mean = Losses::mean(losses);
+        RewardUpdate {
+            iteration,
+            model_version: self.version,
+            gradient_steps: losses.len() as u64,
+            demonstration_loss: mean.demonstrations,
+            agent_loss: mean.agent,
+            weights_sha256: self.sha256(),
+            experience: self.experience.len() as u64,
+            seconds: begun.elapsed().as_secs_f64(),
+        }
+    }
+}
+
+/// What the ensemble's observations are normalized by.
+fn normalizer(
+    spec: &Spec,
+    config: &RewardConfig,
+    demonstrations: &[Trajectory],
+) -> RunningNormalizer {
+    match spec.observation {
+        ObservationSpec::Vector { len } if config.normalize_observations => {
+            let observations: Vec<&[u8]> =
+                demonstrations.iter().map(Trajectory::observations).collect();
+            RunningNormalizer::of_demonstrations(len, &observations.concat())
+        }
+        _ => RunningNormalizer::new(0),
+    }
+}
+
+impl<O: Objective> RewardModel for Learned<O> {
+    fn pretrain(&mut self) -> RewardUpdate {
+        let begun = Instant::now();
+        let mut losses = Vec::new();
+        for drawn in self.objective.offline(&self.learning()) {
+            let minibatch = self.minibatch(drawn);
+            losses.push(self.train(&minibatch, self.learning_rate.first));
+        }
+        self.updated(0, &losses, begun)
+    }
+
+    /// Only what the agent saw up to the goal counts as its experience.
+    fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> RewardUpdate {
+        let begun = Instant::now();
+        for Encoded { trajectory, .. } in batch {
+            let (observations, actions) = (trajectory.observations_to_goal(), trajectory.actions());
+            let mut rows = Vec::new();
+            let seen = Seen { observations, actions };
+            self.objective.append_training_rows(&self.input, seen, &mut rows);
+            self.experience.push(&rows);
+        }
+        let learning_rate = self.learning_rate.at(iteration);
+        let mut losses = Vec::new();
+        if learning_rate > 0.0 && self.config.samples > 0 {
+            let purpose = Purpose::ImprovementBatches;
+            let mut stream = seed::stream(self.run_seed, purpose, iteration, 0);
+            let agent = self.experience.len();
+            for drawn in self.objective.online(&self.learning(), agent, &mut stream) {
+                let mut minibatch = self.minibatch(drawn);
+                if self.config.gradient_penalty > 0.0 {
+                    let weight = self.config.gradient_penalty as f32;
+                    let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
+                    let penalty = GradientPenalty::between(rows, pairs, weight, &mut stream);
+                    minibatch.penalty = Some(penalty);
+                }
+                losses.push(self.train(&minibatch, learning_rate));
+            }
+        }
+        self.updated(iteration, &losses, begun)
+    }
+
+    /// Each row is scored once: the state after one step is the state before the next.
+    fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
+        let (mut rows, mut counts) = (Vec::new(), Vec::new());
+        for Encoded { trajectory, .. } in batch {
+            let (observations, actions) = (trajectory.observations(), trajectory.actions());
+            let before = rows.len();
+            let seen = Seen { observations, actions };
+            self.objective.append_scored_rows(&self.input, seen, &mut rows);
+            counts.push((rows.len() - before) / self.input.row_bytes());
+        }
+        let rows = self.ensemble.scores(&rows);
+        let mut rest = &rows[..];
+        let score = |(encoded, count): (&Encoded, usize)| {
+            let (own, further) = rest.split_at(count);
+            rest = further;
+            let steps = encoded.trajectory.steps as usize;
+            Score {
+                iteration,
+                lane: encoded.key.lane,
+                episode: encoded.key.episode,
+                model_version: self.version,
+                rewards: self.objective.rewards(own, steps, &self.config),
+                proximity: own.iter().map(|row| self.objective.proximity(row)).collect(),
+                uncertainty: own.iter().map(|row| row.deviation).collect(),
+            }
+        };
+        batch.iter().zip(counts).map(score).collect()
+    }
+
+    fn estimate(&self, observations: &[u8]) -> Result<Estimates> {
+        let found = match self.input.sees() {
+            RewardInput::State => {
+                let rows = self.ensemble.scores(observations);
+                return Ok(Estimates {
+                    model_version: self.version,
+                    proximity: rows.iter().map(|row| self.objective.proximity(row)).collect(),
+                    uncertainty: rows.iter().map(|row| row.deviation).collect(),
+                });
+            }
+            RewardInput::Transition => "transitions",
+            RewardInput::StateAction => "states and actions",
+        };
+        bail!("expected a reward model of single states, found one of {found}")
+    }
+
+    fn sha256(&self) -> String {
+        self.ensemble.sha256()
+    }
+
+    fn save(&self) -> Tensors {
+        let mut tensors = Tensors::default();
+        tensors.put_u64("version", [self.version]);
+        tensors.put_u8("experience", self.experience.to_bytes());
+        self.ensemble.save(&mut tensors);
+        tensors
+    }
+
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.version = tensors.exactly("version", 1, Tensors::u64)?[0];
+        let bytes = tensors.u8("experience")?;
+        if !bytes.len().is_multiple_of(self.input.row_bytes()) {
+            return Err(format!("array `experience`: found {} bytes", bytes.len()));
+        }
+        self.experience = Experience::new(self.config.experience, self.input.row_bytes());
+        self.experience.push(&bytes);
+        self.ensemble.restore(tensors)
+    }
+}

@@ -1,0 +1,86 @@
+//! What learned reward models differ in: the rows they see, the minibatches they are trained on, their
+//! loss, and the rewards made of their scores.
+
+use networks::Score as RowScore;
+use protocol::config::RewardConfig;
+use protocol::seed::Stream;
+use protocol::trajectory::Trajectory;
+use rand::seq::SliceRandom;
+
+use super::ensemble::{Losses, Minibatch};
+use super::input::Input;
+
+/// What a model is trained towards, and what its ensemble then says of a step.
+pub trait Objective: Sync {
+    /// Whether the ensemble's outputs pass through a sigmoid before they are averaged.
+    const SQUASHED: bool;
+
+    /// The objective for some demonstrations.
+    fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self;
+
+    /// Appends the rows of an episode that are trained on.
+    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>);
+
+    /// Appends the rows of an episode that its rewards are made from.
+    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>);
+
+    /// The minibatches of offline training, in order.
+    fn offline(&self, learning: &Learning<'_>) -> Vec<Drawn>;
+
+    /// The minibatches of one online update, in order.
+    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn>;
+
+    /// The losses of one member's outputs on a minibatch, and the slopes of their sum.
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses;
+
+    /// The proximity of a row, in [0, 1].
+    fn proximity(&self, row: &RowScore) -> f32;
+
+    /// Rewards of an episode of so many steps.
+    fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32>;
+}
+
+/// An episode as far as a model may see it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Observations, one after another.
+    pub observations: &'a [u8],
+    /// At least as many actions as there are steps between them, where the model sees actions.
+    pub actions: &'a [u8],
+}
+
+/// What minibatches are drawn by.
+#[derive(Clone, Copy, Debug)]
+pub struct Learning<'a> {
+    /// Batch size, samples and epochs.
+    pub config: &'a RewardConfig,
+    /// Seed of the run.
+    pub run_seed: u64,
+    /// Rows of demonstrations.
+    pub demonstrations: usize,
+}
+
+/// The rows of a minibatch, by their positions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Drawn {
+    /// Those of demonstrations.
+    pub demonstrations: Vec<usize>,
+    /// Those of the agent's experience.
+    pub agent: Vec<usize>,
+}
+
+impl Learning<'_> {
+    /// Minibatches of both kinds in equal number, from `samples` rows of each without repetition.
+    pub fn pairs(&self, agent: usize, samples: usize, stream: &mut Stream) -> Vec<Drawn> {
+        let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
+        let mut own = draw(self.demonstrations, stream).into_vec();
+        let mut agent = draw(agent, stream).into_vec();
+        own.shuffle(stream);
+        agent.shuffle(stream);
+        let size = self.config.batch;
+        let pairs = own.chunks_exact(size).zip(agent.chunks_exact(size));
+        pairs
+            .map(|(own, agent)| Drawn { demonstrations: own.to_vec(), agent: agent.to_vec() })
+            .collect()
+    }
+}

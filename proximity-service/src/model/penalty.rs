@@ -1,0 +1,152 @@
+//! The gradient penalty of a discriminator (WGAN-GP): between the expert's rows and the agent's the
+//! norm of the logit's gradient is pulled towards 1.
+//!
+//! The penalty's own gradient needs the derivative of an input gradient `g` by the parameters. With
+//! `u = g / |g|` held, `d|g| / dw` is the derivative of `dD / dw` along `u`: a central difference of
+//! two gradients that back-propagation gives.
+
+use nalgebra::DMatrix;
+use networks::{Network, Prepared, Workspace};
+use protocol::seed::Stream;
+use protocol::task::floats;
+use rand::RngExt;
+
+use super::input::Rows;
+
+/// Half the distance of the central difference, in the units of normalized observations.
+const STEP: f32 = 0.01;
+
+/// Where a discriminator's gradient is measured, and how much its norm matters.
+pub struct GradientPenalty {
+    /// Numbers of each row: observations, then those beside them.
+    points: DMatrix<f32>,
+    /// How many of them are beside.
+    beside: usize,
+    weight: f32,
+}
+
+impl GradientPenalty {
+    /// Penalizes at a random place between each of the first rows and one of the others.
+    ///
+    /// # Panics
+    /// If there are not as many rows in both halves.
+    pub fn between(rows: &Rows, pairs: usize, weight: f32, stream: &mut Stream) -> Self {
+        let seen: Vec<f32> = floats(&rows.observations).collect();
+        let [own, beside] = [seen.len(), rows.beside.len()].map(|numbers| numbers / (2 * pairs));
+        assert_eq!(seen.len() + rows.beside.len(), 2 * pairs * (own + beside), "rows in pairs");
+        let number = |row: usize, index: usize| {
+            if index < own {
+                seen[row * own + index]
+            } else {
+                rows.beside[row * beside + index - own]
+            }
+        };
+        let mut points = DMatrix::zeros(own + beside, pairs);
+        for (pair, mut point) in points.column_iter_mut().enumerate() {
+            let share: f32 = stream.random();
+            for (index, value) in point.iter_mut().enumerate() {
+                let (one, other) = (number(pair, index), number(pairs + pair, index));
+                *value = share * one + (1.0 - share) * other;
+            }
+        }
+        GradientPenalty { points, beside, weight }
+    }
+
+    /// Adds the penalty's gradient to that of the parameters.
+    pub fn differentiate(
+        &self,
+        network: &Network,
+        prepared: &Prepared,
+        workspace: &mut Workspace,
+        gradient: &mut [f32],
+    ) {
+        let directions = self.input_gradients(network, prepared, workspace);
+        let pairs = self.points.ncols();
+        let mut moved = DMatrix::zeros(self.points.nrows(), 2 * pairs);
+        let mut slopes = DMatrix::zeros(1, 2 * pairs);
+        for (pair, direction) in directions.column_iter().enumerate() {
+            let norm = direction.norm();
+            // Where the gradient vanishes its norm has no derivative.
+            let unit = direction * if norm > 0.0 { STEP / norm } else { 0.0 };
+            moved.set_column(pair, &(self.points.column(pair) + &unit));
+            moved.set_column(pairs + pair, &(self.points.column(pair) - &unit));
+            let slope = self.weight / pairs as f32 * (norm - 1.0) / STEP;
+            (slopes[pair], slopes[pairs + pair]) = (slope, -slope);
+        }
+        let rows = self.rows(&moved);
+        network.forward(prepared, rows.batch(), workspace);
+        network.backward(prepared, rows.batch(), workspace, &slopes, gradient);
+    }
+
+    /// The gradient of the logit at each point.
+    fn input_gradients(
+        &self,
+        network: &Network,
+        prepared: &Prepared,
+        workspace: &mut Workspace,
+    ) -> DMatrix<f32> {
+        network.forward(prepared, self.rows(&self.points).batch(), workspace);
+        let ones = DMatrix::from_element(1, self.points.ncols(), 1.0);
+        network.input_gradient(prepared, workspace, &ones).clone()
+    }
+
+    fn rows(&self, points: &DMatrix<f32>) -> Rows {
+        let own = self.points.nrows() - self.beside;
+        let mut rows = Rows::default();
+        for point in points.as_slice().chunks_exact(own + self.beside) {
+            rows.observations.extend(point[..own].iter().flat_map(|number| number.to_le_bytes()));
+            rows.beside.extend(&point[own..]);
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use networks::RewardArchitecture;
+    use protocol::seed::{Purpose, stream};
+    use protocol::task::ObservationSpec;
+
+    #[test]
+    fn the_gradient_is_that_of_the_penalty() {
+        let architecture = RewardArchitecture { hidden: vec![9, 7], ..Default::default() };
+        let vector = ObservationSpec::Vector { len: 3 };
+        let network = Network::new(architecture.network_shape(vector, 1, 2));
+        let mut stream = stream(1, Purpose::RewardWeights, 0, 0);
+        let parameters: Vec<f32> = network.initial_parameters(&mut stream);
+        let parameters: Vec<f32> = parameters.iter().map(|number| 2.0 * number).collect();
+        let mut random = |count| (0..count).map(|_| stream.random::<f32>() * 4.0 - 2.0).collect();
+        let seen: Vec<f32> = random(12 * 3);
+        let beside = random(12 * 2);
+        let observations = seen.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let rows = Rows { observations, beside };
+        let penalty = GradientPenalty::between(&rows, 6, 3.0, &mut stream);
+        let mut workspace = Workspace::default();
+        let mut value = |parameters: &[f32]| -> f64 {
+            let prepared = network.prepare(parameters);
+            let gradients = penalty.input_gradients(&network, &prepared, &mut workspace);
+            let excess = |norm: f32| f64::from(norm - 1.0).powi(2);
+            gradients.column_iter().map(|one| excess(one.norm())).sum::<f64>() * 3.0 / 6.0
+        };
+        let mut moved = parameters.clone();
+        let mut expected = Vec::new();
+        for index in 0..parameters.len() {
+            let [above, below] = [1e-2, -1e-2].map(|step| {
+                moved[index] = parameters[index] + step;
+                value(&moved)
+            });
+            moved[index] = parameters[index];
+            expected.push((above - below) / 2e-2);
+        }
+        let mut gradient = vec![0.0; parameters.len()];
+        let prepared = network.prepare(&parameters);
+        penalty.differentiate(&network, &prepared, &mut workspace, &mut gradient);
+        let square = |number: f64| number * number;
+        let norm = expected.iter().copied().map(square).sum::<f64>().sqrt();
+        let pairs = gradient.iter().zip(&expected);
+        let error =
+            pairs.map(|(found, expected)| square(f64::from(*found) - expected)).sum::<f64>().sqrt();
+        assert!(norm > 0.1 && error < 0.01 * norm, "error {error} of {norm}");
+    }
+}

@@ -1,0 +1,178 @@
+//! Proximity by ranking (Figure 7): of two states of a demonstration the later one is closer to the
+//! goal, and a state of the expert is closer than one of the agent.
+//!
+//! Ranking fixes no scale, so proximity is the mean of the members' outputs behind a sigmoid: it is in
+//! [0, 1], and the same rewards are made from it as from the regressed one. The loss is on the outputs
+//! themselves.
+
+use networks::{Score as RowScore, ranking};
+use protocol::config::RewardConfig;
+use protocol::seed::{self, Purpose, Stream};
+use protocol::trajectory::Trajectory;
+use rand::RngExt;
+
+use super::ensemble::{Losses, Minibatch};
+use super::input::Input;
+use super::objective::{Drawn, Learning, Objective, Seen};
+use crate::reward::rewards;
+
+/// Ranking of rows within demonstrations, and of the expert's above the agent's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ranking {
+    /// First row of each demonstration.
+    starts: Vec<usize>,
+    /// Pairs in each demonstration and those before it.
+    pairs: Vec<usize>,
+}
+
+impl Ranking {
+    /// Draws pairs, later rows then earlier ones, uniformly from all pairs within a demonstration.
+    fn draw(&self, count: usize, stream: &mut Stream) -> Vec<usize> {
+        let all = self.pairs.last().copied().unwrap_or(0);
+        let (mut later, mut earlier) = (Vec::new(), Vec::new());
+        for _ in 0..count {
+            let pair = stream.random_range(0..all as u64) as usize;
+            let number = self.pairs.partition_point(|&end| end <= pair);
+            let rows = self.starts[number + 1] - self.starts[number];
+            let first = stream.random_range(0..rows as u64) as usize;
+            let other = stream.random_range(0..rows as u64 - 1) as usize;
+            let second = if other < first { other } else { other + 1 };
+            later.push(self.starts[number] + first.max(second));
+            earlier.push(self.starts[number] + first.min(second));
+        }
+        later.extend(earlier);
+        later
+    }
+}
+
+impl Objective for Ranking {
+    const SQUASHED: bool = true;
+
+    fn new(_config: &RewardConfig, demonstrations: &[Trajectory]) -> Self {
+        let mut order = Ranking { starts: vec![0], pairs: Vec::new() };
+        let (mut rows, mut pairs) = (0, 0);
+        for trajectory in demonstrations {
+            let own = trajectory.steps as usize + 1;
+            rows += own;
+            pairs += own * (own - 1) / 2;
+            order.starts.push(rows);
+            order.pairs.push(pairs);
+        }
+        order
+    }
+
+    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+        input.append_observations(seen.observations, seen.actions, rows);
+    }
+
+    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+        input.append_observations(seen.observations, seen.actions, rows);
+    }
+
+    /// As many pairs an epoch as the demonstrations have rows.
+    fn offline(&self, learning: &Learning<'_>) -> Vec<Drawn> {
+        let RewardConfig { batch, pretraining_epochs, .. } = *learning.config;
+        let epoch = |epoch| {
+            let purpose = Purpose::PretrainingBatches;
+            let mut stream = seed::stream(learning.run_seed, purpose, epoch, 0);
+            let minibatch =
+                |_| Drawn { demonstrations: self.draw(batch, &mut stream), agent: Vec::new() };
+            (0..learning.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
+        };
+        (0..pretraining_epochs).flat_map(epoch).collect()
+    }
+
+    /// Behind as many pairs within demonstrations come the expert's rows of pairs with the agent.
+    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+        let samples = learning.config.samples.min(learning.demonstrations);
+        if agent < samples {
+            return Vec::new();
+        }
+        let mut minibatches = learning.pairs(agent, samples, stream);
+        for minibatch in &mut minibatches {
+            let mut within = self.draw(minibatch.agent.len(), stream);
+            within.append(&mut minibatch.demonstrations);
+            minibatch.demonstrations = within;
+        }
+        minibatches
+    }
+
+    /// The mean over pairs within demonstrations, and that over pairs of an expert's and an agent's.
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses {
+        let across = 2 * minibatch.drawn.agent.len();
+        let within = outputs.len() - across;
+        let loss = |outputs: &[f32], slopes: &mut [f32]| {
+            let half = outputs.len() / 2;
+            let (above, below) = outputs.split_at(half);
+            let (above_slopes, below_slopes) = slopes.split_at_mut(half);
+            ranking(above, below, 1.0 / half.max(1) as f32, [above_slopes, below_slopes])
+        };
+        let (own_slopes, agent_slopes) = slopes.split_at_mut(within);
+        Losses {
+            demonstrations: loss(&outputs[..within], own_slopes),
+            agent: loss(&outputs[within..], agent_slopes),
+        }
+    }
+
+    fn proximity(&self, row: &RowScore) -> f32 {
+        row.mean
+    }
+
+    fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
+        let proximity: Vec<f32> = rows.iter().map(|row| row.mean).collect();
+        let uncertainty: Vec<f32> = rows.iter().map(|row| row.deviation).collect();
+        rewards(&proximity, &uncertainty, config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Learned, RewardModel};
+    use crate::tests::{assert_reproducible, config, learned, place, walk};
+    use protocol::config::RewardInput;
+    use protocol::trajectory::{Encoded, Source};
+
+    #[test]
+    fn pairs_are_of_one_demonstration_and_uniform() {
+        let mut long = walk(0.0, Source::Demonstration);
+        long.steps = 2;
+        let short = Trajectory { steps: 1, ..long.clone() };
+        let order = Ranking::new(&config(), &[short, long]);
+        let mut stream = seed::stream(1, Purpose::PretrainingBatches, 0, 0);
+        let rows = order.draw(4000, &mut stream);
+        let pairs = rows[..4000].iter().zip(&rows[4000..]);
+        for expected in [(1, 0), (3, 2), (4, 2), (4, 3)] {
+            let found = pairs.clone().filter(|(later, earlier)| (**later, **earlier) == expected);
+            let count = found.count();
+            assert!(count.abs_diff(1000) < 120, "{expected:?} came {count} times");
+        }
+    }
+
+    #[test]
+    fn states_are_ranked_by_their_place_and_above_those_of_the_agent() {
+        let mut model: Learned<Ranking> = learned(&config(), 2);
+        assert_eq!(model.pretrain().gradient_steps, 200);
+        let proximity = |model: &Learned<Ranking>, at: f32, row: f32| {
+            model.estimate(&place(at, row)).unwrap().proximity[0]
+        };
+        let found: Vec<f32> =
+            (0..11).map(|tenths| proximity(&model, tenths as f32 / 10.0, 0.0)).collect();
+        assert!(found.is_sorted_by(|one, other| one < other), "{found:?}");
+        let before = proximity(&model, 0.9, 1.0);
+        let batch = [Encoded::encode(walk(1.0, Source::Training))];
+        for iteration in 0..80 {
+            let update = model.improve(iteration, &batch);
+            assert!(update.agent_loss > 0.0 && update.demonstration_loss > 0.0);
+        }
+        let after = [proximity(&model, 0.9, 0.0), proximity(&model, 0.9, 1.0)];
+        assert!(after[0] > after[1] + 0.2, "before {before}, after {after:?}");
+    }
+
+    #[test]
+    fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
+        for input in [RewardInput::State, RewardInput::StateAction] {
+            assert_reproducible::<Ranking>(&RewardConfig { input, ..config() });
+        }
+    }
+}
