@@ -32,6 +32,7 @@ Everything is passed on to `goalward train`; its most used flags:
   --set KEY=VALUE                   change any key of deploy/tasks/TASK.toml
 
 All of them: deploy/run_local.sh --all-flags
+With --only-build it builds, prints where the program is, and trains nothing.
 USAGE
 }
 
@@ -77,4 +78,8 @@ check_machine
 target=$(cd "$root" && target_folder)
 (cd "$root" && build "$target") || { say "the build failed"; exit 1; }
 [ "${1:-}" != --all-flags ] || exec "$target/release/goalward" train --help
+if [ "${1:-}" = --only-build ]; then
+    printf '%s\n' "$target/release/goalward"
+    exit 0
+fi
 exec "$target/release/goalward" train "$@"

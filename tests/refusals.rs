@@ -241,6 +241,23 @@ fn refused_without_room(folder: &str, parts: &[&str]) {
 }
 
 #[test]
+fn plans_that_cannot_be_carried_out() {
+    let run = TestRun::new(programs!());
+    let plan = |methods: &str| {
+        format!(
+            "title = \"A test\"\nseeds = [1]\nmethods = [\"{methods}\"]\n[[panel]]\n\
+             name = \"half\"\ntitle = \"Half\"\ntask = \"navigation\"\n"
+        )
+    };
+    fs::write(run.path("magic.toml"), plan("magic")).unwrap();
+    fs::write(run.path("cut.toml"), &plan("bc")[..20]).unwrap();
+    refused(&run, 2, &["experiment", "magic.toml"], &["magic.toml", "panel half", "curve magic"]);
+    refused(&run, 2, &["experiment", "cut.toml"], &["cut.toml, line 2"]);
+    refused(&run, 2, &["experiment", "nowhere.toml", "--quick"], &["nowhere.toml"]);
+    refused(&run, 2, &["experiment"], &["PLAN.toml"]);
+}
+
+#[test]
 fn a_full_disk() {
     refused_without_room("narrow", &["no room on the disk", "narrow"]);
 }

@@ -4,7 +4,9 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::commands::{demonstrate, evaluate, log, replay, report, scale, status, train};
+use crate::commands::{
+    demonstrate, evaluate, experiment, log, replay, report, scale, status, train,
+};
 use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
@@ -27,6 +29,8 @@ enum Verb {
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
+    /// Train the runs of plans, such as those of the paper's figures.
+    Experiment(experiment::Arguments),
     /// Check a run against its log: act its episodes again, or train again from them.
     Replay(replay::Arguments),
     /// Write what runs, or the figures of plans, have come to as a page with pictures and as tables.
@@ -50,6 +54,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Scale(arguments) => scale::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
+        Verb::Experiment(arguments) => experiment::run(&arguments),
         Verb::Replay(arguments) => replay::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Log(verb) => log::run(&verb),
@@ -87,6 +92,8 @@ mod tests {
             "goalward scale r --actors 4",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
+            "goalward experiment a.toml b.toml --quick --out e --jobs 2",
+            "goalward experiment a.toml --dry-run",
             "goalward replay r --verify",
             "goalward replay r --retrain --until 40 --out s",
             "goalward replay r --publish --speed 2.5",
@@ -113,6 +120,8 @@ mod tests {
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
             "goalward log info",
             "goalward report",
+            "goalward experiment",
+            "goalward experiment a.toml --jobs 0",
             "goalward replay r",
             "goalward replay r --verify --retrain",
             "goalward scale r --actors 0",

@@ -1,9 +1,8 @@
 //! The demonstrations of a run: a file of the user's is checked before anything is begun, one that
 //! is not given is recorded by the task's expert.
 
-use std::io;
 use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use protocol::config::RunConfig;
@@ -27,28 +26,39 @@ pub(crate) struct Recording<'a> {
     pub(crate) file: &'a Path,
 }
 
-/// Has an actor record demonstrations; `start` says where its output goes.
-///
-/// # Errors
-/// When the actor cannot start. How it ended is the caller's to judge.
-pub(crate) fn record(
-    recording: &Recording<'_>,
-    start: impl FnOnce(&mut Command) -> io::Result<ExitStatus>,
-) -> Result<ExitStatus> {
-    let Recording { task, episodes, setting, policy, seed, file } = recording;
-    let mut actor = Program::Actor.command()?;
-    actor
-        .args(["demonstrate", task.name()])
-        .args(["--episodes", &episodes.to_string()])
-        .args(["--setting", &serde_json::to_string(setting)?])
-        .args(["--seed", &seed.to_string()])
-        .arg("--out")
-        .arg(file)
-        .stdin(Stdio::null());
-    if let Some(run) = policy {
-        actor.arg("--policy").arg(run);
+impl<'a> Recording<'a> {
+    /// What a run learns from unless it is given a file.
+    pub(crate) fn for_run(config: &RunConfig, file: &'a Path) -> Self {
+        Recording {
+            task: config.task,
+            episodes: config.demonstrations.episodes,
+            setting: config.demonstration_setting(),
+            policy: None,
+            seed: config.seed,
+            file,
+        }
     }
-    start(&mut actor).context("starting the expert")
+
+    /// An actor that records them; where its output goes is the caller's to say.
+    ///
+    /// # Errors
+    /// When the program is not there.
+    pub(crate) fn actor(&self) -> Result<Command> {
+        let Recording { task, episodes, setting, policy, seed, file } = self;
+        let mut actor = Program::Actor.command()?;
+        actor
+            .args(["demonstrate", task.name()])
+            .args(["--episodes", &episodes.to_string()])
+            .args(["--setting", &serde_json::to_string(setting)?])
+            .args(["--seed", &seed.to_string()])
+            .arg("--out")
+            .arg(file)
+            .stdin(Stdio::null());
+        if let Some(run) = policy {
+            actor.arg("--policy").arg(run);
+        }
+        Ok(actor)
+    }
 }
 
 /// Has demonstrations recorded into a run's folder.
@@ -63,19 +73,10 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<(
         std::fs::remove_file(&unfinished)
             .with_context(|| format!("removing {}", unfinished.display()))?;
     }
-    let recording = Recording {
-        task: config.task,
-        episodes: config.demonstrations.episodes,
-        setting: config.demonstration_setting(),
-        policy: None,
-        seed: config.seed,
-        file: &file,
-    };
+    let mut actor = Recording::for_run(config, &file).actor()?;
     let output = Output::of(folder, "demonstrations");
-    let (stdout, stderr) = (output.open()?, output.open()?);
-    let status = record(&recording, |actor| {
-        actor.env("NO_COLOR", "1").stdout(stdout).stderr(stderr).status()
-    })?;
+    actor.env("NO_COLOR", "1").stdout(output.open()?).stderr(output.open()?);
+    let status = actor.status().context("starting the expert")?;
     if !status.success() {
         bail!("recording demonstrations failed ({status}); {}", output.last_lines());
     }

@@ -82,6 +82,18 @@ pub(crate) fn table(rows: &[(&str, String)]) -> String {
     })
 }
 
+/// Columns of texts, the first row their heads, one row a line.
+pub(crate) fn columns<const N: usize>(rows: &[[String; N]]) -> String {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
+    let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
+    rows.iter().fold(String::new(), |mut text, row| {
+        let padded = row.iter().zip(widths).map(|(entry, width)| format!("{entry:width$}"));
+        let line = padded.collect::<Vec<_>>().join("  ");
+        writeln!(text, "  {}", line.trim_end()).expect("a text takes what is written to it");
+        text
+    })
+}
+
 fn known(number: f64, write: impl FnOnce(f64) -> String) -> String {
     if number.is_finite() { write(number) } else { UNKNOWN.to_owned() }
 }
@@ -136,5 +148,8 @@ mod tests {
     fn tables_are_aligned() {
         let rows = [("a", "1".to_owned()), ("longer", "2".to_owned())];
         assert_eq!(table(&rows), "  a       1\n  longer  2\n");
+        let rows = [["a", "b", "c"], ["1", "22", ""], ["", "2", "3"]];
+        let rows = rows.map(|row| row.map(str::to_owned));
+        assert_eq!(columns(&rows), "  a  b   c\n  1  22\n     2   3\n");
     }
 }

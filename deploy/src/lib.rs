@@ -10,8 +10,10 @@
 //! | `cli`, `commands` | the verbs, one file each |
 //! | `plan` | which run is trained: a new folder or one that is continued |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
+//! | `experiment` | plans of many runs |
 //! | `supervisor` | the processes of a run, from start to end |
-//! | `progress` | the progress line, on a terminal and in a pipe |
+//! | `progress` | the progress of a run in one line |
+//! | `status_line` | such a line, on a terminal and in a pipe |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
 //! | `figure`, `report` | comparisons of runs as data, and as a page with pictures |
@@ -24,6 +26,7 @@ mod chart;
 mod cli;
 mod commands;
 mod demonstrations;
+mod experiment;
 mod figure;
 mod figures;
 mod full_log;
@@ -33,6 +36,7 @@ mod programs;
 mod progress;
 mod refusal;
 mod report;
+mod status_line;
 mod summary;
 mod supervisor;
 mod tasks;

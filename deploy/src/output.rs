@@ -1,4 +1,4 @@
-//! What the processes of a run print: one file each in the run's `output` folder, appended to.
+//! What processes print: one file each, appended to; those of a run in its `output` folder.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom};
@@ -25,6 +25,11 @@ impl Output {
         Output { path: folder.output().join(format!("{name}.log")) }
     }
 
+    /// The output that is kept in the file `path`.
+    pub(crate) fn at(path: PathBuf) -> Self {
+        Output { path }
+    }
+
     /// Opens the file for appending.
     ///
     /// # Errors
@@ -48,7 +53,11 @@ impl Output {
         }
     }
 
-    fn end(&self) -> std::io::Result<String> {
+    /// The last lines as they are.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub(crate) fn end(&self) -> std::io::Result<String> {
         let mut file = File::open(&self.path)?;
         let length = file.metadata()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(QUOTED_BYTES)))?;

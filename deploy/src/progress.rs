@@ -3,81 +3,32 @@
 //! [`Progress`].
 
 use std::collections::VecDeque;
-use std::io::{IsTerminal, Write};
-use std::time::{Duration, Instant};
+use std::io::Write;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use protocol::messages::{Phase, Progress};
 
 use crate::figures;
-
-/// Time between two lines in a pipe.
-const LINE_EVERY: Duration = Duration::from_secs(10);
-
-/// The same if there is nothing new to say.
-const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
+use crate::status_line::StatusLine;
 
 /// Wall time over which the pace is measured, seconds: several iterations at the usual pace.
 const PACE_WINDOW_S: f64 = 20.0;
 
 /// Shows progress on standard output and remarks on standard error.
 pub(crate) struct ProgressView {
-    sink: Sink,
+    line: StatusLine,
     pace: Pace,
     phase: Option<Phase>,
-}
-
-enum Sink {
-    Terminal(ProgressBar),
-    Pipe(Printed),
-}
-
-/// What has been printed to a pipe.
-#[derive(Default)]
-struct Printed {
-    last: Option<(Instant, String)>,
-    /// Tenths of the run that were done by then.
-    tenth: u64,
-}
-
-impl Printed {
-    /// Whether a line is to be printed; it is noted as printed then.
-    fn is_due(&mut self, now: Instant, tenth: u64, is_new_phase: bool, line: &str) -> bool {
-        let is_due = self.last.as_ref().is_none_or(|(at, last)| {
-            let every = if last == line { SAME_LINE_EVERY } else { LINE_EVERY };
-            now.duration_since(*at) >= every || (last != line && is_new_phase)
-        });
-        if !is_due && tenth <= self.tenth {
-            return false;
-        }
-        self.tenth = self.tenth.max(tenth);
-        self.last = Some((now, line.to_owned()));
-        true
-    }
 }
 
 impl ProgressView {
     /// For a terminal if standard output is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
-        let sink = if std::io::stdout().is_terminal() {
-            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
-            bar.set_style(
-                ProgressStyle::with_template("{spinner} {wide_msg}")
-                    .expect("the template is well formed"),
-            );
-            Sink::Terminal(bar)
-        } else {
-            Sink::Pipe(Printed::default())
-        };
-        ProgressView { sink, pace: Pace::default(), phase: None }
+        ProgressView { line: StatusLine::new(), pace: Pace::default(), phase: None }
     }
 
     /// Says what is going on while there are no figures yet.
     pub(crate) fn activity(&mut self, text: &str) {
-        match &self.sink {
-            Sink::Terminal(bar) => bar.set_message(text.to_owned()),
-            Sink::Pipe(_) => print_line(text),
-        }
+        self.line.say(text);
     }
 
     /// Shows the newest figures; in a pipe only if a line is due.
@@ -94,42 +45,23 @@ impl ProgressView {
         if phase != Phase::Pretraining {
             self.pace.add(progress.wall_s, steps);
         }
-        let line = line(progress, self.pace.per_second());
-        match &mut self.sink {
-            Sink::Terminal(bar) => {
-                bar.set_message(line);
-                bar.tick();
-            }
-            Sink::Pipe(printed) => {
-                let tenth = figures::percent_done(steps, progress.steps_wanted) / 10;
-                if printed.is_due(Instant::now(), tenth, is_new_phase, &line) {
-                    print_line(&line);
-                }
-            }
-        }
+        let tenth = figures::percent_done(steps, progress.steps_wanted) / 10;
+        self.line.show(&line(progress, self.pace.per_second()), tenth, is_new_phase);
     }
 
     /// Keeps the line alive between two messages.
     pub(crate) fn tick(&self) {
-        if let Sink::Terminal(bar) = &self.sink {
-            bar.tick();
-        }
+        self.line.tick();
     }
 
     /// Prints a remark for people on standard error, above the line.
     pub(crate) fn note(&self, text: &str) {
-        let print = || writeln!(std::io::stderr(), "goalward: {text}").ok();
-        match &self.sink {
-            Sink::Terminal(bar) => bar.suspend(print),
-            Sink::Pipe(_) => print(),
-        };
+        self.line.note(text);
     }
 
     /// Removes the line from the terminal.
     pub(crate) fn finish(&self) {
-        if let Sink::Terminal(bar) = &self.sink {
-            bar.finish_and_clear();
-        }
+        self.line.finish();
     }
 }
 
@@ -185,6 +117,25 @@ fn line(progress: &Progress, per_second: f64) -> String {
         progress.actors,
         progress.leases,
     )
+}
+
+/// What a line of progress says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Standing {
+    /// Percents of the steps that are done.
+    pub(crate) percent: u64,
+    /// Success rate in percents, where the line has one.
+    pub(crate) success: Option<u64>,
+}
+
+/// Reads a line of progress that another `goalward train` has printed; none if it is something else.
+pub(crate) fn read_line(line: &str) -> Option<Standing> {
+    let percent = |text: &str| text.strip_suffix(" %")?.parse().ok();
+    let mut parts = line.split("  ").skip_while(|part| !part.ends_with(" steps"));
+    parts.next()?;
+    let done = percent(parts.next()?)?;
+    let success = parts.next()?.strip_prefix("success ").and_then(percent);
+    Some(Standing { percent: done, success })
 }
 
 /// How fast the run has been lately.
@@ -269,6 +220,19 @@ mod tests {
     }
 
     #[test]
+    fn a_line_can_be_read_again() {
+        let standing = |number| {
+            let mut progress = progress(409_600, 1_500_000, number);
+            progress.phase = Phase::Evaluating as i32;
+            read_line(&line(&progress, 5000.0)).unwrap()
+        };
+        assert_eq!(standing(0.5), Standing { percent: 27, success: Some(50) });
+        assert_eq!(standing(f64::NAN), Standing { percent: 27, success: None });
+        assert_eq!(read_line("stopped; the run is in runs/a"), None);
+        assert_eq!(read_line("first rollout: 1,024 steps received"), None);
+    }
+
+    #[test]
     fn without_environment_steps_it_shows_passes() {
         let mut progress = progress(0, 0, 0.5);
         let update = progress.update.as_mut().unwrap();
@@ -297,22 +261,6 @@ mod tests {
         assert_eq!(pace.per_second(), 1000.0);
         pace.add(50.0, 900);
         assert!(pace.per_second().is_nan(), "one sample is no pace");
-    }
-
-    #[test]
-    fn a_pipe_gets_a_line_now_and_then() {
-        let start = Instant::now();
-        let mut printed = Printed::default();
-        let mut is_due = |second, tenth, line| {
-            printed.is_due(start + Duration::from_secs(second), tenth, false, line)
-        };
-        assert!(is_due(0, 0, "a"));
-        assert!(!is_due(9, 0, "b"));
-        assert!(is_due(10, 0, "b"));
-        assert!(is_due(11, 1, "c"), "a tenth is done");
-        assert!(!is_due(12, 0, "d"), "going back is no news");
-        assert!(!is_due(30, 1, "c"), "nothing new");
-        assert!(is_due(71, 1, "c"));
     }
 
     proptest! {

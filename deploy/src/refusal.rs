@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::process::ExitCode;
 
 /// Exit code of wrong usage; clap takes the same for flags it does not know.
-const WRONG_USAGE: u8 = 2;
+pub(crate) const WRONG_USAGE: u8 = 2;
 
 /// Exit code of a command that finished although data was lost.
 const DATA_LOST: u8 = 3;

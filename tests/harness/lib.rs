@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use protocol::bus::BusAddress;
 use protocol::run::RunFolder;
 
-pub use process::{Process, Signal};
+pub use process::{Process, Signal, send};
 pub use summary::{Evaluation, Hashes, Log, Summary};
 
 /// Iterations of a run with [`SMALL`].

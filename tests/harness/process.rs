@@ -79,7 +79,7 @@ fn read(folder: &Path, entry: &Path) -> Option<Process> {
 }
 
 /// Sends a signal to a process, which may be gone.
-pub(crate) fn send(id: u32, signal: Signal) {
+pub fn send(id: u32, signal: Signal) {
     let name = match signal {
         Signal::Kill => "KILL",
         Signal::Interrupt => "INT",

@@ -4,11 +4,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use protocol::config::DEFAULT_PRESET;
 use protocol::task::Task;
 
-use crate::demonstrations::{self, Recording};
+use crate::demonstrations::Recording;
 use crate::refusal::wrong_usage;
 use crate::{programs, tasks};
 
@@ -50,6 +50,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     setting.check("demonstrations", &task.spec())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
-    let status = demonstrations::record(&recording, std::process::Command::status)?;
+    let status = recording.actor()?.status().context("starting the expert")?;
     programs::expect_success(status)
 }

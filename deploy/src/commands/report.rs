@@ -1,11 +1,11 @@
 //! `goalward report`: runs, or the figures of plans, as a page with pictures and as tables.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use protocol::run::RunFolder;
 
-use crate::figure::Figure;
+use crate::experiment::figure_of_plan;
 use crate::progress::print_line;
 use crate::refusal::wrong_usage;
 use crate::report;
@@ -44,8 +44,4 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let page = report::write(figures, &out)?;
     print_line(&format!("{}", page.display()));
     Ok(())
-}
-
-fn figure_of_plan(plan: &Path, _experiments: &Path, _quick: bool) -> Result<Figure> {
-    Err(wrong_usage(format!("{}: plans cannot be read yet", plan.display())))
 }

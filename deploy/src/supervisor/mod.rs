@@ -25,7 +25,7 @@ use bus_watch::BusWatch;
 use fleet::Fleet;
 
 use restart::{CoreRestarts, MOST_RESTARTS};
-use signals::Signals;
+pub(crate) use signals::Signals;
 use wanted::ActorsWanted;
 pub(crate) use wanted::want_actors;
 

@@ -1,29 +1,29 @@
-//! The signals a supervisor lives by.
+//! The signals that whoever watches over processes lives by.
 
 use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// All of them. Each half can be waited for on its own; what comes meanwhile is kept.
-pub(super) struct Signals {
+pub(crate) struct Signals {
     /// Wishes of the user that the run stop.
-    pub(super) stop: StopSignals,
+    pub(crate) stop: StopSignals,
     /// Deaths of children; one signal may stand for several.
-    pub(super) child: ChildSignals,
+    pub(crate) child: ChildSignals,
 }
 
 /// Ctrl-C, a polite kill, the end of the terminal.
-pub(super) struct StopSignals {
+pub(crate) struct StopSignals {
     interrupt: Signal,
     terminate: Signal,
     hangup: Signal,
 }
 
 /// See [`Signals::child`].
-pub(super) struct ChildSignals(Signal);
+pub(crate) struct ChildSignals(Signal);
 
 impl Signals {
     /// Takes the signals over from here on.
-    pub(super) fn listen() -> Result<Self> {
+    pub(crate) fn listen() -> Result<Self> {
         let listen = |kind| signal(kind).context("listening for signals");
         Ok(Signals {
             stop: StopSignals {
@@ -38,7 +38,7 @@ impl Signals {
 
 impl StopSignals {
     /// Returns when the user wants the run to stop.
-    pub(super) async fn next(&mut self) {
+    pub(crate) async fn next(&mut self) {
         tokio::select! {
             _ = self.interrupt.recv() => {}
             _ = self.terminate.recv() => {}
@@ -49,7 +49,7 @@ impl StopSignals {
 
 impl ChildSignals {
     /// Returns when a child may have died.
-    pub(super) async fn next(&mut self) {
+    pub(crate) async fn next(&mut self) {
         self.0.recv().await;
     }
 }

@@ -1,0 +1,67 @@
+#!/usr/bin/env bash
+# Reproduces the paper's figures: builds Goalward, trains the runs of their plans (deploy/experiments),
+# writes a report. What is finished is never trained again, so it can be stopped and called again.
+#
+#   deploy/reproduce.sh --quick             # every figure at reduced size
+#   deploy/reproduce.sh 3 4                 # Figures 3 and 4 at full size
+set -euo pipefail
+
+root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+
+refuse() {
+    printf 'reproduce: %s\n' "$*" >&2
+    exit 2
+}
+
+usage() {
+    cat <<'USAGE'
+Reproduces figures of the paper: trains every run of their plans and writes a report.
+
+Usage: deploy/reproduce.sh [--quick] [--out DIR] [--jobs N] [FIGURE...]
+
+FIGURE is 3, 4, 5, 6, 7, 8, 9, 11 or 12; without one all of them. Figure 4d and Figure 10 are in the
+report of any.
+
+  --quick      reduced size: fewer steps and panels, one seed
+  --out DIR    folder of the runs and of the report (default: experiments)
+  --jobs N     runs trained at once (default: half of the cores); never changes a result
+USAGE
+}
+
+out=experiments
+quick=() jobs=() plans=()
+while [ $# -gt 0 ]; do
+    case $1 in
+        -h | --help) usage; exit 0 ;;
+        --quick) quick=(--quick) ;;
+        --out | --jobs)
+            [ $# -gt 1 ] || refuse "$1: expected a value, found none"
+            if [ "$1" = --out ]; then out=$2; else jobs=(--jobs "$2"); fi
+            shift
+            ;;
+        *)
+            plan=$root/deploy/experiments/figure$1.toml
+            [ -f "$plan" ] || refuse "expected a figure with a plan in deploy/experiments, found $1"
+            plans+=("$plan")
+            ;;
+    esac
+    shift
+done
+if [ ${#plans[@]} -eq 0 ]; then
+    for figure in 3 4 5 6 7 8 9 11 12; do
+        plans+=("$root/deploy/experiments/figure$figure.toml")
+    done
+fi
+
+# Ctrl-C is for `goalward experiment`, which stops well; no report is written then.
+stopped=
+trap 'stopped=yes' INT TERM HUP
+
+goalward=$("$root/deploy/run_local.sh" --only-build)
+status=0
+"$goalward" experiment "${plans[@]}" "${quick[@]}" "${jobs[@]}" --out "$out" || status=$?
+[ -z "$stopped" ] || exit 130
+# A run that failed is missing in the report; the others are in it.
+[ "$status" -le 1 ] || exit "$status"
+"$goalward" report "${plans[@]}" "${quick[@]}" --experiments "$out" --out "$out/report"
+exit "$status"

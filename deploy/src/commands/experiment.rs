@@ -1,0 +1,103 @@
+//! `goalward experiment`: the runs of plans, from the first to the last that is missing.
+
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+
+use crate::experiment::{Archive, execute, figure_of_plan, overview, queue, read_all};
+use crate::programs;
+use crate::progress::print_line;
+
+/// Flags of `goalward experiment`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Plans, such as deploy/experiments/figure3.toml. Runs that several of them need are trained
+    /// once.
+    #[arg(required = true, value_name = "PLAN.toml")]
+    plans: Vec<PathBuf>,
+    /// The plans at their reduced size.
+    #[arg(long)]
+    quick: bool,
+    /// Folder of the runs and the demonstrations.
+    #[arg(long, value_name = "DIR", default_value = "experiments")]
+    out: PathBuf,
+    /// Runs trained at once; half of the cores unless it is given. With more than one each run has
+    /// one actor and one thread per process. Results do not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    jobs: Option<u16>,
+    /// Only say what is done and what is missing.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Trains what is missing of plans.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { plans, quick, out, jobs, dry_run } = arguments;
+    let planned = read_all(plans, *quick)?;
+    let mut archive = Archive::open(out);
+    let runs = queue(&planned, &mut archive);
+    if *dry_run {
+        print_overview(arguments)?;
+        print_line(&format!("{} runs; train those that are missing:", runs.len()));
+        print_line(&format!("  {}", own_line(arguments)));
+        return Ok(());
+    }
+    programs::check_all()?;
+    for folder in [archive.runs(), archive.demonstrations()] {
+        fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    }
+    let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
+    let ended = execute(&runs, &mut archive, jobs)?;
+    print_overview(arguments)?;
+    if !ended.failed.is_empty() {
+        let folder = archive.runs();
+        bail!(
+            "{} of {} runs failed; what each has printed is in {}/NAME.txt: {}",
+            ended.failed.len(),
+            runs.len(),
+            folder.display(),
+            ended.failed.join(", ")
+        );
+    }
+    if ended.is_stopped {
+        print_line(&format!("stopped; go on with\n  {}", own_line(arguments)));
+        return Ok(());
+    }
+    if !ended.elsewhere.is_empty() {
+        let names = ended.elsewhere.join(", ");
+        print_line(&format!("trained by somebody else right now: {names}"));
+    }
+    print_line(&format!("next:\n  {}", report_line(arguments)));
+    Ok(())
+}
+
+fn half_of_the_cores() -> usize {
+    std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1))
+}
+
+fn print_overview(arguments: &Arguments) -> Result<()> {
+    for plan in &arguments.plans {
+        print_line(&overview(&figure_of_plan(plan, &arguments.out, arguments.quick)?)?);
+    }
+    Ok(())
+}
+
+/// The same command again.
+fn own_line(arguments: &Arguments) -> String {
+    let out = arguments.out.display();
+    let jobs = arguments.jobs.map_or(String::new(), |jobs| format!(" --jobs {jobs}"));
+    format!("{} experiment {}{jobs} --out {out}", programs::own_command(), plans(arguments))
+}
+
+/// The command that draws what is there.
+fn report_line(arguments: &Arguments) -> String {
+    let (goalward, out) = (programs::own_command(), arguments.out.display());
+    format!("{goalward} report {} --experiments {out} --out {out}/report", plans(arguments))
+}
+
+fn plans(arguments: &Arguments) -> String {
+    let quick = arguments.quick.then(|| "--quick".to_owned());
+    let paths = arguments.plans.iter().map(|path| path.display().to_string());
+    paths.chain(quick).collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,248 @@
+//! Carries plans out: starts what is next, notices what has ended, says how it stands.
+//!
+//! Every run is a `goalward train` of its own, which supervises its processes, locks its folder and
+//! can be continued. So nothing is lost if an experiment ends early, in whatever way: what is
+//! finished has a summary and is skipped, what has begun goes on from its newest checkpoint.
+
+use std::collections::VecDeque;
+use std::process::ExitStatus;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use protocol::summary::Summary;
+
+use super::archive::Archive;
+use super::child::{Recorder, Running, Training};
+use super::estimate::Estimate;
+use super::plan::PlannedRun;
+use crate::refusal::WRONG_USAGE;
+use crate::status_line::StatusLine;
+use crate::supervisor::Signals;
+use crate::{figures, progress};
+
+/// How often the processes are looked at if no signal says so.
+const TICK: Duration = Duration::from_millis(500);
+
+/// How an experiment ended.
+#[derive(Debug, Default)]
+pub(crate) struct Ended {
+    /// Whether the user stopped it.
+    pub(crate) is_stopped: bool,
+    /// Runs that failed.
+    pub(crate) failed: Vec<String>,
+    /// Runs that somebody else trains right now.
+    pub(crate) elsewhere: Vec<String>,
+}
+
+/// Trains runs in their order, `jobs` at a time; those that are finished are skipped.
+///
+/// # Errors
+/// When a process cannot start. A run that fails is no error.
+pub(crate) fn execute(runs: &[PlannedRun], archive: &mut Archive, jobs: usize) -> Result<Ended> {
+    let mut execution = Execution {
+        jobs,
+        runs: runs.len(),
+        finished: 0,
+        waiting: VecDeque::new(),
+        recorder: None,
+        running: Vec::new(),
+        estimate: Estimate::default(),
+        line: StatusLine::new(),
+        ended: Ended::default(),
+    };
+    for run in runs {
+        let training = Training::of(run, archive);
+        match Summary::of_run(&training.folder)? {
+            Some(summary) => execution.count(&training, &summary),
+            None => execution.waiting.push_back(training),
+        }
+    }
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = runtime.enable_all().build().context("preparing to wait for processes")?;
+    let outcome = runtime.block_on(execution.run());
+    execution.line.finish();
+    outcome.map(|()| execution.ended)
+}
+
+struct Execution {
+    jobs: usize,
+    /// Of all plans, each once.
+    runs: usize,
+    finished: usize,
+    waiting: VecDeque<Training>,
+    /// For the first of those that wait.
+    recorder: Option<Recorder>,
+    running: Vec<(Training, Running)>,
+    estimate: Estimate,
+    line: StatusLine,
+    ended: Ended,
+}
+
+/// What was begun for a run that was next.
+enum Begun {
+    Training(Running),
+    Recording(Recorder),
+    /// Somebody else has trained it meanwhile, or does so now.
+    Nothing,
+}
+
+impl Execution {
+    async fn run(&mut self) -> Result<()> {
+        let mut signals = Signals::listen()?;
+        loop {
+            let is_news = self.reap()?;
+            let can_start_more = !self.ended.is_stopped && self.start_next();
+            if self.running.is_empty() && self.recorder.is_none() && !can_start_more {
+                return Ok(());
+            }
+            self.show(is_news);
+            let pause = if can_start_more { Duration::ZERO } else { TICK };
+            tokio::select! {
+                biased;
+                () = signals.stop.next() => self.stop(),
+                () = signals.child.next() => {}
+                () = tokio::time::sleep(pause) => {}
+            }
+        }
+    }
+
+    /// Starts what is next, if there is room for it; returns whether there was anything to do.
+    fn start_next(&mut self) -> bool {
+        if self.recorder.is_some() || self.running.len() >= self.jobs {
+            return false;
+        }
+        let Some(training) = self.waiting.pop_front() else { return false };
+        match self.begin(&training) {
+            Ok(Begun::Training(running)) => self.running.push((training, running)),
+            Ok(Begun::Recording(recorder)) => {
+                self.recorder = Some(recorder);
+                self.waiting.push_front(training);
+            }
+            Ok(Begun::Nothing) => {}
+            Err(error) => self.fail(&training, &format!("cannot begin: {error:#}")),
+        }
+        true
+    }
+
+    fn begin(&mut self, training: &Training) -> Result<Begun> {
+        if let Some(summary) = Summary::of_run(&training.folder)? {
+            self.count(training, &summary);
+        } else if training.is_elsewhere() {
+            self.leave_to_others(training);
+        } else if let Some(file) = training.missing_demonstrations() {
+            return Recorder::start(&training.run.config, file).map(Begun::Recording);
+        } else {
+            return training.start(self.jobs == 1).map(Begun::Training);
+        }
+        Ok(Begun::Nothing)
+    }
+
+    /// Notices what has ended; returns whether anything has.
+    fn reap(&mut self) -> Result<bool> {
+        let mut is_news = false;
+        for (training, mut running) in std::mem::take(&mut self.running) {
+            match running.reap()? {
+                Some(status) => {
+                    is_news = true;
+                    self.settle(&training, &running, status);
+                }
+                None => self.running.push((training, running)),
+            }
+        }
+        if let Some(mut recorder) = self.recorder.take() {
+            match recorder.running.reap()? {
+                Some(status) => self.settle_recording(recorder, status),
+                None => self.recorder = Some(recorder),
+            }
+        }
+        Ok(is_news)
+    }
+
+    fn settle(&mut self, training: &Training, running: &Running, status: ExitStatus) {
+        let refused = status.code() == Some(i32::from(WRONG_USAGE));
+        match Summary::of_run(&training.folder) {
+            Ok(Some(summary)) => self.count(training, &summary),
+            Ok(None) if self.ended.is_stopped => {}
+            Ok(None) if refused && training.is_elsewhere() => self.leave_to_others(training),
+            Ok(None) => {
+                let words = running.output().last_lines();
+                self.fail(training, &format!("ended ({status}); {words}"));
+            }
+            Err(error) => self.fail(training, &error.to_string()),
+        }
+    }
+
+    fn settle_recording(&mut self, recorder: Recorder, status: ExitStatus) {
+        let Err(error) = recorder.end(status) else { return };
+        if !self.ended.is_stopped
+            && let Some(training) = self.waiting.pop_front()
+        {
+            self.fail(&training, &format!("has no demonstrations: {error:#}"));
+        }
+    }
+
+    fn count(&mut self, training: &Training, summary: &Summary) {
+        self.finished += 1;
+        self.estimate.add(&training.run.config, summary.wall_s);
+    }
+
+    fn fail(&mut self, training: &Training, how: &str) {
+        self.line.note(&format!("the run {} {how}", training.name));
+        self.ended.failed.push(training.name.clone());
+    }
+
+    fn leave_to_others(&mut self, training: &Training) {
+        self.line.note(&format!("the run {} is being trained by somebody else", training.name));
+        self.ended.elsewhere.push(training.name.clone());
+    }
+
+    /// Passes the user's wish on; the second time runs end at once.
+    fn stop(&mut self) {
+        if !std::mem::replace(&mut self.ended.is_stopped, true) {
+            self.line.note("stopping: every run writes a checkpoint (Ctrl-C again: at once)");
+        }
+        let recording = self.recorder.iter().map(|recorder| &recorder.running);
+        let training = self.running.iter().map(|(_, running)| running);
+        recording.chain(training).for_each(Running::interrupt);
+    }
+
+    fn show(&mut self, is_news: bool) {
+        let standings: Vec<_> =
+            self.running.iter().map(|(training, running)| (training, running.standing())).collect();
+        let mut doing: Vec<String> =
+            standings.iter().map(|(training, standing)| words(training, *standing)).collect();
+        doing.extend(self.recorder.as_ref().map(|_| "recording demonstrations".to_owned()));
+        let seconds = |training: &Training| self.estimate.seconds(&training.run.config);
+        let part = |percent: u64| 1.0 - percent as f64 / 100.0;
+        let running_s = standings.iter().map(|(training, standing)| {
+            seconds(training) * standing.map_or(1.0, |standing| part(standing.percent))
+        });
+        let left_s = running_s.chain(self.waiting.iter().map(seconds)).sum::<f64>();
+        let failed = match self.ended.failed.len() {
+            0 => String::new(),
+            count => format!(", {count} failed"),
+        };
+        let line = format!(
+            "{} of {} runs finished{failed}  {} waiting  {} left  {}",
+            self.finished,
+            self.runs,
+            self.waiting.len(),
+            figures::duration(left_s / self.jobs as f64),
+            doing.join("; "),
+        );
+        let tenth = figures::percent_done(self.finished as u64, self.runs as u64) / 10;
+        self.line.show(&line, tenth, is_news);
+    }
+}
+
+/// A run that is under way.
+fn words(training: &Training, standing: Option<progress::Standing>) -> String {
+    let name = &training.name;
+    let Some(progress::Standing { percent, success }) = standing else {
+        return name.clone();
+    };
+    match success {
+        Some(success) => format!("{name} {percent} %, success {success} %"),
+        None => format!("{name} {percent} %"),
+    }
+}

@@ -1,0 +1,44 @@
+//! Experiments: plans of many runs, tasks x methods x settings x seeds, run to the end of the last.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `file` | a plan as its file has it |
+//! | `plan` | a plan, checked: figures, panels, curves, and every run's whole configuration |
+//! | `archive` | what lies where in an experiment's folder; a run is in it once |
+//! | `execution` | which run is next, what became of it, Ctrl-C |
+//! | `child` | a `goalward train` for a run, or an expert for its demonstrations |
+//! | `estimate` | the time that is left |
+//! | `overview` | what is done and what is missing, as a table |
+//!
+//! A run is known by what decides its result, so two figures that show the same run share it, and a
+//! plan that was interrupted, extended or reordered runs only what is missing.
+
+mod archive;
+mod child;
+mod estimate;
+mod execution;
+mod file;
+mod overview;
+mod plan;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use anyhow::Result;
+
+pub(crate) use archive::Archive;
+pub(crate) use execution::execute;
+pub(crate) use overview::overview;
+pub(crate) use plan::{queue, read_all};
+
+use crate::figure::Figure;
+use plan::Plan;
+
+/// The figure of a plan whose runs lie in the experiment's folder `out`.
+///
+/// # Errors
+/// When the plan is not sound.
+pub(crate) fn figure_of_plan(path: &Path, out: &Path, quick: bool) -> Result<Figure> {
+    Ok(Plan::read(path, quick)?.figure(&mut Archive::open(out)))
+}

@@ -1,0 +1,250 @@
+//! A plan, checked: every run it asks for, with its whole configuration.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use anyhow::Result;
+use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::task::Task;
+
+use super::archive::Archive;
+use super::file::{CurveEntry, PanelEntry, PlanFile, Quick};
+use crate::figure::{Curve, Figure, Panel};
+use crate::refusal::wrong_usage;
+use crate::{demonstrations, tasks};
+
+/// A plan that can be carried out.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    name: String,
+    title: String,
+    panels: Vec<PlannedPanel>,
+}
+
+#[derive(Debug)]
+struct PlannedPanel {
+    name: String,
+    title: String,
+    task: Task,
+    curves: Vec<PlannedCurve>,
+}
+
+#[derive(Debug)]
+struct PlannedCurve {
+    name: String,
+    anchor: Option<f64>,
+    /// One for each seed.
+    runs: Vec<PlannedRun>,
+}
+
+/// A run that a plan asks for.
+#[derive(Clone, Debug)]
+pub(crate) struct PlannedRun {
+    /// Its effective configuration. It names a file of demonstrations only if the plan does.
+    pub(crate) config: RunConfig,
+    /// What makes that configuration of the task's file, as `goalward train --set` takes it.
+    pub(crate) settings: Vec<String>,
+}
+
+/// Reads plans that are to be carried out together.
+///
+/// # Errors
+/// Of wrong usage, when one is not sound, or two have the same name.
+pub(crate) fn read_all(paths: &[impl AsRef<Path>], quick: bool) -> Result<Vec<Plan>> {
+    let mut plans: Vec<Plan> = Vec::new();
+    for path in paths {
+        let path = path.as_ref();
+        let plan = Plan::read(path, quick)?;
+        if plans.iter().any(|other| other.name == plan.name) {
+            let (shown, name) = (path.display(), &plan.name);
+            return Err(wrong_usage(format!("{shown}: another plan is called {name}, too")));
+        }
+        plans.push(plan);
+    }
+    Ok(plans)
+}
+
+/// The runs of plans, each once, in the order they are to be trained in.
+pub(crate) fn queue(plans: &[Plan], archive: &mut Archive) -> Vec<PlannedRun> {
+    let mut runs: Vec<_> = plans.iter().flat_map(Plan::runs).collect();
+    runs.sort_by_key(|(seed, _)| *seed);
+    let mut known = BTreeSet::new();
+    runs.retain(|(_, run)| known.insert(archive.name_of(run)));
+    runs.into_iter().map(|(_, run)| run.clone()).collect()
+}
+
+impl Plan {
+    /// Reads a plan and checks it whole; `quick` takes it at its reduced size.
+    ///
+    /// # Errors
+    /// Of wrong usage, in one line that names the file, the panel and the curve.
+    pub(crate) fn read(path: &Path, quick: bool) -> Result<Plan> {
+        let file = PlanFile::read(path)?;
+        let refused = |error: anyhow::Error| wrong_usage(format!("{}: {error:#}", path.display()));
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Self::of(name, file, quick).map_err(refused)
+    }
+
+    fn of(name: String, file: PlanFile, quick: bool) -> Result<Plan> {
+        check_names("panel", file.panels.iter().map(|panel| panel.name.as_str()))?;
+        for panel in &file.panels {
+            let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+            if panel.name.is_empty() || !panel.name.chars().all(plain) {
+                let name = &panel.name;
+                let expected = "expected a name of letters, digits, `-`, `_` and `.`";
+                return Err(wrong_usage(format!("panel {name:?}: {expected}")));
+            }
+        }
+        let mut panels = Vec::new();
+        for panel in &file.panels {
+            // The whole plan is checked, also what is left out of a quick one.
+            let planned = PlannedPanel::of(panel, &file, quick)
+                .map_err(|error| wrong_usage(format!("panel {}: {error:#}", panel.name)))?;
+            let only = file.quick.panels.as_ref().filter(|_| quick);
+            if only.is_none_or(|only| only.contains(&panel.name)) {
+                panels.push(planned);
+            }
+        }
+        check_quick(&file)?;
+        Ok(Plan { name, title: file.title, panels })
+    }
+
+    /// All runs, each with the place of its seed among those of its curve: the first seeds of all
+    /// curves come before the second ones.
+    pub(super) fn runs(&self) -> impl Iterator<Item = (usize, &PlannedRun)> {
+        let curves = self.panels.iter().flat_map(|panel| &panel.curves);
+        curves.flat_map(|curve| curve.runs.iter().enumerate())
+    }
+
+    /// The plan as a figure, its runs where they are in `archive` or where they will be.
+    pub(crate) fn figure(&self, archive: &mut Archive) -> Figure {
+        let mut curve = |curve: &PlannedCurve| Curve {
+            name: curve.name.clone(),
+            runs: curve.runs.iter().map(|run| archive.folder_of(run)).collect(),
+            anchor: curve.anchor,
+        };
+        let mut panel = |panel: &PlannedPanel| Panel {
+            name: panel.name.clone(),
+            title: panel.title.clone(),
+            task: panel.task,
+            curves: panel.curves.iter().map(&mut curve).collect(),
+        };
+        let panels = self.panels.iter().map(&mut panel).collect();
+        Figure { name: self.name.clone(), title: self.title.clone(), panels }
+    }
+}
+
+/// The curves of a panel: first its methods, then those with settings of their own.
+fn curves_of(panel: &PanelEntry, methods: &[String]) -> Vec<CurveEntry> {
+    let of_method = |method: &String| CurveEntry {
+        name: method.clone(),
+        method: method.clone(),
+        set: Vec::new(),
+        anchor: panel.anchors.get(method).copied(),
+    };
+    let own = panel.curves.iter().map(|curve| CurveEntry {
+        name: curve.name.clone(),
+        method: curve.method.clone(),
+        set: curve.set.clone(),
+        anchor: curve.anchor,
+    });
+    methods.iter().map(of_method).chain(own).collect()
+}
+
+impl PlannedPanel {
+    fn of(panel: &PanelEntry, file: &PlanFile, quick: bool) -> Result<PlannedPanel> {
+        let methods = panel.methods.as_ref().unwrap_or(&file.methods);
+        let curves = curves_of(panel, methods);
+        check_names("curve", curves.iter().map(|curve| curve.name.as_str()))?;
+        if let Some(stray) = panel.anchors.keys().find(|name| !methods.contains(name)) {
+            return Err(wrong_usage(format!("anchors: there is no curve of the method {stray}")));
+        }
+        let seeds = file.quick.seeds.as_ref().filter(|_| quick).unwrap_or(&file.seeds);
+        check_names("seed", seeds)?;
+        let mut planned = Vec::new();
+        for curve in curves {
+            let anchor = curve.anchor;
+            let runs = seeds.iter().map(|&seed| {
+                let settings = settings_of(panel, &curve, seed, quick.then_some(&file.quick));
+                PlannedRun::of(panel.task, &curve.method, seed, settings)
+            });
+            let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
+            let runs = if sound {
+                runs.collect()
+            } else {
+                Err(wrong_usage(format!("expected an anchor in [0, 1], found {anchor:?}")))
+            };
+            let named = |error| wrong_usage(format!("curve {}: {error:#}", curve.name));
+            planned.push(PlannedCurve { anchor, runs: runs.map_err(named)?, name: curve.name });
+        }
+        let PanelEntry { name, title, task, .. } = panel;
+        Ok(PlannedPanel { name: name.clone(), title: title.clone(), task: *task, curves: planned })
+    }
+}
+
+impl PlannedRun {
+    fn of(task: Task, method: &str, seed: u64, settings: Vec<String>) -> Result<PlannedRun> {
+        let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
+        if (config.task, config.method.as_str(), config.seed) != (task, method, seed) {
+            return Err(wrong_usage("its settings may change neither task nor method nor seed"));
+        }
+        if let Some(file) = &config.demonstrations.file {
+            demonstrations::check(file, &config)?;
+        }
+        Ok(PlannedRun { config, settings })
+    }
+}
+
+/// From the general to the special; a quick plan's are laid over all others.
+fn settings_of(
+    panel: &PanelEntry,
+    curve: &CurveEntry,
+    seed: u64,
+    quick: Option<&Quick>,
+) -> Vec<String> {
+    let mut settings = vec![format!("method={}", curve.method), format!("seed={seed}")];
+    let steps = |steps| format!("steps={steps}");
+    settings.extend(panel.steps.map(steps));
+    settings.extend(panel.set.iter().chain(&curve.set).cloned());
+    if let Some(quick) = quick {
+        settings.extend(quick.steps.map(steps));
+        let of_method = quick.method.get(&curve.method).into_iter().flatten();
+        settings.extend(quick.set.iter().chain(of_method).cloned());
+    }
+    settings
+}
+
+/// Checks that there are some, and each once.
+fn check_names<T: Ord + std::fmt::Display>(
+    what: &str,
+    names: impl IntoIterator<Item = T>,
+) -> Result<()> {
+    let mut known = BTreeSet::new();
+    for name in names {
+        if known.contains(&name) {
+            return Err(wrong_usage(format!("expected every {what} once, found {name} again")));
+        }
+        known.insert(name);
+    }
+    if known.is_empty() {
+        return Err(wrong_usage(format!("expected a {what}, found none")));
+    }
+    Ok(())
+}
+
+/// Checks that what a quick plan names is in the plan.
+fn check_quick(file: &PlanFile) -> Result<()> {
+    for name in file.quick.panels.iter().flatten() {
+        if !file.panels.iter().any(|panel| panel.name == *name) {
+            return Err(wrong_usage(format!("quick: there is no panel {name}")));
+        }
+    }
+    for name in file.quick.method.keys() {
+        let listed = file.panels.iter().filter_map(|panel| panel.methods.as_ref()).flatten();
+        let own = file.panels.iter().flat_map(|panel| &panel.curves).map(|curve| &curve.method);
+        if !file.methods.iter().chain(listed).chain(own).any(|method| method == name) {
+            return Err(wrong_usage(format!("quick: there is no curve of the method {name}")));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,175 @@
+//! Tests of plans: those of the paper's figures are sound, others are refused in words, and a run is
+//! known by what decides its result.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::*;
+use plan::PlannedRun;
+
+/// A sound plan, to be spoilt.
+const PLAN: &str = r#"
+title = "A comparison"
+seeds = [1, 2]
+methods = ["goal-proximity", "no-final"]
+
+[[panel]]
+name = "half"
+title = "NAVIGATION"
+task = "navigation"
+set = ["demonstrations.coverage=0.5"]
+anchors = { goal-proximity = 0.9 }
+
+[[panel.curve]]
+name = "lambda 1"
+method = "goal-proximity"
+set = ["reward.uncertainty=1.0"]
+
+[[panel]]
+name = "reference"
+title = "FETCH PUSH"
+task = "fetch-push"
+steps = 9000
+methods = ["environment-reward"]
+
+[quick]
+steps = 5000
+seeds = [7]
+panels = ["half"]
+set = ["evaluation.episodes=5"]
+
+[quick.method]
+no-final = ["reward.pretraining_epochs=1"]
+"#;
+
+fn write(directory: &Path, text: &str) -> PathBuf {
+    let path = directory.join("figure.toml");
+    fs::write(&path, text).unwrap();
+    path
+}
+
+fn runs(text: &str, quick: bool) -> Vec<PlannedRun> {
+    let directory = tempfile::tempdir().unwrap();
+    let plans = read_all(&[write(directory.path(), text)], quick).unwrap();
+    queue(&plans, &mut Archive::open(directory.path()))
+}
+
+#[test]
+fn a_plan_is_every_run_once() {
+    let all = runs(PLAN, false);
+    // The method without the final bonus is the default, so it is the same run.
+    let shown: Vec<_> = all.iter().map(|run| (run.config.seed, &run.config.method)).collect();
+    let [ours, reference] = ["goal-proximity", "environment-reward"].map(str::to_owned);
+    let first = [(1, &ours), (1, &ours), (1, &reference)];
+    assert_eq!((shown.len(), &shown[..3]), (6, &first[..]));
+    assert!(shown[3..].iter().all(|(seed, _)| *seed == 2), "the first seed of all comes first");
+    let configs: Vec<_> = all.iter().map(|run| &run.config).collect();
+    assert_eq!(configs.iter().map(|config| config.steps).max(), Some(1_500_000));
+    assert_eq!((configs[1].reward.uncertainty, configs[2].steps), (1.0, 9000));
+    assert!(configs[..2].iter().all(|config| config.demonstrations.coverage == 0.5));
+}
+
+#[test]
+fn a_quick_plan_is_small() {
+    let all = runs(PLAN, true);
+    let shown: Vec<_> = all.iter().map(|run| &run.config).collect();
+    assert_eq!(shown.len(), 3, "fewer passes of offline training make it another run");
+    assert!(shown.iter().all(|config| (config.seed, config.steps) == (7, 5000)));
+    assert!(shown.iter().all(|config| config.evaluation.episodes == 5));
+    assert_eq!(shown[1].reward.pretraining_epochs, 1);
+}
+
+#[test]
+fn a_run_that_is_there_is_found_under_any_name() {
+    let all = runs(PLAN, false);
+    let directory = tempfile::tempdir().unwrap();
+    let name = Archive::open(directory.path()).name_of(&all[0]);
+    assert!(name.starts_with("navigation-goal-proximity-s1-"), "{name}");
+    let other = name.replace("goal-proximity", "no-final");
+    fs::create_dir_all(directory.path().join("runs").join(&other)).unwrap();
+    fs::write(directory.path().join(format!("runs/{other}.txt")), "").unwrap();
+    assert_eq!(Archive::open(directory.path()).name_of(&all[0]), other);
+}
+
+#[test]
+fn demonstrations_are_shared_where_they_are_the_same() {
+    let all = runs(PLAN, false);
+    let archive = Archive::open(Path::new("e"));
+    let file = |run: &PlannedRun| archive.demonstrations_of(&run.config);
+    assert_eq!(file(&all[0]), file(&all[1]));
+    assert_ne!(file(&all[0]), file(&all[3]), "another seed");
+    let mut noisy = all[2].clone();
+    noisy.config.environment.noise = Some(1.5);
+    assert_eq!(file(&all[2]), file(&noisy), "the agent's noise is not the expert's");
+    noisy.config.demonstrations.coverage = 0.5;
+    assert_ne!(file(&all[2]), file(&noisy));
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    for (sound, spoilt, parts) in [
+        ("seeds = [1, 2]", "seeds = [1, 1]", &["panel half", "seed", "1 again"][..]),
+        ("seeds = [1, 2]", "seeds = []", &["expected a seed, found none"]),
+        ("title = \"A", "colour = 1\ntitle = \"A", &["line 2", "colour"]),
+        ("title = \"A comparison\"", "", &["title"]),
+        ("\"no-final\"]", "\"magic\"]", &["panel half", "curve magic", "method", "gaifo-s"]),
+        ("\"no-final\"]", "\"lambda 1\"]", &["panel half", "curve once", "lambda 1 again"]),
+        ("task = \"navigation\"", "task = \"chess\"", &["line 9", "chess", "navigation"]),
+        ("uncertainty=1.0", "uncertainty=-1.0", &["panel half", "curve lambda 1", "uncertainty"]),
+        ("reward.uncertainty=1.0", "seed=5", &["curve lambda 1", "neither task nor method"]),
+        ("reward.uncertainty=1.0", "wings=5", &["curve lambda 1", "wings"]),
+        ("name = \"reference\"", "name = \"half\"", &["every panel once", "half again"]),
+        ("name = \"reference\"", "name = \"a/b\"", &["panel \"a/b\"", "letters"]),
+        ("panels = [\"half\"]", "panels = [\"whole\"]", &["quick", "no panel whole"]),
+        ("no-final = [\"r", "gail = [\"r", &["quick", "no curve of the method gail"]),
+        ("{ goal-proximity = 0.9 }", "{ gail = 0.9 }", &["panel half", "anchors", "gail"]),
+        ("{ goal-proximity = 0.9 }", "{ goal-proximity = 90 }", &["goal-proximity", "[0, 1]"]),
+        (
+            "task = \"fetch-push\"",
+            "task = \"navigation\"\nset = [\"environment.noise=1.0\"]",
+            &["panel reference", "curve environment-reward", "absent, navigation has none"],
+        ),
+    ] {
+        let text = PLAN.replace(sound, spoilt);
+        assert_ne!(text, PLAN, "{sound}");
+        let error = Plan::read(&write(directory.path(), &text), false).unwrap_err().to_string();
+        for part in parts.iter().chain(&["figure.toml"]) {
+            assert!(error.contains(part) && !error.contains('\n'), "{spoilt}: {error}");
+        }
+    }
+    let missing = Plan::read(Path::new("nowhere.toml"), false).unwrap_err().to_string();
+    assert!(missing.contains("nowhere.toml"), "{missing}");
+    let same = vec![write(directory.path(), PLAN); 2];
+    assert!(read_all(&same, false).unwrap_err().to_string().contains("another plan is called"));
+}
+
+/// The plans that come with Goalward.
+fn figures() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments");
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut plans: Vec<_> = entries.collect();
+    plans.sort();
+    plans
+}
+
+#[test]
+fn the_plans_of_the_figures_are_sound() {
+    let plans = read_all(&figures(), false).unwrap();
+    let mut archive = Archive::open(Path::new("e"));
+    let names: Vec<_> = plans.iter().map(|plan| plan.figure(&mut archive).name).collect();
+    let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9];
+    assert_eq!(names, numbers.map(|number| format!("figure{number}")));
+    let asked = plans.iter().flat_map(Plan::runs).count();
+    let trained = queue(&plans, &mut archive).len();
+    assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
+}
+
+/// They are to be done within an hour on two cores, build and report included.
+#[test]
+fn all_quick_plans_together_are_small() {
+    let plans = read_all(&figures(), true).unwrap();
+    let runs = queue(&plans, &mut Archive::open(Path::new("e")));
+    assert!((60..=100).contains(&runs.len()), "{} runs", runs.len());
+    assert!(runs.iter().all(|run| run.config.steps <= 60_000));
+}

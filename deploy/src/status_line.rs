@@ -1,0 +1,130 @@
+//! The line that says how something long stands: on a terminal it updates itself, into a pipe it is
+//! printed now and then.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::progress::print_line;
+
+/// Time between two lines in a pipe.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// The same if there is nothing new to say.
+const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
+
+/// A line on standard output, and remarks on standard error.
+pub(crate) enum StatusLine {
+    /// It stays at the bottom.
+    Terminal(ProgressBar),
+    /// It comes again when it is due.
+    Pipe(Printed),
+}
+
+/// What has been printed to a pipe.
+#[derive(Default)]
+pub(crate) struct Printed {
+    last: Option<(Instant, String)>,
+    /// Tenths that were done by then.
+    tenth: u64,
+}
+
+impl Printed {
+    /// Whether a line is to be printed; it is noted as printed then.
+    fn is_due(&mut self, now: Instant, tenth: u64, is_news: bool, line: &str) -> bool {
+        let is_due = self.last.as_ref().is_none_or(|(at, last)| {
+            let every = if last == line { SAME_LINE_EVERY } else { LINE_EVERY };
+            now.duration_since(*at) >= every || (last != line && is_news)
+        });
+        if !is_due && tenth <= self.tenth {
+            return false;
+        }
+        self.tenth = self.tenth.max(tenth);
+        self.last = Some((now, line.to_owned()));
+        true
+    }
+}
+
+impl StatusLine {
+    /// For a terminal if standard output is one, for a pipe otherwise.
+    pub(crate) fn new() -> Self {
+        if !std::io::stdout().is_terminal() {
+            return StatusLine::Pipe(Printed::default());
+        }
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
+        bar.set_style(
+            ProgressStyle::with_template("{spinner} {wide_msg}")
+                .expect("the template is well formed"),
+        );
+        StatusLine::Terminal(bar)
+    }
+
+    /// Says at once what is going on.
+    pub(crate) fn say(&self, text: &str) {
+        match self {
+            StatusLine::Terminal(bar) => bar.set_message(text.to_owned()),
+            StatusLine::Pipe(_) => print_line(text),
+        }
+    }
+
+    /// Shows the newest line; in a pipe only if it is due: after some time, with each tenth of the
+    /// whole, and when it has news.
+    pub(crate) fn show(&mut self, line: &str, tenth: u64, is_news: bool) {
+        match self {
+            StatusLine::Terminal(bar) => {
+                bar.set_message(line.to_owned());
+                bar.tick();
+            }
+            StatusLine::Pipe(printed) => {
+                if printed.is_due(Instant::now(), tenth, is_news, line) {
+                    print_line(line);
+                }
+            }
+        }
+    }
+
+    /// Keeps the line alive.
+    pub(crate) fn tick(&self) {
+        if let StatusLine::Terminal(bar) = self {
+            bar.tick();
+        }
+    }
+
+    /// Prints a remark for people on standard error, above the line.
+    pub(crate) fn note(&self, text: &str) {
+        let print = || writeln!(std::io::stderr(), "goalward: {text}").ok();
+        match self {
+            StatusLine::Terminal(bar) => bar.suspend(print),
+            StatusLine::Pipe(_) => print(),
+        };
+    }
+
+    /// Removes the line from the terminal.
+    pub(crate) fn finish(&self) {
+        if let StatusLine::Terminal(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pipe_gets_a_line_now_and_then() {
+        let start = Instant::now();
+        let mut printed = Printed::default();
+        let mut is_due = |second, tenth, line| {
+            printed.is_due(start + Duration::from_secs(second), tenth, false, line)
+        };
+        assert!(is_due(0, 0, "a"));
+        assert!(!is_due(9, 0, "b"));
+        assert!(is_due(10, 0, "b"));
+        assert!(is_due(11, 1, "c"), "a tenth is done");
+        assert!(!is_due(12, 0, "d"), "going back is no news");
+        assert!(!is_due(30, 1, "c"), "nothing new");
+        assert!(is_due(71, 1, "c"));
+    }
+}
