@@ -51,14 +51,16 @@ pub(super) fn summary(figures: &[MeasuredFigure]) -> String {
             write_line(&mut text, format_args!("{names},{method},{preset},0,,,,,,,,,,"));
             continue;
         };
+        // A method that takes no environment steps has no training episodes.
+        let success =
+            if run.acts() { format!("{:.2}", summary.success_rate) } else { String::new() };
         write_line(
             &mut text,
             format_args!(
-                "{names},{method},{preset},1,{},{},{},{:.2},{},{:.4},{:.1},{:.0},{},{}",
+                "{names},{method},{preset},1,{},{},{},{success},{},{:.4},{:.1},{:.0},{},{}",
                 summary.env_steps,
                 summary.episodes,
                 summary.iterations,
-                summary.success_rate,
                 summary.evaluation.episodes,
                 summary.evaluation.success_rate,
                 summary.wall_s,

@@ -29,10 +29,11 @@ impl Spread {
     }
 }
 
-/// The mean of curves, each of (x, y) by ascending x, at equally spaced places. At each place it
-/// is taken over the curves that have come as far.
-pub(super) fn mean(curves: &[Vec<[f64; 2]>]) -> Vec<(f64, Spread)> {
-    let end = curves.iter().filter_map(|points| Some(points.last()?[0])).fold(0.0, f64::max);
+/// The mean of curves, each of (x, y) by ascending x, at equally spaced places up to `limit`. At each
+/// place it is taken over the curves that have come as far.
+pub(super) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Spread)> {
+    let ends = curves.iter().filter_map(|points| Some(points.last()?[0]));
+    let end = ends.fold(0.0, f64::max).min(limit);
     let longest = curves.iter().map(Vec::len).max().unwrap_or(0);
     let count = POINTS.min(longest);
     let width = end / count as f64;
@@ -66,14 +67,18 @@ mod tests {
     fn seeds_are_averaged_as_far_as_they_go() {
         let curves =
             [vec![[1.0, 0.0], [2.0, 0.25], [3.0, 0.5], [4.0, 1.0]], vec![[1.0, 0.5], [2.0, 0.75]]];
-        let found = mean(&curves);
+        let found = mean(&curves, 5.0);
         let means: Vec<_> = found.iter().map(|(x, spread)| (*x, spread.mean)).collect();
         assert_eq!(means, [(1.0, 0.25), (2.0, 0.5), (3.0, 0.5), (4.0, 1.0)]);
         // A sample's deviation of 0 and 0.5, of which half is drawn.
         let half = found[0].1.half_deviation.unwrap();
         assert!((half - 0.125_f64.sqrt() / 2.0).abs() < 1e-12, "{half}");
         assert_eq!(found[3].1.half_deviation, None);
-        assert!(mean(&[]).is_empty());
+        assert!(mean(&[], 5.0).is_empty());
+        assert_eq!(
+            mean(&curves, 2.0).last().map(|(x, spread)| (*x, spread.mean)),
+            Some((2.0, 0.5))
+        );
     }
 
     #[test]

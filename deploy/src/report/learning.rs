@@ -78,9 +78,7 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
         let points = |run: &Measured| {
             run.points.iter().map(|point| [x(point) / unit, point.success_rate]).collect()
         };
-        let mut means = mean(&acting.map(points).collect::<Vec<_>>());
-        let end = common_end(curve, &x) / unit;
-        means.retain(|(x, _)| *x <= end);
+        let means = mean(&acting.map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
         let band = |(x, spread): &(f64, Spread)| spread.band().map(|[low, high]| [*x, low, high]);
         Line {
             name: curve.name.clone(),

@@ -4,6 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::chart::{COLORS, Marker, Style};
 
+/// The curve that has the first style in every report.
+const OURS: &str = "goal-proximity";
+
 /// Styles of curves by their names.
 pub(super) struct Palette {
     styles: BTreeMap<String, Style>,
@@ -18,7 +21,7 @@ impl Palette {
             .flat_map(|marker| COLORS.into_iter().map(move |color| Style { color, marker }));
         let all: Vec<Style> = all.collect();
         let mut styles: BTreeMap<String, Style> = BTreeMap::new();
-        for name in panels.iter().flatten() {
+        for name in std::iter::once(&OURS).chain(panels.iter().flatten()) {
             if styles.contains_key(*name) {
                 continue;
             }
@@ -57,9 +60,9 @@ mod tests {
     #[test]
     fn curves_of_a_panel_differ() {
         let sweep: Vec<String> = (0..9).map(|number| format!("lambda {number}")).collect();
-        let mut last = vec!["ours"];
+        let mut last = vec![OURS];
         last.extend(sweep.iter().map(String::as_str));
-        let panels = [vec!["ours", "gail"], vec!["ours", "bc", "linear"], last.clone()];
+        let panels = [vec!["gail", OURS], vec![OURS, "bc", "linear"], last.clone()];
         let palette = Palette::of(&panels);
         for panel in &panels {
             let styles: Vec<Style> = panel.iter().map(|name| palette.style(name)).collect();
@@ -75,6 +78,6 @@ mod tests {
                 .enumerate()
                 .all(|(place, color)| { colors.clone().take(place).all(|before| before != color) })
         );
-        assert_eq!(palette.style("ours"), Style { color: COLORS[0], marker: Marker::None });
+        assert_eq!(palette.style(OURS), Style { color: COLORS[0], marker: Marker::None });
     }
 }
