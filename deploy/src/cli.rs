@@ -4,7 +4,9 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::commands::{demonstrate, evaluate, experiment, log, replay, scale, status, train};
+use crate::commands::{
+    demonstrate, evaluate, experiment, log, replay, report, scale, status, train,
+};
 use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
@@ -31,6 +33,8 @@ enum Verb {
     Experiment(experiment::Arguments),
     /// Check a run against its log: act its episodes again, or train again from them.
     Replay(replay::Arguments),
+    /// Write what runs, or the figures of plans, have come to as a page with pictures and as tables.
+    Report(report::Arguments),
     /// Look into recorded files, or repair what a crash left.
     #[command(subcommand)]
     Log(log::Verb),
@@ -52,6 +56,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
         Verb::Experiment(arguments) => experiment::run(&arguments),
         Verb::Replay(arguments) => replay::run(arguments),
+        Verb::Report(arguments) => report::run(arguments),
         Verb::Log(verb) => log::run(&verb),
     }
 }
@@ -93,6 +98,8 @@ mod tests {
             "goalward replay r --retrain --until 40 --out s",
             "goalward replay r --publish --speed 2.5",
             "goalward replay r --with reward.uncertainty=0.1 --with model=s --out r.csv",
+            "goalward report r s --out web",
+            "goalward report figure3.toml r --quick --experiments e",
             "goalward log info r",
             "goalward log repair a.mcap b.mcap",
             "goalward log restore r --out s",
@@ -112,6 +119,7 @@ mod tests {
             "goalward demonstrate navigation --out d.mcap",
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
             "goalward log info",
+            "goalward report",
             "goalward experiment",
             "goalward experiment a.toml --jobs 0",
             "goalward replay r",

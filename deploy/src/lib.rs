@@ -10,16 +10,19 @@
 //! | `cli`, `commands` | the verbs, one file each |
 //! | `plan` | which run is trained: a new folder or one that is continued |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
-//! | `experiment`, `figure` | plans of many runs, and what they show side by side |
+//! | `experiment` | plans of many runs |
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `progress` | the progress of a run in one line |
 //! | `status_line` | such a line, on a terminal and in a pipe |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
+//! | `figure`, `report` | comparisons of runs as data, and as a page with pictures |
+//! | `chart` | curves as SVG |
 //! | `full_log` | a log with observations, made of one with actions only |
 //! | `figures` | how numbers are written |
 //! | `refusal` | exit codes |
 
+mod chart;
 mod cli;
 mod commands;
 mod demonstrations;
@@ -32,6 +35,7 @@ mod plan;
 mod programs;
 mod progress;
 mod refusal;
+mod report;
 mod status_line;
 mod summary;
 mod supervisor;

@@ -1,5 +1,6 @@
 //! Where the programs of a run are: beside `goalward` itself.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 
@@ -58,9 +59,20 @@ impl Program {
 /// # Errors
 /// When it cannot start, fails, or prints something else.
 pub(crate) fn figures<T: DeserializeOwned>(program: &mut Command) -> Result<T> {
-    let program = program.stdin(Stdio::null()).stderr(Stdio::inherit());
-    let ended = program.output().context("starting a program")?;
+    figures_of(program, &[])
+}
+
+/// The same for a program that reads `input` before it prints.
+///
+/// # Errors
+/// As [`figures`].
+pub(crate) fn figures_of<T: DeserializeOwned>(program: &mut Command, input: &[u8]) -> Result<T> {
+    let program = program.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::inherit());
+    let mut started = program.spawn().context("starting a program")?;
+    let written = started.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
+    let ended = started.wait_with_output().context("waiting for a program")?;
     expect_success(ended.status)?;
+    written.context("writing to a program")?;
     serde_json::from_slice(&ended.stdout).context("reading a program's figures")
 }
 

@@ -1,7 +1,7 @@
 //! The command line of `goalward-proximity-service`. People type `goalward`, which starts it.
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -45,6 +45,13 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Reads observations from standard input and prints what the trained model of a run says of
+    /// each.
+    Estimate {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+    },
 }
 
 /// Runs the process.
@@ -57,6 +64,7 @@ pub fn main() -> ExitCode {
             let config = RunConfig::from_text(&text, &config.display().to_string())?;
             rescore(&RunFolder::new(run), &log, &config, model.map(RunFolder::new), &out)
         }
+        Command::Estimate { run } => estimate(&RunFolder::new(run)),
     })
 }
 
@@ -72,4 +80,11 @@ fn rescore(
     let comparison = crate::rescore::rescore(folder, log, config, model.as_ref(), &mut lines)?;
     lines.flush().with_context(|| out.display().to_string())?;
     Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&comparison)?)?)
+}
+
+fn estimate(folder: &RunFolder) -> Result<()> {
+    let mut observations = Vec::new();
+    std::io::stdin().read_to_end(&mut observations).context("standard input")?;
+    let said = crate::estimate::estimate(folder, &observations)?;
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&said)?)?)
 }

@@ -111,7 +111,8 @@ pub fn rescore(
     Ok(comparison(&returns))
 }
 
-fn restore(model: &mut dyn RewardModel, other: &RunFolder) -> Result<()> {
+/// Makes a model the one in the newest checkpoint of another run.
+pub(crate) fn restore(model: &mut dyn RewardModel, other: &RunFolder) -> Result<()> {
     let shown = other.path().display();
     let (_, checkpoint) = other
         .newest_checkpoint()

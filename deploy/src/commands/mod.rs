@@ -5,6 +5,7 @@ pub(crate) mod evaluate;
 pub(crate) mod experiment;
 pub(crate) mod log;
 pub(crate) mod replay;
+pub(crate) mod report;
 pub(crate) mod scale;
 pub(crate) mod status;
 pub(crate) mod train;

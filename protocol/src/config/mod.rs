@@ -8,7 +8,7 @@ mod check;
 mod learner;
 mod reward;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -281,6 +281,11 @@ impl RunConfig {
     /// The first key of those that decide the result whose value is another one in `other`, with
     /// both values.
     pub fn result_difference(&self, other: &Self) -> Option<(String, [String; 2])> {
+        self.result_differences(other).into_iter().next()
+    }
+
+    /// Every such key, in order.
+    pub fn result_differences(&self, other: &Self) -> Vec<(String, [String; 2])> {
         let values = |config: &Self| {
             let mut table = config.to_text().parse::<Table>().expect("it has just been written");
             for key in ["resources", "checkpoint", "log"] {
@@ -289,13 +294,12 @@ impl RunConfig {
             flat(&table)
         };
         let (own, others) = (values(self), values(other));
-        let mut keys: Vec<&String> = own.keys().chain(others.keys()).collect();
-        keys.sort();
-        let key = keys.into_iter().find(|key| own.get(*key) != others.get(*key))?;
-        let shown = |values: &BTreeMap<String, Value>| {
+        let keys: BTreeSet<&String> = own.keys().chain(others.keys()).collect();
+        let shown = |values: &BTreeMap<String, Value>, key| {
             values.get(key).map_or("nothing".to_owned(), Value::to_string)
         };
-        Some((key.clone(), [shown(&own), shown(&others)]))
+        let differing = keys.into_iter().filter(|key| own.get(*key) != others.get(*key));
+        differing.map(|key| (key.clone(), [shown(&own, key), shown(&others, key)])).collect()
     }
 
     /// What an expert's demonstrations for this run start from and reach.

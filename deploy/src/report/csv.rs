@@ -1,0 +1,122 @@
+//! Everything a report shows as tables that any program reads: `results.csv` has every point of
+//! every run, `summary.csv` a line for each run.
+
+use std::fmt::Write;
+
+use super::measured::{Measured, MeasuredFigure};
+
+/// Columns that say which run a line is about.
+const RUN: &str = "figure,panel,task,curve,seed,run";
+
+/// All points of all runs.
+pub(super) fn results(figures: &[MeasuredFigure]) -> String {
+    let mut text = format!(
+        "{RUN},iteration,environment_steps,wall_s,episodes,success_rate,mean_reward,mean_proximity,\
+         mean_uncertainty,entropy,approximate_kl\n"
+    );
+    for (run, names) in named(figures) {
+        for point in &run.points {
+            write_line(
+                &mut text,
+                format_args!(
+                    "{names},{},{},{:.1},{},{:.2},{:.6},{:.6},{:.6},{:.4},{:.6}",
+                    point.iteration,
+                    point.environment_steps,
+                    point.wall_s,
+                    point.episodes,
+                    point.success_rate,
+                    point.mean_reward,
+                    point.mean_proximity,
+                    point.mean_uncertainty,
+                    point.entropy,
+                    point.approximate_kl,
+                ),
+            );
+        }
+    }
+    text
+}
+
+/// The figures of all runs; those of an unfinished run are empty.
+pub(super) fn summary(figures: &[MeasuredFigure]) -> String {
+    let mut text = format!(
+        "{RUN},method,preset,finished,environment_steps,episodes,iterations,success_rate,\
+         evaluation_episodes,evaluation_success_rate,wall_s,steps_per_s,policy_sha256,\
+         proximity_sha256\n"
+    );
+    for (run, names) in named(figures) {
+        let method = field(&run.config.method);
+        let preset = field(&run.config.preset);
+        let Some(summary) = &run.summary else {
+            write_line(&mut text, format_args!("{names},{method},{preset},0,,,,,,,,,,"));
+            continue;
+        };
+        // A method that takes no environment steps has no training episodes.
+        let success =
+            if run.acts() { format!("{:.2}", summary.success_rate) } else { String::new() };
+        write_line(
+            &mut text,
+            format_args!(
+                "{names},{method},{preset},1,{},{},{},{success},{},{:.4},{:.1},{:.0},{},{}",
+                summary.env_steps,
+                summary.episodes,
+                summary.iterations,
+                summary.evaluation.episodes,
+                summary.evaluation.success_rate,
+                summary.wall_s,
+                summary.steps_per_s,
+                summary.policy_sha256,
+                summary.proximity_sha256,
+            ),
+        );
+    }
+    text
+}
+
+/// Every run with the fields of [`RUN`].
+fn named(figures: &[MeasuredFigure]) -> impl Iterator<Item = (&Measured, String)> {
+    figures.iter().flat_map(|figure| {
+        figure.panels.iter().flat_map(move |panel| {
+            panel.curves.iter().flat_map(move |curve| {
+                curve.runs.iter().map(move |run| {
+                    let names = [&figure.name, &panel.name, panel.task.name(), &curve.name];
+                    let [figure, panel, task, curve] = names.map(field);
+                    let path = field(&run.folder.path().display().to_string());
+                    let seed = run.config.seed;
+                    (run, format!("{figure},{panel},{task},{curve},{seed},{path}"))
+                })
+            })
+        })
+    })
+}
+
+fn write_line(text: &mut String, line: std::fmt::Arguments<'_>) {
+    writeln!(text, "{line}").expect("a text takes what is written to it");
+}
+
+/// A text as a field.
+fn field(text: &str) -> String {
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_with_commas_are_quoted() {
+        assert_eq!(field("gail, a=\"b\""), "\"gail, a=\"\"b\"\"\"");
+        assert_eq!(field("gail"), "gail");
+    }
+
+    #[test]
+    fn lines_have_as_many_fields_as_the_header() {
+        let header = summary(&[]);
+        let unfinished = ["", "", "", "", "", "", "", "", "0,,,,,,,,,,"].join(",");
+        assert_eq!(header.matches(',').count(), unfinished.matches(',').count());
+    }
+}

@@ -1,0 +1,135 @@
+//! Proximity and uncertainty along an evaluation episode, with pictures of four of its frames (the
+//! paper's Figure 10).
+
+use anyhow::{Result, ensure};
+use maud::{Markup, PreEscaped, html};
+use protocol::config::RunConfig;
+use protocol::run::RunFolder;
+use protocol::task::ObservationSpec;
+
+use super::estimate::{self, Episode, Estimates};
+use super::grid;
+use super::scene;
+use super::solid::{Camera, Solid};
+use crate::chart::{self, Axis, COLORS, Chart, Line, Marker, Style, UNITS};
+use crate::figures;
+
+/// Frames shown.
+const FRAMES: usize = 4;
+
+/// Width of the picture, pixels.
+const WIDTH: usize = 960;
+
+/// Room between frames, pixels.
+const GAP: usize = 12;
+
+/// Height of a frame, three quarters of its width, pixels.
+const FRAME_HEIGHT: usize = (WIDTH - (FRAMES - 1) * GAP) / FRAMES * 3 / 4;
+
+/// Height of the text below a frame, pixels.
+const TEXT_HEIGHT: usize = 26;
+
+/// Height of the chart, pixels.
+const CHART_HEIGHT: usize = 260;
+
+/// A picture of an episode and what it shows.
+pub(super) struct Along {
+    /// The picture, an SVG file.
+    pub(super) picture: String,
+    /// What it shows.
+    pub(super) caption: String,
+}
+
+/// Draws a successful evaluation episode of a run, one of middle length; if none was successful, the
+/// first.
+///
+/// # Errors
+/// When there is no episode, or the run's model does not answer.
+pub(super) fn along(folder: &RunFolder, config: &RunConfig) -> Result<Along> {
+    let mut episodes = estimate::episodes(folder, config)?;
+    ensure!(!episodes.is_empty(), "{}: expected an evaluation episode", folder.path().display());
+    episodes.sort_by_key(|episode| episode.trajectory.steps_to_goal);
+    let failed = episodes.iter().filter(|episode| !episode.trajectory.success).count();
+    let chosen = if failed == episodes.len() { 0 } else { (failed + episodes.len()) / 2 };
+    let episode = episodes.swap_remove(chosen);
+    let observations = episode.trajectory.observations_to_goal();
+    let estimates = estimate::ask(folder, observations)?;
+    let steps = estimates.proximity.len() - 1;
+    let end = if episode.trajectory.success { "which reached the goal" } else { "which missed it" };
+    let caption = format!(
+        "an evaluation episode of {steps} steps, {end}; lane {}, episode {}, policy version {}",
+        episode.trajectory.lane, episode.trajectory.episode, episode.trajectory.policy_version
+    );
+    Ok(Along { picture: picture(&episode, &estimates)?.into_string(), caption })
+}
+
+fn picture(episode: &Episode, estimates: &Estimates) -> Result<Markup> {
+    let last = estimates.proximity.len() - 1;
+    let shown: Vec<usize> = (0..FRAMES).map(|frame| frame * last / (FRAMES - 1)).collect();
+    let frames = frames(episode, &shown);
+    let chart =
+        chart::draw(&[curves(estimates, &shown)], [WIDTH, CHART_HEIGHT].map(|side| side as u32))?;
+    let width = (WIDTH - (FRAMES - 1) * GAP) / FRAMES;
+    let chart_top = FRAME_HEIGHT + TEXT_HEIGHT;
+    let height = chart_top + CHART_HEIGHT;
+    let [chart_width, chart_height] = [WIDTH, CHART_HEIGHT].map(|side| side * UNITS as usize);
+    let said = |step: usize| {
+        format!("step {step}: proximity {}", figures::number(estimates.proximity[step]))
+    };
+    Ok(html! {
+        svg xmlns="http://www.w3.org/2000/svg" width=(WIDTH) height=(height)
+            viewBox=(format!("0 0 {WIDTH} {height}")) font-family="sans-serif" {
+            rect width=(WIDTH) height=(height) fill="#FFFFFF" {}
+            @for (number, (frame, step)) in frames.iter().zip(&shown).enumerate() {
+                @let left = number * (width + GAP);
+                svg x=(left) y="0" width=(width) height=(FRAME_HEIGHT) { (frame) }
+                text x=(left + width / 2) y=(FRAME_HEIGHT + 18) font-size="14" fill="#000000"
+                    text-anchor="middle" { (said(*step)) }
+            }
+            svg x="0" y=(chart_top) width=(WIDTH) height=(CHART_HEIGHT)
+                viewBox=(format!("0 0 {chart_width} {chart_height}")) { (PreEscaped(chart)) }
+        }
+    })
+}
+
+fn curves(estimates: &Estimates, marks: &[usize]) -> Chart {
+    let curve = |name: &str, numbers: &[f64], color: usize| Line {
+        name: name.to_owned(),
+        style: Style { color: COLORS[color], marker: Marker::None },
+        points: numbers.iter().enumerate().map(|(step, y)| [step as f64, *y]).collect(),
+        band: Vec::new(),
+        level: None,
+        anchor: None,
+    };
+    let all = || estimates.proximity.iter().chain(&estimates.uncertainty).copied();
+    let (low, high) = (all().fold(0.0, f64::min), all().fold(1e-3, f64::max));
+    let axis = |label: &str, range| Axis { label: label.to_owned(), range, percent: false };
+    Chart {
+        title: String::new(),
+        x: axis("step", [0.0, (estimates.proximity.len() - 1).max(1) as f64]),
+        y: axis("", [1.05 * low, 1.05 * high]),
+        curves: vec![
+            curve("proximity", &estimates.proximity, 0),
+            curve("uncertainty", &estimates.uncertainty, 1),
+        ],
+        marks: marks.iter().map(|&step| step as f64).collect(),
+    }
+}
+
+/// Pictures of an episode at some of its observations.
+fn frames(episode: &Episode, shown: &[usize]) -> Vec<Markup> {
+    let Ok(task) = episode.trajectory.task.parse::<protocol::task::Task>() else {
+        return Vec::new();
+    };
+    let spec = task.spec().observation;
+    if let ObservationSpec::Cells { width, .. } = spec {
+        let observations: Vec<&[u8]> =
+            episode.trajectory.observations().chunks_exact(spec.bytes()).collect();
+        return shown.iter().map(|&step| grid::frame(observations[step], width)).collect();
+    }
+    let scenes: Vec<Vec<Solid>> =
+        shown.iter().filter_map(|&step| Some(Solid::all(episode.scenes.get(step)?))).collect();
+    let camera = Camera::looking_from(-50.0, 28.0);
+    let view = scene::view(&camera, &scenes);
+    scenes.iter().map(|solids| scene::picture(&camera, solids, view)).collect()
+}

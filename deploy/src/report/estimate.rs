@@ -1,0 +1,125 @@
+//! What a run's trained proximity function says of observations, and the evaluation episodes that
+//! it is asked about.
+
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use protocol::config::{RewardConfig, RewardInput, RewardModel, RunConfig};
+use protocol::log::{FileReader, Record};
+use protocol::run::RunFolder;
+use protocol::scene::SceneUpdate;
+use protocol::trajectory::Trajectory;
+use serde::Deserialize;
+
+use crate::programs::{self, Program};
+
+/// Episodes looked at, the first of a file: those that have scenes.
+const EPISODES: usize = 20;
+
+/// What a model says of observations, one number for each.
+#[derive(Clone, Debug, Deserialize)]
+pub(super) struct Estimates {
+    /// Proximity.
+    pub(super) proximity: Vec<f64>,
+    /// Standard deviation of the ensemble.
+    pub(super) uncertainty: Vec<f64>,
+}
+
+/// An evaluation episode.
+pub(super) struct Episode {
+    /// What happened.
+    pub(super) trajectory: Trajectory,
+    /// The scene at each of its observations; none where the task has no solids.
+    pub(super) scenes: Vec<SceneUpdate>,
+}
+
+/// Whether a run learned a function of the state that can be asked for proximity.
+pub(super) fn has_proximity(config: &RunConfig) -> bool {
+    let RewardConfig { model, input, .. } = &config.reward;
+    matches!(model, RewardModel::Proximity | RewardModel::Ranking) && *input == RewardInput::State
+}
+
+/// Asks the model in the newest checkpoint of a run.
+///
+/// # Errors
+/// When the proximity service refuses.
+pub(super) fn ask(folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
+    let mut service = Program::ProximityService.command()?;
+    service.arg("estimate").arg("--run").arg(folder.path());
+    programs::figures_of(&mut service, observations)
+}
+
+/// Episodes that the run's newest policy was evaluated in. If nobody has evaluated it, they are run
+/// now, and stay in the run's folder.
+///
+/// # Errors
+/// When they cannot be run, or their file cannot be read.
+pub(super) fn episodes(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Episode>> {
+    let file = match evaluated(folder)? {
+        Some(file) => file,
+        None => evaluate(folder)?,
+    };
+    let mut episodes: Vec<Episode> = Vec::new();
+    for entry in FileReader::open(&file)? {
+        match entry?.record {
+            Record::EvaluationTrajectory(_) if episodes.len() == EPISODES => break,
+            Record::EvaluationTrajectory(bytes) => {
+                let trajectory = Trajectory::recorded(bytes, &config.task.spec())
+                    .with_context(|| file.display().to_string())?;
+                episodes.push(Episode { trajectory, scenes: Vec::new() });
+            }
+            Record::Scene(scene) => {
+                episodes
+                    .last_mut()
+                    .into_iter()
+                    .for_each(|episode| episode.scenes.push(scene.clone()));
+            }
+            _ => {}
+        }
+    }
+    Ok(episodes)
+}
+
+/// The evaluation of the newest policy with the most episodes.
+fn evaluated(folder: &RunFolder) -> Result<Option<PathBuf>> {
+    let shown = || folder.path().display().to_string();
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder.path()).with_context(shown)? {
+        let path = entry.with_context(shown)?.path();
+        let numbers = path.file_name().and_then(|name| evaluation_numbers(name.to_str()?));
+        found.extend(numbers.map(|numbers| (numbers, path)));
+    }
+    Ok(found.into_iter().max().map(|(_, path)| path))
+}
+
+/// Policy version and episodes of a file such as `evaluation-v000367-200.mcap`.
+fn evaluation_numbers(name: &str) -> Option<(u64, u64)> {
+    let numbers = name.strip_prefix("evaluation-v")?.strip_suffix(".mcap")?;
+    let (version, episodes) = numbers.split_once('-')?;
+    Some((version.parse().ok()?, episodes.parse().ok()?))
+}
+
+fn evaluate(folder: &RunFolder) -> Result<PathBuf> {
+    #[derive(Deserialize)]
+    struct Evaluation {
+        file: PathBuf,
+    }
+    let mut actor = Program::Actor.command()?;
+    actor.arg("evaluate").arg("--run").arg(folder.path());
+    let evaluation: Evaluation =
+        programs::figures(actor.args(["--episodes", &EPISODES.to_string()]))?;
+    Ok(evaluation.file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evaluations_are_known_by_their_names() {
+        assert_eq!(evaluation_numbers("evaluation-v000367-200.mcap"), Some((367, 200)));
+        assert_eq!(evaluation_numbers("evaluation-v000367-200.csv"), None);
+        assert_eq!(evaluation_numbers("demonstrations.mcap"), None);
+    }
+}

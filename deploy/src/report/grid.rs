@@ -1,0 +1,170 @@
+//! NAVIGATION's grid in pictures: what an observation shows, and what the proximity function says of
+//! the agent on every cell (the paper's Figure 4d).
+
+use maud::{Markup, html};
+use plotters::style::colors::colormaps::ViridisRGB;
+
+use super::estimate::Estimates;
+
+/// Classes of cells, as the task's observations have them.
+mod class {
+    pub(super) const EMPTY: u8 = 0;
+    pub(super) const WALL: u8 = 1;
+    pub(super) const GOAL: u8 = 2;
+    pub(super) const AGENT: u8 = 3;
+}
+
+/// Side of a cell, units.
+const CELL: usize = 10;
+
+const WALL_COLOR: &str = "#555B66";
+const GOAL_COLOR: &str = "#009E73";
+const AGENT_COLOR: &str = "#D55E00";
+
+/// Observations in which the agent stands on each free cell of an episode's grid, and those cells.
+pub(super) struct Everywhere {
+    /// The grid without the agent.
+    cells: Vec<u8>,
+    /// Cells of a row.
+    width: usize,
+    /// The free cells, each by its place in the observation.
+    free: Vec<usize>,
+}
+
+impl Everywhere {
+    /// Of a first observation, in which the goal is still visible.
+    pub(super) fn of(observation: &[u8], width: usize) -> Everywhere {
+        let without_agent = |cell: &u8| if *cell == class::AGENT { class::EMPTY } else { *cell };
+        let cells: Vec<u8> = observation.iter().map(without_agent).collect();
+        let free = (0..cells.len()).filter(|&place| cells[place] != class::WALL).collect();
+        Everywhere { cells, width, free }
+    }
+
+    /// The observations, one after another.
+    pub(super) fn observations(&self) -> Vec<u8> {
+        let with_agent = |&place: &usize| {
+            let mut cells = self.cells.clone();
+            cells[place] = class::AGENT;
+            cells
+        };
+        self.free.iter().flat_map(with_agent).collect()
+    }
+
+    /// Proximity and uncertainty as two heat maps side by side.
+    pub(super) fn picture(&self, estimates: &Estimates) -> Markup {
+        let side = self.width * CELL;
+        let (width, height) = (2 * side + 130, side + 34);
+        html! {
+            svg xmlns="http://www.w3.org/2000/svg" width=(2 * width) height=(2 * height)
+                viewBox=(format!("0 0 {width} {height}")) font-family="sans-serif" {
+                rect width=(width) height=(height) fill="#FFFFFF" {}
+                (self.map("proximity", &estimates.proximity, 4))
+                (self.map("uncertainty", &estimates.uncertainty, side + 70))
+            }
+        }
+    }
+
+    fn map(&self, name: &str, numbers: &[f64], left: usize) -> Markup {
+        let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let shade = |number: f64| (number - low) / (high - low).max(1e-12);
+        let side = self.width * CELL;
+        html! {
+            g transform=(format!("translate({left} 24)")) shape-rendering="crispEdges" {
+                text x="0" y="-8" font-size="12" fill="#000000" { (name) }
+                (background(side, self.cells.len() / self.width * CELL, WALL_COLOR))
+                @for (&place, &number) in self.free.iter().zip(numbers) {
+                    (self.cell(place, &color(shade(number))))
+                }
+                @for &place in self.free.iter().filter(|&&place| self.cells[place] == class::GOAL) {
+                    (ring(place % self.width, place / self.width))
+                }
+                (scale(side + 8, low, high))
+            }
+        }
+    }
+
+    fn cell(&self, place: usize, color: &str) -> Markup {
+        square(place % self.width, place / self.width, color)
+    }
+}
+
+/// A picture of an observation: walls, goal and agent.
+pub(super) fn frame(observation: &[u8], width: usize) -> Markup {
+    let place = |&(place, _): &(usize, &u8)| (place % width, place / width);
+    let [sides, heights] = [width * CELL, observation.len() / width * CELL];
+    html! {
+        svg x="0" y="0" width="100%" height="100%" viewBox=(format!("0 0 {sides} {heights}"))
+            shape-rendering="crispEdges" {
+            (background(sides, heights, WALL_COLOR))
+            @for cell in observation.iter().enumerate() {
+                @let (x, y) = place(&cell);
+                @match *cell.1 {
+                    class::WALL => {}
+                    class::GOAL => { (square(x, y, GOAL_COLOR)) }
+                    class::AGENT => { (square(x, y, AGENT_COLOR)) }
+                    _ => { (square(x, y, "#F4F6F8")) }
+                }
+            }
+        }
+    }
+}
+
+fn background(width: usize, height: usize, color: &str) -> Markup {
+    html! { rect width=(width) height=(height) fill=(color) {} }
+}
+
+fn square(x: usize, y: usize, color: &str) -> Markup {
+    html! { rect x=(x * CELL) y=(y * CELL) width=(CELL) height=(CELL) fill=(color) {} }
+}
+
+/// The mark of the goal.
+fn ring(x: usize, y: usize) -> Markup {
+    let [x, y] = [x, y].map(|place| place * CELL + CELL / 2);
+    html! { circle cx=(x) cy=(y) r="3" fill="none" stroke=(AGENT_COLOR) stroke-width="2"
+    shape-rendering="auto" {} }
+}
+
+/// A bar of the colors with the numbers at its ends.
+fn scale(left: usize, low: f64, high: f64) -> Markup {
+    let steps = 24;
+    html! {
+        g transform=(format!("translate({left} 0)")) {
+            @for step in 0..steps {
+                @let share = 1.0 - (step as f64 + 0.5) / f64::from(steps);
+                rect y=(step * 5) width="8" height="5" fill=(color(share)) {}
+            }
+            text x="12" y="9" font-size="9" fill="#000000" { (crate::figures::number(high)) }
+            text x="12" y=(steps * 5) font-size="9" fill="#000000" { (crate::figures::number(low)) }
+        }
+    }
+}
+
+/// Viridis: the lighter, the larger.
+fn color(share: f64) -> String {
+    let color = ViridisRGB::get_color(share);
+    format!("#{:02X}{:02X}{:02X}", color.0, color.1, color.2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_agent_is_put_on_every_free_cell() {
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        assert_eq!(everywhere.observations(), [1, 3, 2, 0, 1, 0, 3, 0, 1, 0, 2, 3]);
+    }
+
+    #[test]
+    fn the_lightest_cell_is_the_nearest() {
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        let estimates =
+            Estimates { proximity: vec![0.1, 0.9, 0.5], uncertainty: vec![0.0, 0.0, 0.0] };
+        let picture = everywhere.picture(&estimates).into_string();
+        let lightest =
+            format!(r#"<rect x="0" y="10" width="10" height="10" fill="{}">"#, color(1.0));
+        assert!(picture.contains(&lightest), "{picture}");
+        assert!(!picture.contains("NaN"), "{picture}");
+    }
+}

@@ -1,0 +1,206 @@
+//! Learning curves of a panel and the table below them (the paper's Figures 3 to 9, 11 and 12).
+
+use super::curve::{Spread, mean};
+use super::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
+use super::palette::Palette;
+use crate::chart::{Axis, Chart, Line};
+
+/// Shares of the steps at which the table gives success rates.
+pub(super) const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
+
+/// A curve in numbers.
+pub(super) struct Row {
+    /// Finished runs.
+    pub(super) finished: usize,
+    /// Runs wanted.
+    pub(super) wanted: usize,
+    /// Success rate in training when [`SHARES`] of the steps were taken, over the runs that have.
+    pub(super) during: [Option<Spread>; 3],
+    /// Success rate of the last 100 training episodes of the finished runs.
+    pub(super) last: Option<Spread>,
+    /// Success rate of the evaluation of the finished runs.
+    pub(super) evaluation: Option<Spread>,
+    /// Environment steps per second, mean of the finished runs.
+    pub(super) steps_per_s: Option<f64>,
+}
+
+impl Row {
+    /// Of a curve.
+    pub(super) fn of(curve: &MeasuredCurve) -> Row {
+        let over = |value: &dyn Fn(&Measured) -> Option<f64>| {
+            Spread::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
+        };
+        let acting = |run: &Measured| run.summary.as_ref().filter(|_| run.acts()).cloned();
+        let unread =
+            curve.missing.len() - curve.runs.iter().filter(|run| !run.is_finished()).count();
+        Row {
+            finished: curve.runs.iter().filter(|run| run.is_finished()).count(),
+            wanted: curve.runs.len() + unread,
+            during: SHARES.map(|share| over(&|run| success_at(run, share))),
+            last: over(&|run| Some(acting(run)?.success_rate)),
+            evaluation: over(&|run| Some(run.summary.as_ref()?.evaluation.success_rate)),
+            steps_per_s: over(&|run| Some(acting(run)?.steps_per_s)).map(|spread| spread.mean),
+        }
+    }
+}
+
+/// Success rate of the last 100 training episodes when a share of the steps was taken.
+fn success_at(run: &Measured, share: f64) -> Option<f64> {
+    let steps = share * run.config.steps as f64;
+    let reached = |point: &&Point| run.acts() && point.environment_steps as f64 >= steps;
+    run.points.iter().find(reached).map(|point| point.success_rate)
+}
+
+/// What success is drawn against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Against {
+    /// Environment steps.
+    Steps,
+    /// Wall time.
+    Time,
+}
+
+/// Success rates of a panel's curves, means over seeds with bands of half a standard deviation.
+pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
+    let x = |point: &Point| match against {
+        Against::Steps => point.environment_steps as f64,
+        Against::Time => point.wall_s,
+    };
+    let runs = || panel.curves.iter().flat_map(|curve| &curve.runs);
+    let ends = runs().filter_map(|run| Some(x(run.points.last()?)));
+    let end = ends.fold(1.0, f64::max);
+    let (unit, label) = match against {
+        Against::Steps => steps_unit(end),
+        Against::Time => time_unit(end),
+    };
+    let line = |curve: &MeasuredCurve| {
+        let acting = curve.runs.iter().filter(|run| run.acts());
+        let points = |run: &Measured| {
+            run.points.iter().map(|point| [x(point) / unit, point.success_rate]).collect()
+        };
+        let means = mean(&acting.map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
+        let band = |(x, spread): &(f64, Spread)| spread.band().map(|[low, high]| [*x, low, high]);
+        Line {
+            name: curve.name.clone(),
+            style: palette.style(&curve.name),
+            points: means.iter().map(|(x, spread)| [*x, spread.mean]).collect(),
+            band: means.iter().filter_map(band).collect(),
+            level: level(curve),
+            anchor: curve.anchor.filter(|_| against == Against::Steps),
+        }
+    };
+    Chart {
+        title: panel.title.clone(),
+        x: Axis { label: label.to_owned(), range: [0.0, end / unit], percent: false },
+        y: Axis { label: "success".to_owned(), range: [0.0, 1.0], percent: true },
+        curves: panel.curves.iter().map(line).collect(),
+        marks: Vec::new(),
+    }
+}
+
+/// Where the first of a curve's finished runs ends: behind it the mean would be one over those alone
+/// that are slower.
+fn common_end(curve: &MeasuredCurve, x: &dyn Fn(&Point) -> f64) -> f64 {
+    let finished = curve.runs.iter().filter(|run| run.is_finished());
+    let ends = finished.filter_map(|run| Some(x(run.points.last()?)));
+    ends.fold(f64::INFINITY, f64::min)
+}
+
+/// Success of a method that takes no environment steps, in its evaluation.
+fn level(curve: &MeasuredCurve) -> Option<f64> {
+    if curve.runs.iter().any(Measured::acts) {
+        return None;
+    }
+    Row::of(curve).evaluation.map(|spread| spread.mean)
+}
+
+fn steps_unit(end: f64) -> (f64, &'static str) {
+    match end {
+        1e6.. => (1e6, "environment steps, millions"),
+        _ => (1e3, "environment steps, thousands"),
+    }
+}
+
+fn time_unit(end_s: f64) -> (f64, &'static str) {
+    match end_s {
+        10_800.0.. => (3600.0, "wall time, hours"),
+        180.0.. => (60.0, "wall time, minutes"),
+        _ => (1.0, "wall time, seconds"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::run::RunFolder;
+    use protocol::summary::Summary;
+    use protocol::task::Task;
+
+    use super::*;
+    use crate::tasks;
+
+    /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
+    fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
+        let steps = ["steps=1000".to_owned()];
+        let config = tasks::configuration(Task::Navigation, "goalward", &steps).unwrap();
+        let summary = |evaluation: f64| -> Summary {
+            let steps = points.last().unwrap().0;
+            serde_json::from_value(serde_json::json!({
+                "task": "navigation", "method": "goal-proximity", "preset": "goalward", "seed": 1,
+                "actors": 2, "env_steps": steps, "episodes": 10, "iterations": points.len(),
+                "success_rate": points.last().unwrap().1,
+                "evaluation": {"episodes": 50, "success_rate": evaluation},
+                "wall_s": 2.0, "steps_per_s": steps / 2, "policy_sha256": "ab",
+                "proximity_sha256": "cd", "log": {"files": 2, "trajectories": 9, "bytes": 9},
+                "seconds": {"rollout": 1, "environment": 1, "inference": 1, "transport": 1,
+                    "log": 1, "scoring": 1, "policy_update": 1, "reward_update": 1}
+            }))
+            .unwrap()
+        };
+        let point = |&(environment_steps, success_rate): &(u64, f64)| Point {
+            environment_steps,
+            success_rate,
+            ..Point::default()
+        };
+        Measured {
+            folder: RunFolder::new("run"),
+            config,
+            summary: evaluation.map(summary),
+            points: points.iter().map(point).collect(),
+        }
+    }
+
+    fn curve(runs: Vec<Measured>, missing: &[&str]) -> MeasuredCurve {
+        let missing = missing.iter().map(|&text| text.to_owned()).collect();
+        MeasuredCurve { name: "curve".to_owned(), anchor: Some(0.5), runs, missing }
+    }
+
+    #[test]
+    fn a_row_counts_finished_runs_and_averages_those_that_came_as_far() {
+        let whole = run(&[(250, 0.25), (500, 0.5), (1010, 1.0)], Some(0.875));
+        let half = run(&[(260, 0.75), (520, 1.0)], None);
+        let missing = ["half: unfinished, 520 of 1,000 steps", "other: not begun"];
+        let row = Row::of(&curve(vec![whole, half], &missing));
+        assert_eq!((row.finished, row.wanted), (1, 3));
+        let means = row.during.map(|spread| spread.unwrap().mean);
+        assert_eq!(means, [0.5, 0.75, 1.0]);
+        assert_eq!(row.evaluation.unwrap().mean, 0.875);
+        assert_eq!(row.steps_per_s, Some(505.0));
+    }
+
+    #[test]
+    fn a_method_without_steps_is_a_level() {
+        let cloning = curve(vec![run(&[(0, 0.0)], Some(0.625))], &[]);
+        let row = Row::of(&cloning);
+        assert_eq!((row.during, row.last, row.steps_per_s), ([None; 3], None, None));
+        let panel = MeasuredPanel {
+            name: "navigation".to_owned(),
+            title: "NAVIGATION".to_owned(),
+            task: Task::Navigation,
+            curves: vec![cloning],
+        };
+        let chart = chart(&panel, &Palette::of(&[vec!["curve"]]), Against::Steps);
+        assert_eq!((chart.curves[0].level, chart.curves[0].points.len()), (Some(0.625), 0));
+        assert_eq!(chart.curves[0].anchor, Some(0.5));
+        crate::chart::draw(&[chart], [720, 400]).unwrap();
+    }
+}

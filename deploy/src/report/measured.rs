@@ -1,0 +1,256 @@
+//! What a run tells of itself: its configuration, its summary and the points of its curves, read
+//! from the policy updates in its log.
+
+use anyhow::{Context, Result};
+use protocol::config::RunConfig;
+use protocol::log::{Contents, Record, read_contents};
+use protocol::messages::PolicyUpdate;
+use protocol::run::RunFolder;
+use protocol::summary::Summary;
+use protocol::task::Task;
+
+use crate::figure::{Curve, Figure, Panel};
+use crate::figures;
+use crate::refusal::{Refusal, wrong_usage};
+
+/// A figure with what its runs say.
+pub(super) struct MeasuredFigure {
+    /// Its name.
+    pub(super) name: String,
+    /// What it shows.
+    pub(super) title: String,
+    /// Its pictures.
+    pub(super) panels: Vec<MeasuredPanel>,
+}
+
+/// A panel with what its runs say.
+pub(super) struct MeasuredPanel {
+    /// Its name within the figure.
+    pub(super) name: String,
+    /// What it shows.
+    pub(super) title: String,
+    /// The task.
+    pub(super) task: Task,
+    /// Its curves.
+    pub(super) curves: Vec<MeasuredCurve>,
+}
+
+/// A curve with what its runs say.
+pub(super) struct MeasuredCurve {
+    /// Its name.
+    pub(super) name: String,
+    /// Success rate of the authors' published curve at its end.
+    pub(super) anchor: Option<f64>,
+    /// The runs that there are.
+    pub(super) runs: Vec<Measured>,
+    /// What is missing, a phrase for each run.
+    pub(super) missing: Vec<String>,
+}
+
+/// What a run says.
+pub(super) struct Measured {
+    /// Its folder.
+    pub(super) folder: RunFolder,
+    /// Its configuration.
+    pub(super) config: RunConfig,
+    /// Its figures, if it is finished.
+    pub(super) summary: Option<Summary>,
+    /// A point for each policy update; at least one.
+    pub(super) points: Vec<Point>,
+}
+
+/// A policy update as a point of curves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Point {
+    /// The iteration, from 0.
+    pub(super) iteration: u64,
+    /// Environment steps so far.
+    pub(super) environment_steps: u64,
+    /// Training episodes so far.
+    pub(super) episodes: u64,
+    /// Wall time since the first rollout began, pauses of a resumed run left out, seconds.
+    pub(super) wall_s: f64,
+    /// Of the last 100 training episodes.
+    pub(super) success_rate: f64,
+    /// Per step.
+    pub(super) mean_reward: f64,
+    /// Over the batch's observations.
+    pub(super) mean_proximity: f64,
+    /// Over the batch's observations.
+    pub(super) mean_uncertainty: f64,
+    /// Of the policy, nats.
+    pub(super) entropy: f64,
+    /// From the policy that acted, nats.
+    pub(super) approximate_kl: f64,
+}
+
+impl MeasuredFigure {
+    /// Reads the runs of a figure. Those that do not exist or cannot be read are noted as missing.
+    pub(super) fn of(figure: Figure) -> MeasuredFigure {
+        let panel = |Panel { name, title, task, curves }| MeasuredPanel {
+            name,
+            title,
+            task,
+            curves: curves.into_iter().map(MeasuredCurve::of).collect(),
+        };
+        let Figure { name, title, panels } = figure;
+        MeasuredFigure { name, title, panels: panels.into_iter().map(panel).collect() }
+    }
+}
+
+impl MeasuredCurve {
+    fn of(curve: Curve) -> MeasuredCurve {
+        let mut measured = MeasuredCurve {
+            name: curve.name,
+            anchor: curve.anchor,
+            runs: Vec::new(),
+            missing: Vec::new(),
+        };
+        for folder in curve.runs {
+            let name = name(&folder);
+            if !folder.config_file().exists() {
+                measured.missing.push(format!("{name}: not begun"));
+                continue;
+            }
+            match Measured::of(folder) {
+                Ok(run) => {
+                    measured.missing.extend(run.lacks().map(|lack| format!("{name}: {lack}")));
+                    measured.runs.push(run);
+                }
+                Err(error) => measured.missing.push(format!("{name}: {error:#}")),
+            }
+        }
+        measured
+    }
+}
+
+impl Measured {
+    /// Reads a run.
+    ///
+    /// # Errors
+    /// Of wrong usage when the folder holds no run, no log, or no policy update yet.
+    pub(super) fn of(folder: RunFolder) -> Result<Measured> {
+        let config = folder.config()?;
+        let summary = Summary::of_run(&folder)?;
+        let records = read_contents(&folder.log(), Contents::Updates)
+            .map_err(Refusal::usage)
+            .with_context(|| folder.path().display().to_string())?;
+        let mut updates = Vec::new();
+        for entry in records {
+            let entry = entry?;
+            if let Record::PolicyUpdate(update) = entry.record {
+                updates.push((entry.log_time_ns, *update));
+            }
+        }
+        if updates.is_empty() {
+            let log = folder.log();
+            let message = "expected policy updates in the log, found none yet";
+            return Err(wrong_usage(format!("{}: {message}", log.display())));
+        }
+        Ok(Measured { folder, config, summary, points: points(&updates) })
+    }
+
+    /// The name of its folder, with its seed.
+    pub(super) fn name(&self) -> String {
+        format!("{} (seed {})", name(&self.folder), self.config.seed)
+    }
+
+    /// Whether it learned from environment steps; otherwise only its evaluation says something.
+    pub(super) fn acts(&self) -> bool {
+        self.points.last().is_some_and(|point| point.environment_steps > 0)
+    }
+
+    /// Whether it has a summary.
+    pub(super) fn is_finished(&self) -> bool {
+        self.summary.is_some()
+    }
+
+    /// What keeps the run from being finished.
+    fn lacks(&self) -> Option<String> {
+        if self.is_finished() {
+            return None;
+        }
+        let done = self.points.last().map_or(0, |point| point.environment_steps);
+        let [done, all] = [done, self.config.steps].map(figures::count);
+        Some(format!("unfinished, {done} of {all} steps"))
+    }
+}
+
+fn name(folder: &RunFolder) -> String {
+    let path = folder.path();
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn points(updates: &[(u64, PolicyUpdate)]) -> Vec<Point> {
+    let mut wall_s = 0.0;
+    let mut before_ns = None;
+    let point = |(now_ns, update): &(u64, PolicyUpdate)| {
+        wall_s += duration(before_ns, *now_ns, update);
+        before_ns = Some(*now_ns);
+        Point {
+            iteration: update.iteration,
+            environment_steps: update.environment_steps,
+            episodes: update.episodes,
+            wall_s,
+            success_rate: update.success_rate,
+            mean_reward: update.mean_reward,
+            mean_proximity: update.mean_proximity,
+            mean_uncertainty: update.mean_uncertainty,
+            entropy: update.entropy,
+            approximate_kl: update.approximate_kl,
+        }
+    };
+    updates.iter().map(point).collect()
+}
+
+/// Wall time of an iteration: since the update before. A pause, in which the run was stopped or
+/// waited for the disk, is many times what the iteration measured itself, and does not count.
+fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
+    let own_s = update.rollout_s + update.scoring_s + update.update_s;
+    let since_s = before_ns.map(|before_ns| now_ns.saturating_sub(before_ns) as f64 / 1e9);
+    since_s.filter(|since_s| *since_s < 10.0 * own_s + 5.0).unwrap_or(own_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::log::{FileWriter, Kind, Metadata, Topic};
+
+    use super::*;
+    use crate::tasks;
+
+    #[test]
+    fn a_run_that_has_only_begun_is_refused_alone_and_missing_in_a_figure() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path().join("begun"));
+        std::fs::create_dir_all(folder.log()).unwrap();
+        let config = tasks::configuration(Task::Navigation, "goalward", &[]).unwrap();
+        std::fs::write(folder.config_file(), config.to_text()).unwrap();
+        let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed);
+        let log = folder.log().join("updates-00000.mcap");
+        FileWriter::create(&log, &metadata, &[Topic::PolicyUpdate]).unwrap().seal().unwrap();
+        let error = Measured::of(folder.clone()).err().unwrap();
+        assert!(format!("{error:#}").contains("expected policy updates"), "{error:#}");
+
+        let runs = vec![folder, RunFolder::new(directory.path().join("nowhere"))];
+        let curve = MeasuredCurve::of(Curve { name: "ours".into(), runs, anchor: None });
+        assert!(curve.runs.is_empty(), "a run without updates has no curve");
+        assert!(curve.missing[0].starts_with("begun: ") && curve.missing.len() == 2);
+        assert_eq!(curve.missing[1], "nowhere: not begun");
+    }
+
+    #[test]
+    fn pauses_do_not_count() {
+        let update = |iteration| PolicyUpdate {
+            iteration,
+            rollout_s: 1.0,
+            scoring_s: 0.25,
+            update_s: 0.75,
+            ..PolicyUpdate::default()
+        };
+        let second = 1_000_000_000;
+        let times = [100, 103, 1103, 1105].map(|at_s| at_s * second);
+        let updates: Vec<_> = times.into_iter().zip((0..).map(update)).collect();
+        let walls: Vec<f64> = points(&updates).iter().map(|point| point.wall_s).collect();
+        assert_eq!(walls, [2.0, 5.0, 7.0, 9.0]);
+    }
+}

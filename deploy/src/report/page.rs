@@ -1,0 +1,291 @@
+//! The page of a report: one file that needs no other and no network.
+
+use std::path::{Component, Path, PathBuf};
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use protocol::run::RunFolder;
+
+use super::curve::Spread;
+use super::learning::{Against, Row, SHARES};
+use super::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
+use super::pictures::Pictures;
+use super::repeat;
+use crate::figures;
+
+/// Digits of a hash that are shown.
+const HASH_DIGITS: usize = 12;
+
+/// The page; paths on it are as seen from `folder`, where it will be.
+pub(super) fn page(figures: &[MeasuredFigure], pictures: &Pictures, folder: &Path) -> Markup {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "Goalward: report" }
+                style { (PreEscaped(include_str!("page.css"))) }
+            }
+            body {
+                h1 { "Goalward: report" }
+                (measured(figures))
+                @for figure in figures { (self::figure(figure, pictures)) }
+                (episodes(pictures))
+                (runs(figures, folder))
+                (reading())
+            }
+        }
+    }
+}
+
+fn all_runs(figures: &[MeasuredFigure]) -> impl Iterator<Item = &Measured> {
+    let panels = figures.iter().flat_map(|figure| &figure.panels);
+    panels.flat_map(|panel| &panel.curves).flat_map(|curve| &curve.runs)
+}
+
+/// The runs of all figures, each once though several figures show it.
+fn different_runs(figures: &[MeasuredFigure]) -> Vec<&Measured> {
+    let mut runs: Vec<&Measured> = all_runs(figures).collect();
+    runs.sort_by_key(|run| run.folder.path());
+    runs.dedup_by_key(|run| run.folder.path());
+    runs
+}
+
+fn measured(figures: &[MeasuredFigure]) -> Markup {
+    let runs = different_runs(figures);
+    let finished = runs.iter().filter(|run| run.is_finished()).count();
+    let steps = runs.iter().filter_map(|run| Some(run.points.last()?.environment_steps)).sum();
+    let wall_s = runs.iter().filter_map(|run| Some(run.points.last()?.wall_s)).sum();
+    let cores = std::thread::available_parallelism().map_or(0, usize::from);
+    html! {
+        dl {
+            dt { "figures" } dd { (figures.len()) }
+            dt { "runs" } dd { (runs.len()) ", " (finished) " of them finished" }
+            dt { "environment steps" } dd { (crate::figures::count(steps)) }
+            dt { "training time of all runs" } dd { (crate::figures::duration(wall_s)) }
+            dt { "this report was made on" } dd { (processor()) ", " (cores) " cores" }
+            dt { "data" } dd {
+                a href="results.csv" { "results.csv" } " (every update), "
+                a href="summary.csv" { "summary.csv" } " (every run)"
+            }
+        }
+    }
+}
+
+fn processor() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name =
+        text.lines().find_map(|line| Some(line.strip_prefix("model name")?.split_once(':')?.1));
+    name.unwrap_or("an unknown processor").trim().to_owned()
+}
+
+fn figure(figure: &MeasuredFigure, pictures: &Pictures) -> Markup {
+    html! {
+        section id=(figure.name) {
+            h2 { (figure.title) }
+            div.panels {
+                @for panel in &figure.panels {
+                    article { (self::panel(figure, panel, pictures)) }
+                }
+            }
+        }
+    }
+}
+
+fn panel(figure: &MeasuredFigure, panel: &MeasuredPanel, pictures: &Pictures) -> Markup {
+    let learning = |against| pictures.learning(&figure.name, &panel.name, against);
+    html! {
+        @match learning(Against::Steps) {
+            Some(text) => { (picture(text, &panel.title, "")) }
+            None => { h3 { (panel.title) } p { "No run of this panel exists yet." } }
+        }
+        (table(panel))
+        @if let Some(text) = learning(Against::Time) {
+            details {
+                summary { "The same against wall time" }
+                (picture(text, &panel.title, "Runs that shared the machine with others took longer."))
+            }
+        }
+        @match pictures.heat(&figure.name, &panel.name) {
+            Some(Ok((text, caption))) => (picture(text, caption, caption)),
+            Some(Err(reason)) => p { "No proximity over the grid: " (reason) },
+            None => {}
+        }
+    }
+}
+
+/// A picture; its title is for those who cannot see it.
+fn picture(text: &str, title: &str, caption: &str) -> Markup {
+    html! {
+        figure {
+            div.picture.scroll role="img" aria-label=(title) { (PreEscaped(text)) }
+            @if !caption.is_empty() { figcaption { (caption) } }
+        }
+    }
+}
+
+fn table(panel: &MeasuredPanel) -> Markup {
+    let anchored = panel.curves.iter().any(|curve| curve.anchor.is_some());
+    let missing = panel.curves.iter().any(|curve| !curve.missing.is_empty());
+    html! {
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        th { "curve" } th { "seeds" }
+                        @for share in SHARES { th { "at " (figures::percent(share, 0)) " of steps" } }
+                        th { "last 100" } th { "evaluation" }
+                        @if anchored { th { "authors" } }
+                        th { "steps/s" }
+                        @if missing { th.text { "missing" } }
+                    }
+                }
+                tbody { @for curve in &panel.curves { (row(curve, anchored, missing)) } }
+            }
+        }
+    }
+}
+
+fn row(curve: &MeasuredCurve, anchored: bool, missing: bool) -> Markup {
+    let row = Row::of(curve);
+    html! {
+        tr {
+            td { (curve.name) }
+            td { (seeds(&row)) }
+            @for spread in &row.during { td { (success(spread.as_ref())) } }
+            td { (success(row.last.as_ref())) }
+            td { (success(row.evaluation.as_ref())) }
+            @if anchored {
+                td { (curve.anchor.map_or("-".to_owned(), |share| figures::percent(share, 0))) }
+            }
+            td { (row.steps_per_s.map_or("-".to_owned(), |pace| figures::count(pace as u64))) }
+            @if missing { td.wrap { (curve.missing.join("; ")) } }
+        }
+    }
+}
+
+fn seeds(row: &Row) -> String {
+    let Row { finished, wanted, .. } = row;
+    if finished == wanted { finished.to_string() } else { format!("{finished} of {wanted}") }
+}
+
+/// Mean and half deviation in percent.
+fn success(spread: Option<&Spread>) -> String {
+    let Some(Spread { mean, half_deviation }) = spread else { return "-".to_owned() };
+    match half_deviation {
+        Some(half) => format!("{:.1} ± {:.1}", 100.0 * mean, 100.0 * half),
+        None => format!("{:.1}", 100.0 * mean),
+    }
+}
+
+fn episodes(pictures: &Pictures) -> Markup {
+    let mut episodes = pictures.episodes().peekable();
+    html! {
+        @if episodes.peek().is_some() {
+            section id="episodes" {
+                h2 { "Proximity along an episode" }
+                @for episode in episodes {
+                    @match episode {
+                        Ok((text, caption)) => (picture(text, caption, caption)),
+                        Err(reason) => p { "No picture: " (reason) },
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn runs(figures: &[MeasuredFigure], folder: &Path) -> Markup {
+    html! {
+        section id="runs" {
+            h2 { "All runs" }
+            div.scroll {
+                table {
+                    thead {
+                        tr {
+                            th { "run" } th { "seed" } th { "steps" } th { "last 100" } th { "evaluation" }
+                            th { "time" } th.text { "policy sha256" } th.text { "to repeat it" }
+                        }
+                    }
+                    tbody { @for run in different_runs(figures) { (run_row(run, folder)) } }
+                }
+            }
+        }
+    }
+}
+
+fn run_row(run: &Measured, folder: &Path) -> Markup {
+    let summary = run.summary.as_ref();
+    let last = run.points.last();
+    let steps = last.map_or(0, |point| point.environment_steps);
+    let percent =
+        |share: Option<f64>| share.map_or("-".to_owned(), |share| figures::percent(share, 1));
+    let hash = summary.map(|summary| summary.policy_sha256.chars().take(HASH_DIGITS).collect());
+    html! {
+        tr {
+            td { code { (seen_from(folder, &run.folder).display()) } }
+            td { (run.config.seed) }
+            td { (figures::count(steps)) @if summary.is_none() { " so far" } }
+            td { (percent(last.filter(|_| run.acts()).map(|point| point.success_rate))) }
+            td { (percent(summary.map(|summary| summary.evaluation.success_rate))) }
+            td { (figures::duration(summary.map_or(f64::NAN, |summary| summary.wall_s))) }
+            td.text { code { (hash.unwrap_or("-".to_owned())) } }
+            td.text { code { (repeat::command(&run.config)) } }
+        }
+    }
+}
+
+/// A run's folder as seen from another folder, if they have more in common than the root.
+fn seen_from(folder: &Path, run: &RunFolder) -> PathBuf {
+    let Ok(path) = run.path().canonicalize() else { return run.path().to_owned() };
+    let pairs = folder.components().zip(path.components());
+    let common = pairs.take_while(|(one, other)| one == other).count();
+    if common < 2 {
+        return path;
+    }
+    let up = folder.components().skip(common).map(|_| Component::ParentDir);
+    up.chain(path.components().skip(common)).collect()
+}
+
+fn reading() -> Markup {
+    html! {
+        section id="reading" {
+            h2 { "How to read this" }
+            ul {
+                li { "Success is the share of the last 100 training episodes that reached the goal, actions \
+                      drawn from the policy. Curves are means over seeds; where a seed has not come as far, \
+                      over the others. Bands are half a standard deviation (n - 1) to both sides." }
+                li { "A dashed level is the evaluation of a method that takes no environment steps." }
+                li { "Diamonds, and the column \u{201c}authors\u{201d}, are the ends of the curves that the \
+                      authors published. Some of their baselines had errors, so a correct one may score higher." }
+                li { "Wall time counts from the beginning of the first rollout; pauses of a resumed run are \
+                      left out. Steps per second are those of the summaries." }
+                li { "The same command gives the same hash, whatever the number of actors." }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_named_as_the_page_sees_them() {
+        let directory = tempfile::tempdir().unwrap();
+        let home = directory.path().canonicalize().unwrap();
+        for folder in ["runs/a", "report"] {
+            std::fs::create_dir_all(home.join(folder)).unwrap();
+        }
+        let run = RunFolder::new(home.join("runs/a"));
+        assert_eq!(seen_from(&home.join("report"), &run), Path::new("../runs/a"));
+    }
+
+    #[test]
+    fn shares_are_written_with_their_spread() {
+        let spread = |half_deviation| Spread { mean: 0.975, half_deviation };
+        assert_eq!(success(Some(&spread(Some(0.0125)))), "97.5 ± 1.2");
+        assert_eq!(success(Some(&spread(None))), "97.5");
+        assert_eq!(success(None), "-");
+    }
+}

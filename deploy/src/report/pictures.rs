@@ -1,0 +1,168 @@
+//! All pictures of a report, each an SVG file that also stands in the page.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use protocol::task::{ObservationSpec, Task};
+
+use super::episode;
+use super::estimate;
+use super::grid::Everywhere;
+use super::learning::{self, Against};
+use super::measured::{Measured, MeasuredFigure, MeasuredPanel};
+use super::palette::Palette;
+use crate::chart;
+
+/// Size of a chart of success against steps, pixels.
+const SIZE: [u32; 2] = [720, 400];
+
+/// Size of one against wall time.
+const SMALL_SIZE: [u32; 2] = [720, 300];
+
+/// The pictures of a report by the names of their files.
+pub(super) struct Pictures {
+    files: BTreeMap<String, String>,
+    /// Episodes: name of the picture and caption, or why there is none.
+    episodes: Vec<Result<(String, String), String>>,
+    /// Heat maps by the stems of their panels: the caption, or why there is none.
+    heats: BTreeMap<String, Result<String, String>>,
+}
+
+impl Pictures {
+    /// Draws the pictures of figures.
+    ///
+    /// # Errors
+    /// When a chart cannot be drawn. A picture that needs the programs of a run is left out where
+    /// they fail, and the report says so.
+    pub(super) fn of(figures: &[MeasuredFigure]) -> Result<Pictures> {
+        let mut pictures =
+            Pictures { files: BTreeMap::new(), episodes: Vec::new(), heats: BTreeMap::new() };
+        let panels = || figures.iter().flat_map(|figure| &figure.panels);
+        let names = |panel: &'_ MeasuredPanel| -> Vec<String> {
+            panel.curves.iter().map(|curve| curve.name.clone()).collect()
+        };
+        let names: Vec<Vec<String>> = panels().map(names).collect();
+        let names: Vec<Vec<&str>> =
+            names.iter().map(|names| names.iter().map(String::as_str).collect()).collect();
+        let palette = Palette::of(&names);
+        for figure in figures {
+            for panel in &figure.panels {
+                let stem = stem(&figure.name, &panel.name);
+                pictures.draw_learning(&stem, panel, &palette)?;
+                pictures.draw_heat(stem, panel);
+            }
+        }
+        for task in Task::ALL {
+            let runs = panels().filter(|panel| panel.task == task).flat_map(asked);
+            if let Some(run) = runs.into_iter().next() {
+                pictures.draw_episode(run);
+            }
+        }
+        Ok(pictures)
+    }
+
+    /// Every file's name and text.
+    pub(super) fn files(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.files.iter().map(|(name, text)| (name.as_str(), text.as_str()))
+    }
+
+    /// The learning curves of a panel.
+    pub(super) fn learning(&self, figure: &str, panel: &str, against: Against) -> Option<&str> {
+        self.text(&learning_file(&stem(figure, panel), against))
+    }
+
+    /// The heat map of a panel and its caption, or why it has none; nothing where none belongs.
+    pub(super) fn heat(&self, figure: &str, panel: &str) -> Option<Result<(&str, &str), &str>> {
+        let stem = stem(figure, panel);
+        let caption = self.heats.get(&stem)?.as_ref();
+        let with_text = |caption| (self.drawn(&heat_file(&stem)), caption);
+        Some(caption.map(String::as_str).map_err(String::as_str).map(with_text))
+    }
+
+    /// The episodes: picture and caption, or why there is none.
+    pub(super) fn episodes(&self) -> impl Iterator<Item = Result<(&str, &str), &str>> {
+        self.episodes.iter().map(|episode| match episode {
+            Ok((name, caption)) => Ok((self.drawn(name), caption.as_str())),
+            Err(reason) => Err(reason.as_str()),
+        })
+    }
+
+    fn text(&self, name: &str) -> Option<&str> {
+        self.files.get(name).map(String::as_str)
+    }
+
+    fn drawn(&self, name: &str) -> &str {
+        self.text(name).expect("a caption is kept together with its file")
+    }
+
+    fn draw_learning(
+        &mut self,
+        stem: &str,
+        panel: &MeasuredPanel,
+        palette: &Palette,
+    ) -> Result<()> {
+        if panel.curves.iter().all(|curve| curve.runs.is_empty()) {
+            return Ok(());
+        }
+        for (against, size) in [(Against::Steps, SIZE), (Against::Time, SMALL_SIZE)] {
+            let drawn = chart::draw(&[learning::chart(panel, palette, against)], size)?;
+            self.files.insert(learning_file(stem, against), drawn);
+        }
+        Ok(())
+    }
+
+    fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel) {
+        let ObservationSpec::Cells { width, .. } = panel.task.spec().observation else { return };
+        let Some(run) = asked(panel).into_iter().next() else { return };
+        let drawn = heat(run, width).map(|drawn| {
+            self.files.insert(heat_file(&stem), drawn);
+            format!(
+                "Proximity and uncertainty that the trained ensemble of {} has for the agent on \
+                 every free cell. The ring marks the goal.",
+                run.name()
+            )
+        });
+        self.heats.insert(stem, drawn.map_err(|error| format!("{error:#}")));
+    }
+
+    fn draw_episode(&mut self, run: &Measured) {
+        let drawn = episode::along(&run.folder, &run.config).map(|along| {
+            let name = format!("episode-{}.svg", run.config.task);
+            self.files.insert(name.clone(), along.picture);
+            (name, format!("{}, {}: {}", run.config.task, run.name(), along.caption))
+        });
+        self.episodes.push(drawn.map_err(|error| format!("{}: {error:#}", run.name())));
+    }
+}
+
+/// Finished runs of a panel whose proximity function can be asked.
+fn asked(panel: &MeasuredPanel) -> Vec<&Measured> {
+    let runs = panel.curves.iter().flat_map(|curve| &curve.runs);
+    runs.filter(|run| run.is_finished() && estimate::has_proximity(&run.config)).collect()
+}
+
+fn heat(run: &Measured, width: usize) -> Result<String> {
+    let episodes = estimate::episodes(&run.folder, &run.config)?;
+    let bytes = run.config.task.spec().observation.bytes();
+    let first = episodes.first().map(|episode| &episode.trajectory.observations()[..bytes]);
+    let everywhere = Everywhere::of(first.unwrap_or(&[]), width);
+    let estimates = estimate::ask(&run.folder, &everywhere.observations())?;
+    Ok(everywhere.picture(&estimates).into_string())
+}
+
+/// What the names of a panel's files begin with.
+fn stem(figure: &str, panel: &str) -> String {
+    let plain = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '-' };
+    format!("{figure}-{panel}").chars().map(plain).collect()
+}
+
+fn learning_file(stem: &str, against: Against) -> String {
+    match against {
+        Against::Steps => format!("{stem}.svg"),
+        Against::Time => format!("{stem}-time.svg"),
+    }
+}
+
+fn heat_file(stem: &str) -> String {
+    format!("{stem}-proximity.svg")
+}

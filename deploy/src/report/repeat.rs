@@ -1,0 +1,64 @@
+//! How a run is made again: the command line whose configuration is that of the run.
+
+use protocol::config::RunConfig;
+
+use crate::tasks;
+
+/// Keys that have flags of their own.
+const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
+
+/// What a run changes in the configuration that its task, preset and method have by themselves, as
+/// keys and values; seed and steps left out.
+pub(super) fn settings(config: &RunConfig) -> Vec<(String, String)> {
+    let method = format!("method={}", config.method);
+    let usual = tasks::configuration(config.task, &config.preset, &[method]);
+    // A preset or method of another version: the run's own configuration says all there is.
+    let Ok(usual) = usual else { return Vec::new() };
+    let differences = config.result_differences(&usual).into_iter();
+    differences
+        .filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str()))
+        .map(|(key, [own, _])| (key, own.trim_matches('"').to_owned()))
+        .collect()
+}
+
+/// The command line.
+pub(super) fn command(config: &RunConfig) -> String {
+    let RunConfig { task, method, preset, seed, steps, .. } = config;
+    let mut line = format!("goalward train {task} --method {method} --preset {preset}");
+    line += &format!(" --seed {seed} --steps {steps}");
+    for (key, value) in settings(config) {
+        line += &match key.as_str() {
+            "demonstrations.file" => format!(" --demonstrations {}", quoted(&value)),
+            _ => format!(" --set {}", quoted(&format!("{key}={value}"))),
+        };
+    }
+    line
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "._-=/:,+".contains(letter);
+    if word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::task::Task;
+
+    use super::*;
+
+    #[test]
+    fn a_command_makes_its_configuration_again() {
+        let changes = ["seed=3", "steps=60000", "reward.form=absolute", "reward.hidden=[8, 16]"];
+        let changes = changes.map(str::to_owned);
+        let config = tasks::configuration(Task::Navigation, "paper", &changes).unwrap();
+        assert_eq!(
+            command(&config),
+            "goalward train navigation --method goal-proximity --preset paper --seed 3 \
+             --steps 60000 --set reward.form=absolute --set 'reward.hidden=[8, 16]'"
+        );
+    }
+}

@@ -1,0 +1,98 @@
+//! Folders of runs as a figure: a panel for each task, a curve for each method and setting, runs that
+//! differ in their seeds alone together.
+
+use std::collections::BTreeSet;
+
+use anyhow::Result;
+use protocol::config::RunConfig;
+use protocol::run::RunFolder;
+use protocol::task::Task;
+
+use super::measured::Measured;
+use super::repeat::settings;
+use crate::figure::{Curve, Figure, Panel};
+
+/// Keys by which runs of one curve may differ.
+const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
+
+/// What a run is besides its task and method, as phrases: preset, number of steps, settings.
+type Phrases = BTreeSet<String>;
+
+/// A run with its method and what else it is.
+type Described = (RunFolder, String, Phrases);
+
+/// Groups runs into a figure.
+///
+/// # Errors
+/// Of wrong usage for the first folder that holds no run, no log or no policy update.
+pub(super) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
+    let mut described = Vec::new();
+    for folder in folders {
+        let Measured { folder, config, .. } = Measured::of(folder)?;
+        described.push((config.task, (folder, config.method.clone(), phrases(&config))));
+    }
+    let of_task = |task| {
+        let of_task = described.iter().filter(move |(other, _)| *other == task);
+        let runs: Vec<Described> = of_task.map(|(_, run)| run.clone()).collect();
+        (!runs.is_empty()).then(|| panel(task, runs))
+    };
+    let panels = Task::ALL.into_iter().filter_map(of_task).collect();
+    Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
+}
+
+fn phrases(config: &RunConfig) -> Phrases {
+    let settings = settings(config).into_iter().filter(|(key, _)| !OF_NO_CURVE.contains(&&**key));
+    let mut phrases: Phrases = settings.map(|(key, value)| format!("{key}={value}")).collect();
+    phrases.insert(format!("preset {}", config.preset));
+    phrases.insert(format!("{} steps", crate::figures::count(config.steps)));
+    phrases
+}
+
+/// A panel whose title says what all runs have in common, and whose curves say what they have not.
+fn panel(task: Task, runs: Vec<Described>) -> Panel {
+    let sets = || runs.iter().map(|(.., phrases)| phrases);
+    let is_common = |phrase: &&String| sets().all(|phrases| phrases.contains(*phrase));
+    let common: Phrases = sets().next().into_iter().flatten().filter(is_common).cloned().collect();
+    let methods: BTreeSet<&str> = runs.iter().map(|(_, method, _)| method.as_str()).collect();
+    let mut curves: Vec<Curve> = Vec::new();
+    for (folder, method, phrases) in &runs {
+        let mut own: Vec<&str> = phrases.difference(&common).map(String::as_str).collect();
+        if own.is_empty() || methods.len() > 1 {
+            own.insert(0, method);
+        }
+        let name = own.join(", ");
+        match curves.iter_mut().find(|curve| curve.name == name) {
+            Some(curve) => curve.runs.push(folder.clone()),
+            None => curves.push(Curve { name, runs: vec![folder.clone()], anchor: None }),
+        }
+    }
+    let common: Vec<String> = common.into_iter().collect();
+    let title = format!("{}: {}", task.name().to_uppercase().replace('-', " "), common.join(", "));
+    Panel { name: task.name().to_owned(), title, task, curves }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_come_together_and_settings_apart() {
+        let run = |name: &str, phrases: &[&str]| {
+            let phrases = phrases.iter().map(|phrase| (*phrase).to_owned()).collect();
+            (RunFolder::new(name), "goal-proximity".to_owned(), phrases)
+        };
+        let panel = panel(
+            Task::FetchPush,
+            vec![
+                run("a", &["preset goalward"]),
+                run("b", &["preset goalward", "reward.uncertainty=0.1"]),
+                run("c", &["preset goalward"]),
+            ],
+        );
+        assert_eq!(panel.title, "FETCH PUSH: preset goalward");
+        let curves: Vec<_> =
+            panel.curves.iter().map(|curve| (curve.name.as_str(), curve.runs.len())).collect();
+        let expected = [("goal-proximity", 2), ("reward.uncertainty=0.1", 1)];
+        assert_eq!(curves, expected);
+    }
+}

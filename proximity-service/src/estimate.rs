@@ -1,0 +1,34 @@
+//! What the trained reward model of a run says of any observations, for `goalward report`
+//! (Figures 4d and 10).
+
+use anyhow::{Result, ensure};
+use protocol::run::RunFolder;
+use serde::Serialize;
+
+use crate::rescore::restore;
+use crate::reward_model;
+
+/// What a model says of observations, one number for each, as it is printed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Said {
+    /// Proximity.
+    pub proximity: Vec<f32>,
+    /// Standard deviation of the ensemble.
+    pub uncertainty: Vec<f32>,
+}
+
+/// Asks the model in the newest checkpoint of a run about whole observations, one after another.
+///
+/// # Errors
+/// When there is no checkpoint, or the bytes are not observations of the run's task.
+pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<Said> {
+    let config = folder.config()?;
+    let shape = config.task.spec().observation;
+    let (one, found) = (shape.bytes(), observations.len());
+    ensure!(found.is_multiple_of(one), "expected observations of {one} bytes each, found {found}");
+    shape.check(observations)?;
+    let mut model = reward_model(folder, &config)?;
+    restore(&mut *model, folder)?;
+    let estimates = model.estimate(observations)?;
+    Ok(Said { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
+}
