@@ -235,10 +235,10 @@ pub struct Score {
     /// One per step (Eq. 5).
     #[prost(float, repeated, tag = "5")]
     pub rewards: Vec<f32>,
-    /// One per observation, in [0, 1].
+    /// One per observation, in [0, 1]; of a model that sees transitions or actions one per step.
     #[prost(float, repeated, tag = "6")]
     pub proximity: Vec<f32>,
-    /// One per observation, standard deviation of the ensemble.
+    /// As many, standard deviations of the ensemble.
     #[prost(float, repeated, tag = "7")]
     pub uncertainty: Vec<f32>,
 }
