@@ -1,6 +1,8 @@
 //! The learners that imitate: each finds the expert's actions in a small world, threads change no bit
 //! of it, and a restored one goes on alike.
 
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
 use learner::algorithm::{self, PolicyLearner, Schedule};
 use learner::state::PolicyState;
 use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};

@@ -184,6 +184,7 @@ fn policy_update() {
         rollout_s: 20.0,
         scoring_s: 21.0,
         update_s: 22.0,
+        held_out_loss: 23.0,
     };
     let theirs = by_schema(Topic::PolicyUpdate.schema(), &ours.encode_to_vec());
     // Every number above is the tag of its field.
