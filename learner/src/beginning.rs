@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use anyhow::{Context, Result, anyhow};
-use protocol::config::{PolicyLearner as Kind, RunConfig};
+use protocol::config::{Learner, RunConfig};
 use protocol::log::{Record, log_files, read_run, repair};
 use protocol::run::{LEARNER_FILE, RunFolder};
 use protocol::tensors::Tensors;
@@ -43,8 +43,10 @@ impl Beginning {
 
     fn fresh(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
         let demonstrations = match config.learner {
-            Kind::Ppo => Vec::new(),
-            Kind::Bc | Kind::Bco | Kind::Sqil => protocol::demonstrations::load(folder, config)?,
+            Learner::Ppo => Vec::new(),
+            Learner::Bc | Learner::Bco | Learner::Sqil => {
+                protocol::demonstrations::load(folder, config)?
+            }
         };
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(config.resources.learner_threads)

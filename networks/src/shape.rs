@@ -22,6 +22,13 @@ pub struct CellsArchitecture {
     pub features: usize,
 }
 
+impl CellsArchitecture {
+    /// An encoder with these channels and so many features.
+    pub fn new(channels: &[usize], features: usize) -> Self {
+        Self { channels: channels.to_vec(), features, ..Self::default() }
+    }
+}
+
 impl Default for CellsArchitecture {
     fn default() -> Self {
         Self { channels: vec![16, 32, 64], kernel: 2, pool: 2, features: 64 }
@@ -135,11 +142,7 @@ pub struct Head {
 impl From<&PolicyConfig> for PolicyArchitecture {
     fn from(config: &PolicyConfig) -> Self {
         PolicyArchitecture {
-            cells: CellsArchitecture {
-                channels: config.convolution_channels.to_vec(),
-                features: config.features,
-                ..CellsArchitecture::default()
-            },
+            cells: CellsArchitecture::new(&config.convolution_channels, config.features),
             hidden: config.hidden.clone(),
             activation: match config.activation {
                 PolicyActivation::Tanh => Activation::Tanh,
@@ -155,11 +158,7 @@ impl From<&PolicyConfig> for PolicyArchitecture {
 impl From<&RewardConfig> for RewardArchitecture {
     fn from(config: &RewardConfig) -> Self {
         RewardArchitecture {
-            cells: CellsArchitecture {
-                channels: config.convolution_channels.to_vec(),
-                features: config.features,
-                ..CellsArchitecture::default()
-            },
+            cells: CellsArchitecture::new(&config.convolution_channels, config.features),
             hidden: config.hidden.clone(),
             ..RewardArchitecture::default()
         }

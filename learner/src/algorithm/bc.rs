@@ -1,21 +1,18 @@
 //! Behavioral cloning (paper, Section 4.1 and Appendix F): one pass over the expert's observations
 //! and actions an iteration, until the loss on demonstrations held out no longer falls.
 
-use std::sync::Arc;
-
 use anyhow::Result;
-use networks::{ActorCritic, RunningNormalizer};
-use protocol::config::{CloningConfig, RunConfig};
+use networks::RunningNormalizer;
+use protocol::config::CloningConfig;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rand::seq::SliceRandom;
-use rayon::ThreadPool;
 
 use crate::algorithm::cloning::{Cloning, Pairs, Settings};
-use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
 use crate::state::PolicyState;
 
 /// The learner of behavioral cloning.
@@ -39,13 +36,8 @@ struct Best {
 
 impl Bc {
     /// A learner that has not learned yet.
-    pub(super) fn new(
-        config: &RunConfig,
-        network: ActorCritic,
-        threads: Arc<ThreadPool>,
-        normalizer: &RunningNormalizer,
-        demonstrations: &[Trajectory],
-    ) -> Bc {
+    pub(super) fn new(of: Materials<'_>) -> Bc {
+        let Materials { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let (held_out, training) = split(demonstrations, cloning.validation, config.seed);

@@ -6,18 +6,17 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
-use protocol::config::{CloningConfig, InverseDynamicsConfig, RunConfig};
+use protocol::config::{CloningConfig, InverseDynamicsConfig};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, Trajectory};
+use protocol::trajectory::Encoded;
 use rand::seq::SliceRandom;
-use rayon::ThreadPool;
 
 use crate::algorithm::bc::settings;
 use crate::algorithm::cloning::{Cloning, Pairs};
 use crate::algorithm::replay::Replay;
-use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
 use crate::state::PolicyState;
 
 /// The learner of behavioral cloning from observation.
@@ -29,8 +28,6 @@ pub(super) struct Bco {
     inverse_parameters: Vec<f32>,
     policy: Cloning,
     experience: Replay,
-    /// Environment steps so far.
-    steps: u64,
     /// Pairs of successive observations of the demonstrations.
     transitions: Vec<u8>,
     /// The first observation of each pair, and the action inferred for it.
@@ -39,13 +36,8 @@ pub(super) struct Bco {
 
 impl Bco {
     /// A learner that has not learned yet.
-    pub(super) fn new(
-        config: &RunConfig,
-        network: ActorCritic,
-        threads: Arc<ThreadPool>,
-        normalizer: &RunningNormalizer,
-        demonstrations: &[Trajectory],
-    ) -> Bco {
+    pub(super) fn new(of: Materials<'_>) -> Bco {
+        let Materials { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let inverse = config.inverse_dynamics.clone().expect("checked with the configuration");
@@ -72,7 +64,6 @@ impl Bco {
             normalizer: normalizer.clone(),
             config: inverse,
             cloning_config: cloning,
-            steps: 0,
             transitions,
             pairs,
         }
@@ -100,11 +91,7 @@ impl Bco {
 /// The inverse dynamics model: the action distribution of a policy that sees two observations.
 fn architecture(config: &InverseDynamicsConfig) -> PolicyArchitecture {
     PolicyArchitecture {
-        cells: CellsArchitecture {
-            channels: config.convolution_channels.to_vec(),
-            features: config.features,
-            ..CellsArchitecture::default()
-        },
+        cells: CellsArchitecture::new(&config.convolution_channels, config.features),
         hidden: config.hidden.clone(),
         frames: 2,
         ..PolicyArchitecture::default()
@@ -120,7 +107,7 @@ impl PolicyLearner for Bco {
         schedule: &Schedule,
     ) -> Result<Figures> {
         self.remember(trajectories);
-        if self.steps < self.config.exploration_steps {
+        if self.experience.steps() < self.config.exploration_steps {
             return Ok(Figures::default());
         }
         self.improve_inverse(schedule);
@@ -142,10 +129,7 @@ impl PolicyLearner for Bco {
     }
 
     fn remember(&mut self, trajectories: &[Encoded]) {
-        for encoded in trajectories {
-            self.steps += u64::from(encoded.trajectory.steps);
-            self.experience.push(&encoded.trajectory);
-        }
+        trajectories.iter().for_each(|encoded| self.experience.push(&encoded.trajectory));
     }
 
     fn save(&self, tensors: &mut Tensors) {

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, Adam, PolicyArchitecture, RunningNormalizer};
-use protocol::config::{self, RunConfig};
+use protocol::config::{Learner, RunConfig};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
@@ -88,23 +88,32 @@ pub fn create(
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
     let normalizer = match config.learner {
-        config::PolicyLearner::Ppo => RunningNormalizer::new(normalized(config, &spec)),
+        Learner::Ppo => RunningNormalizer::new(normalized(config, &spec)),
         // Whoever learns actions from demonstrations sees observations as they lie there, for good.
-        _ => moments(config, &spec, demonstrations),
+        Learner::Bc | Learner::Bco | Learner::Sqil => moments(config, &spec, demonstrations),
     };
+    let of = Materials { config, network, threads, normalizer: &normalizer, demonstrations };
     let learner: Box<dyn PolicyLearner> = match config.learner {
-        config::PolicyLearner::Ppo => Box::new(ppo::Ppo::new(config, network, threads)),
-        config::PolicyLearner::Bc => {
-            Box::new(bc::Bc::new(config, network, threads, &normalizer, demonstrations))
-        }
-        config::PolicyLearner::Bco => {
-            Box::new(bco::Bco::new(config, network, threads, &normalizer, demonstrations))
-        }
-        config::PolicyLearner::Sqil => {
-            Box::new(sqil::Sqil::new(config, network, threads, &normalizer, demonstrations))
-        }
+        Learner::Ppo => Box::new(ppo::Ppo::new(of)),
+        Learner::Bc => Box::new(bc::Bc::new(of)),
+        Learner::Bco => Box::new(bco::Bco::new(of)),
+        Learner::Sqil => Box::new(sqil::Sqil::new(of)),
     };
     (learner, PolicyState { parameters, normalizer })
+}
+
+/// What a policy learner is made of.
+struct Materials<'a> {
+    /// The run's configuration.
+    config: &'a RunConfig,
+    /// The policy.
+    network: ActorCritic,
+    /// Who computes.
+    threads: Arc<ThreadPool>,
+    /// What observations are normalized by before the policy sees them first.
+    normalizer: &'a RunningNormalizer,
+    /// Empty for a learner that needs none.
+    demonstrations: &'a [Trajectory],
 }
 
 /// How many numbers of an observation are normalized.

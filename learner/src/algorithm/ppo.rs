@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, Adam, Distribution};
-use protocol::config::{PpoConfig, RunConfig};
+use protocol::config::PpoConfig;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
@@ -15,13 +15,15 @@ use rayon::ThreadPool;
 
 use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
-use crate::algorithm::{Figures, PolicyLearner, Schedule, load_optimizer, save_optimizer};
+use crate::algorithm::{
+    Figures, Materials, PolicyLearner, Schedule, load_optimizer, save_optimizer,
+};
 use crate::batch::Batch;
 use crate::reward_scale::RewardScale;
 use crate::state::PolicyState;
 
-/// The policy learner: rewards scaled, then updates, then the moments of what was observed.
-pub struct Ppo {
+/// The learner of PPO: rewards scaled, then updates, then the moments of what was observed.
+pub(super) struct Ppo {
     spec: Spec,
     update: PpoUpdate,
     optimizer: Adam,
@@ -30,7 +32,8 @@ pub struct Ppo {
 
 impl Ppo {
     /// A learner that has not learned yet.
-    pub fn new(config: &RunConfig, network: ActorCritic, threads: Arc<ThreadPool>) -> Ppo {
+    pub(super) fn new(of: Materials<'_>) -> Ppo {
+        let Materials { config, network, threads, .. } = of;
         let spec = config.task.spec();
         let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
         let update = PpoUpdate::new(spec, config.ppo.clone(), network, threads);

@@ -14,6 +14,8 @@ pub(crate) struct Replay {
     first_episode: u64,
     /// Episode and step of each transition, the oldest first.
     transitions: VecDeque<(u64, u32)>,
+    /// Transitions taken in so far.
+    steps: u64,
 }
 
 /// A transition.
@@ -31,7 +33,7 @@ impl Replay {
     /// An empty buffer for so many transitions of a task.
     pub(crate) fn new(spec: Spec, capacity: usize) -> Replay {
         let (episodes, transitions) = (VecDeque::new(), VecDeque::new());
-        Replay { spec, capacity, episodes, first_episode: 0, transitions }
+        Replay { spec, capacity, episodes, first_episode: 0, transitions, steps: 0 }
     }
 
     /// All transitions of demonstrations.
@@ -44,6 +46,7 @@ impl Replay {
     /// Takes in an episode; the oldest transitions make room.
     pub(crate) fn push(&mut self, trajectory: &Trajectory) {
         let number = self.first_episode + self.episodes.len() as u64;
+        self.steps += u64::from(trajectory.steps);
         self.episodes.push_back(trajectory.clone());
         self.transitions.extend((0..trajectory.steps).map(|step| (number, step)));
         let excess = self.transitions.len().saturating_sub(self.capacity);
@@ -51,6 +54,11 @@ impl Replay {
         let oldest = self.transitions.front().map_or(self.first_episode, |(number, _)| *number);
         self.episodes.drain(..(oldest - self.first_episode) as usize);
         self.first_episode = oldest;
+    }
+
+    /// Transitions taken in so far, those included that made room.
+    pub(crate) fn steps(&self) -> u64 {
+        self.steps
     }
 
     /// Transitions held.

@@ -1,8 +1,8 @@
 //! What a configuration must fulfil. Everything behind it reads checked values only.
 
 use super::{
-    CloningConfig, InverseDynamicsConfig, PolicyLearner, RewardForm, RewardInput, RewardModel,
-    RunConfig, SqilConfig,
+    CloningConfig, InverseDynamicsConfig, Learner, RewardForm, RewardInput, RewardModel, RunConfig,
+    SqilConfig,
 };
 use crate::Error;
 use crate::error::within;
@@ -39,12 +39,12 @@ impl RunConfig {
 
     fn check_learner(&self) -> Result<(), Error> {
         let (cloning, inverse, sqil) = match self.learner {
-            PolicyLearner::Ppo => (false, false, false),
-            PolicyLearner::Bc => (true, false, false),
-            PolicyLearner::Bco => (true, true, false),
-            PolicyLearner::Sqil => (false, false, true),
+            Learner::Ppo => (false, false, false),
+            Learner::Bc => (true, false, false),
+            Learner::Bco => (true, true, false),
+            Learner::Sqil => (false, false, true),
         };
-        let acts = self.learner != PolicyLearner::Bc;
+        let acts = self.learner != Learner::Bc;
         within("steps", !acts || self.steps >= 1, "at least 1", self.steps)?;
         let given = |present: bool| if present { "some" } else { "none" };
         for (key, wanted, found) in [
@@ -63,12 +63,7 @@ impl RunConfig {
         if let Some(sqil) = &self.sqil {
             sqil.check()?;
             let lag = self.rollout.lag;
-            within(
-                "rollout.lag",
-                !(self.learner == PolicyLearner::Sqil && lag > 0),
-                "0 for sqil",
-                lag,
-            )?;
+            within("rollout.lag", !(self.learner == Learner::Sqil && lag > 0), "0 for sqil", lag)?;
         }
         Ok(())
     }
@@ -77,7 +72,7 @@ impl RunConfig {
         let reward = &self.reward;
         let found = self.learner;
         let rewarded = reward.model != RewardModel::None;
-        within("reward.model", rewarded || found != PolicyLearner::Ppo, "some for ppo", "none")?;
+        within("reward.model", rewarded || found != Learner::Ppo, "some for ppo", "none")?;
         let adversarial = reward.model == RewardModel::Discriminator;
         let (expected, fits) = match reward.form {
             RewardForm::Difference | RewardForm::Absolute => {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// What makes better weights of a batch. With a reward model it makes a method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum PolicyLearner {
+pub enum Learner {
     /// Proximal policy optimization on the rewards of the reward model.
     Ppo,
     /// Behavioral cloning: the expert's actions, no environment steps.

@@ -20,7 +20,7 @@ use crate::setting::Setting;
 use crate::table::{flat, merge, parse_setting};
 use crate::task::Task;
 
-pub use learner::{CloningConfig, InverseDynamicsConfig, PolicyLearner, PpoConfig, SqilConfig};
+pub use learner::{CloningConfig, InverseDynamicsConfig, Learner, PpoConfig, SqilConfig};
 pub use reward::{Discounting, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder};
 
 /// The preset a task's file holds without a table of its own.
@@ -37,7 +37,7 @@ pub struct RunConfig {
     /// Name of the preset it came from.
     pub preset: String,
     /// What improves the policy.
-    pub learner: PolicyLearner,
+    pub learner: Learner,
     /// Seed of every random stream.
     pub seed: u64,
     /// Environment steps to train for; the run ends with the iteration that reaches them. Behavioral
@@ -316,24 +316,24 @@ impl RunConfig {
     /// Iterations the run takes, at most: behavioral cloning has one for each pass.
     pub fn iterations(&self) -> u64 {
         match (self.learner, &self.cloning) {
-            (PolicyLearner::Bc, Some(cloning)) => cloning.epochs,
+            (Learner::Bc, Some(cloning)) => cloning.epochs,
             _ => self.steps.div_ceil(self.iteration_steps()),
         }
     }
 
     /// Environment steps the run takes; behavioral cloning takes none.
     pub fn steps_wanted(&self) -> u64 {
-        if self.learner == PolicyLearner::Bc { 0 } else { self.steps }
+        if self.learner == Learner::Bc { 0 } else { self.steps }
     }
 
     /// Whether the run learns from demonstrations.
     pub fn imitates(&self) -> bool {
-        self.learner != PolicyLearner::Ppo || self.reward.model.learns()
+        self.learner != Learner::Ppo || self.reward.model.learns()
     }
 
     /// Whether it needs the actions of the demonstrations, too.
     pub fn needs_expert_actions(&self) -> bool {
-        let clones = matches!(self.learner, PolicyLearner::Bc | PolicyLearner::Sqil);
+        let clones = matches!(self.learner, Learner::Bc | Learner::Sqil);
         let discriminates = self.reward.model.learns();
         clones || (discriminates && self.reward.input == RewardInput::StateAction)
     }

@@ -6,22 +6,19 @@ mod q_function;
 mod soft_actor_critic;
 mod soft_q;
 
-use std::sync::Arc;
-
 use anyhow::Result;
-use networks::{ActorCritic, RunningNormalizer};
-use protocol::config::{RunConfig, SqilConfig};
+use networks::RunningNormalizer;
+use protocol::config::SqilConfig;
 use protocol::learning_rate::LearningRate;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ActionSpec, Spec};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, Trajectory};
+use protocol::trajectory::Encoded;
 use rand::RngExt;
-use rayon::ThreadPool;
 
 use crate::algorithm::replay::Replay;
-use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
 use crate::state::PolicyState;
 use soft_actor_critic::SoftActorCritic;
 use soft_q::SoftQ;
@@ -34,8 +31,6 @@ pub(super) struct Sqil {
     normalizer: RunningNormalizer,
     expert: Replay,
     agent: Replay,
-    /// Environment steps so far.
-    steps: u64,
     /// Updates so far; they name the random streams.
     updates: u64,
     learner: Box<dyn SoftLearner>,
@@ -89,13 +84,8 @@ impl Minibatch {
 
 impl Sqil {
     /// A learner that has not learned yet.
-    pub(super) fn new(
-        config: &RunConfig,
-        network: ActorCritic,
-        threads: Arc<ThreadPool>,
-        normalizer: &RunningNormalizer,
-        demonstrations: &[Trajectory],
-    ) -> Sqil {
+    pub(super) fn new(of: Materials<'_>) -> Sqil {
+        let Materials { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let own = config.sqil.clone().expect("checked with the configuration");
         let learner: Box<dyn SoftLearner> = match spec.action {
@@ -110,7 +100,6 @@ impl Sqil {
             normalizer: normalizer.clone(),
             expert: Replay::of_demonstrations(spec, demonstrations),
             agent: Replay::new(spec, own.experience),
-            steps: 0,
             updates: 0,
             learner,
             config: own,
@@ -119,7 +108,7 @@ impl Sqil {
 
     /// Updates that the steps so far are worth.
     fn updates_owed(&self) -> u64 {
-        let steps = self.steps.saturating_sub(self.config.exploration_steps);
+        let steps = self.agent.steps().saturating_sub(self.config.exploration_steps);
         (steps as f64 * self.config.updates_per_step) as u64
     }
 
@@ -173,10 +162,7 @@ impl PolicyLearner for Sqil {
     }
 
     fn remember(&mut self, trajectories: &[Encoded]) {
-        for encoded in trajectories {
-            self.steps += u64::from(encoded.trajectory.steps);
-            self.agent.push(&encoded.trajectory);
-        }
+        trajectories.iter().for_each(|encoded| self.agent.push(&encoded.trajectory));
     }
 
     fn save(&self, tensors: &mut Tensors) {
