@@ -83,9 +83,7 @@ impl Cloning {
     /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.
     pub(crate) fn loss(&mut self, parameters: &[f32], pairs: &Pairs) -> Option<f64> {
         let distribution = self.gradient.network().distribution();
-        let rows = self
-            .gradient
-            .evaluate(parameters, &pairs.observations, |output| output.parameters.to_vec());
+        let rows = self.gradient.outputs(parameters, &pairs.observations, <[f32]>::to_vec);
         let actions = pairs.actions.chunks_exact(self.action_bytes);
         let losses = rows.iter().zip(actions).map(|(parameters, action)| {
             -f64::from(distribution.log_probability(parameters, action))
@@ -96,12 +94,12 @@ impl Cloning {
     /// The most probable action of every row, one after another.
     pub(crate) fn modes(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<u8> {
         let (distribution, bytes) = (self.gradient.network().distribution(), self.action_bytes);
-        let mode = |output: RowOutput<'_>| {
+        let mode = |outputs: &[f32]| {
             let mut action = vec![0; bytes];
-            distribution.mode(output.parameters, &mut action);
+            distribution.mode(outputs, &mut action);
             action
         };
-        self.gradient.evaluate(parameters, observations, mode).concat()
+        self.gradient.outputs(parameters, observations, mode).concat()
     }
 
     /// Bytes of a row.

@@ -73,21 +73,38 @@ impl Gradient {
         self.row_bytes
     }
 
-    /// Evaluates rows of observations, in order.
-    pub(crate) fn evaluate<T: Send + Clone>(
+    /// Values of rows of observations, in order.
+    pub(crate) fn values(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<f32> {
+        self.by_shard(parameters, observations, |network, prepared, rows, workspace| {
+            network.forward(prepared, rows, workspace).values.as_slice().to_vec()
+        })
+    }
+
+    /// What `of_row` makes of the action parameters of rows of observations, in order.
+    pub(crate) fn outputs<T: Send + Clone>(
         &mut self,
         parameters: &[f32],
         observations: &[u8],
-        of_row: impl Fn(RowOutput<'_>) -> T + Sync,
+        of_row: impl Fn(&[f32]) -> T + Sync,
     ) -> Vec<T> {
-        self.network.prepare_into(parameters, &mut self.prepared);
+        self.by_shard(parameters, observations, |network, prepared, rows, workspace| {
+            let outputs = network.act(prepared, rows, workspace);
+            outputs.as_slice().chunks_exact(outputs.nrows()).map(&of_row).collect()
+        })
+    }
+
+    fn by_shard<T: Send + Clone>(
+        &mut self,
+        parameters: &[f32],
+        observations: &[u8],
+        of_shard: impl Fn(&ActorCritic, &PreparedPolicy, Rows<'_>, &mut PolicyWorkspace) -> Vec<T>
+        + Sync,
+    ) -> Vec<T> {
+        let Gradient { network, prepared, .. } = self;
+        network.prepare_into(parameters, prepared);
         let shards = observations.par_chunks(SHARD_ROWS * self.row_bytes);
-        let of_shard = |workspace: &mut PolicyWorkspace, rows: &[u8]| -> Vec<T> {
-            let evaluation = self.network.forward(&self.prepared, Rows::new(rows), workspace);
-            let columns = evaluation.parameters.as_slice();
-            let columns = columns.chunks_exact(evaluation.parameters.nrows());
-            let rows = columns.zip(evaluation.values.iter());
-            rows.map(|(parameters, &value)| of_row(RowOutput { parameters, value })).collect()
+        let of_shard = |workspace: &mut PolicyWorkspace, rows: &[u8]| {
+            of_shard(network, prepared, Rows::new(rows), workspace)
         };
         let rows = || shards.map_init(PolicyWorkspace::default, of_shard).collect::<Vec<_>>();
         self.threads.install(rows).concat()

@@ -153,11 +153,11 @@ impl PpoUpdate {
 
     /// Values under the current policy, and from them advantages and returns.
     fn targets(&mut self, parameters: &[f32], batch: &Batch) -> Targets {
-        let values = self.values(parameters, &batch.observations);
+        let values = self.gradient.values(parameters, &batch.observations);
         let bootstrap = self.config.bootstrap_truncated;
         let cut = batch.episodes.iter().filter(|episode| bootstrap && episode.truncated);
         let cut: Vec<&[u8]> = cut.map(|episode| &episode.last_observation[..]).collect();
-        let mut last_values = self.values(parameters, &cut.concat()).into_iter();
+        let mut last_values = self.gradient.values(parameters, &cut.concat()).into_iter();
         let (gamma, lambda) = (self.config.gamma as f32, self.config.gae_lambda as f32);
         let (mut advantages, mut returns) = (Vec::new(), Vec::new());
         let mut start = 0;
@@ -175,10 +175,6 @@ impl PpoUpdate {
         }
         normalize(&mut advantages);
         Targets { values, returns, advantages }
-    }
-
-    fn values(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<f32> {
-        self.gradient.evaluate(parameters, observations, |output| output.value)
     }
 }
 

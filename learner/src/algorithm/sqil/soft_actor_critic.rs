@@ -68,7 +68,7 @@ impl SoftActorCritic {
 
     fn draw(&mut self, policy: &[f32], observations: &[u8], stream: &mut Stream) -> Drawn {
         let distribution = self.actor.network().distribution();
-        let rows = self.actor.evaluate(policy, observations, |output| output.parameters.to_vec());
+        let rows = self.actor.outputs(policy, observations, <[f32]>::to_vec);
         let numbers = rows.len() * self.action_len;
         let mut drawn =
             Drawn { noise: vec![0.0; numbers], actions: vec![0.0; numbers], log_probs: Vec::new() };

@@ -65,9 +65,9 @@ impl SoftLearner for SoftQ {
             self.targets.clone_from(policy);
         }
         let SqilConfig { temperature, gamma, target_rate, .. } = self.config;
-        let value = |output: RowOutput<'_>| soft_value(output.parameters, temperature as f32);
+        let value = |outputs: &[f32]| soft_value(outputs, temperature as f32);
         let next = &minibatch.next_observations;
-        let next_values = self.gradient.evaluate(&self.targets, next, value);
+        let next_values = self.gradient.outputs(&self.targets, next, value);
         let loss = Bellman {
             targets: minibatch.targets(&next_values, gamma as f32),
             actions: &minibatch.actions,
