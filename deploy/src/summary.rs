@@ -28,11 +28,15 @@ pub(crate) fn table(summary: &Summary) -> String {
         figures::count(summary.log.files),
         figures::count(summary.log.trajectories)
     );
+    let training = match summary.episodes {
+        0 => "none: it learned from demonstrations alone".to_owned(),
+        _ => figures::percent(summary.success_rate, 1),
+    };
     let [stages, actors] = shares(&summary.seconds);
     figures::table(&[
         ("run", format!("{}, {}, preset {}", summary.task, summary.method, summary.preset)),
         ("seed", summary.seed.to_string()),
-        ("success, last 100 training episodes", figures::percent(summary.success_rate, 1)),
+        ("success, last 100 training episodes", training),
         ("success, evaluation", evaluation),
         ("environment steps", steps),
         ("episodes", figures::count(summary.episodes)),

@@ -62,10 +62,11 @@ impl RunConfig {
         }
         if let Some(sqil) = &self.sqil {
             sqil.check()?;
-            let lag = self.rollout.lag;
-            within("rollout.lag", !(self.learner == Learner::Sqil && lag > 0), "0 for sqil", lag)?;
         }
-        Ok(())
+        // What they replay comes from the log when a run is continued.
+        let replays = matches!(self.learner, Learner::Bco | Learner::Sqil);
+        let kept = self.log.observations;
+        within("log.observations", kept || !replays, "true for bco and sqil", kept)
     }
 
     fn check_reward(&self) -> Result<(), Error> {
