@@ -1,5 +1,6 @@
 //! What turns a gradient into new parameters: clipping by the global norm, and Adam.
 
+use protocol::tensors::Tensors;
 use serde::{Deserialize, Serialize};
 
 /// Adam over a flat slice of parameters; all of it is state to be checkpointed.
@@ -24,6 +25,26 @@ impl Adam {
     pub fn new(parameter_count: usize, epsilon: f64) -> Self {
         let [first_moment, second_moment] = [(); 2].map(|()| vec![0.0; parameter_count]);
         Self { first_moment, second_moment, step: 0, beta1: 0.9, beta2: 0.999, epsilon }
+    }
+
+    /// Adds its state to arrays, under its name.
+    pub fn save(&self, name: &str, tensors: &mut Tensors) {
+        tensors.put_f32(&format!("{name}.first_moment"), self.first_moment.iter().copied());
+        tensors.put_f32(&format!("{name}.second_moment"), self.second_moment.iter().copied());
+        tensors.put_u64(&format!("{name}.step"), [self.step]);
+    }
+
+    /// Takes over what [`Adam::save`] added.
+    ///
+    /// # Errors
+    /// When an array is missing or of another length.
+    pub fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
+        let count = self.first_moment.len();
+        let moment = |part: &str| tensors.exactly(&format!("{name}.{part}"), count, Tensors::f32);
+        let moments = (moment("first_moment")?, moment("second_moment")?);
+        self.step = tensors.exactly(&format!("{name}.step"), 1, Tensors::u64)?[0];
+        (self.first_moment, self.second_moment) = moments;
+        Ok(())
     }
 
     /// Takes one step down the gradient.

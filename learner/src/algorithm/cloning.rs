@@ -8,8 +8,8 @@ use networks::{ActorCritic, Adam, Distribution};
 use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 
+use crate::algorithm::Figures;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
-use crate::algorithm::{Figures, load_optimizer, save_optimizer};
 
 /// What is cloned: rows of observations, as the network sees them, and the action of each.
 #[derive(Clone, Debug, Default)]
@@ -109,12 +109,12 @@ impl Cloning {
 
     /// Adds the optimizer's state.
     pub(crate) fn save(&self, name: &str, tensors: &mut Tensors) {
-        save_optimizer(name, &self.optimizer, tensors);
+        self.optimizer.save(name, tensors);
     }
 
     /// Takes over what [`Cloning::save`] added.
     pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
-        load_optimizer(name, &mut self.optimizer, tensors)
+        self.optimizer.restore(name, tensors)
     }
 }
 

@@ -11,7 +11,7 @@ mod sqil;
 use std::sync::Arc;
 
 use anyhow::Result;
-use networks::{ActorCritic, Adam, PolicyArchitecture, RunningNormalizer};
+use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
 use protocol::config::{Learner, RunConfig};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
@@ -129,20 +129,6 @@ fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> Ru
     let observations: Vec<&[u8]> =
         demonstrations.iter().map(|demonstration| demonstration.observations()).collect();
     RunningNormalizer::of_demonstrations(normalized(config, spec), &observations.concat())
-}
-
-fn save_optimizer(name: &str, adam: &Adam, tensors: &mut Tensors) {
-    tensors.put_f32(&format!("{name}.first_moment"), adam.first_moment.iter().copied());
-    tensors.put_f32(&format!("{name}.second_moment"), adam.second_moment.iter().copied());
-    tensors.put_u64(&format!("{name}.step"), [adam.step]);
-}
-
-fn load_optimizer(name: &str, adam: &mut Adam, tensors: &Tensors) -> Result<(), String> {
-    let count = adam.first_moment.len();
-    let moment = |part: &str| tensors.exactly(&format!("{name}.{part}"), count, Tensors::f32);
-    (adam.first_moment, adam.second_moment) = (moment("first_moment")?, moment("second_moment")?);
-    adam.step = tensors.exactly(&format!("{name}.step"), 1, Tensors::u64)?[0];
-    Ok(())
 }
 
 /// Figures of one update, means over its minibatches.

@@ -15,9 +15,7 @@ use rayon::ThreadPool;
 
 use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
-use crate::algorithm::{
-    Figures, Materials, PolicyLearner, Schedule, load_optimizer, save_optimizer,
-};
+use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
 use crate::batch::Batch;
 use crate::reward_scale::RewardScale;
 use crate::state::PolicyState;
@@ -64,13 +62,13 @@ impl PolicyLearner for Ppo {
     }
 
     fn save(&self, tensors: &mut Tensors) {
-        save_optimizer("adam", &self.optimizer, tensors);
+        self.optimizer.save("adam", tensors);
         let scale = &self.reward_scale;
         tensors.put_f64("reward_scale", [scale.mean, scale.variance, scale.count]);
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        load_optimizer("adam", &mut self.optimizer, tensors)?;
+        self.optimizer.restore("adam", tensors)?;
         let scale = tensors.exactly("reward_scale", 3, Tensors::f64)?;
         self.reward_scale = RewardScale { mean: scale[0], variance: scale[1], count: scale[2] };
         Ok(())

@@ -161,12 +161,8 @@ impl TrainedEnsemble {
         tensors.put_f64("moments", self.normalizer.to_numbers());
         let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
         for (number, (member, trainer)) in members {
-            let adam = &trainer.optimizer;
-            let name = |part| format!("member{number}.{part}");
-            tensors.put_f32(&name("parameters"), member.iter().copied());
-            tensors.put_f32(&name("adam.first_moment"), adam.first_moment.iter().copied());
-            tensors.put_f32(&name("adam.second_moment"), adam.second_moment.iter().copied());
-            tensors.put_u64(&name("adam.step"), [adam.step]);
+            tensors.put_f32(&format!("member{number}.parameters"), member.iter().copied());
+            trainer.optimizer.save(&format!("member{number}.adam"), tensors);
         }
     }
 
@@ -178,13 +174,9 @@ impl TrainedEnsemble {
         self.normalizer = RunningNormalizer::from_numbers(&tensors.f64("moments")?);
         let members = self.ensemble.members.iter_mut().zip(&mut self.trainers).enumerate();
         for (number, (member, trainer)) in members {
-            let adam = &mut trainer.optimizer;
-            let name = |part| format!("member{number}.{part}");
-            let read = |part| tensors.exactly(&name(part), member.len(), Tensors::f32);
-            let parts = (read("parameters")?, read("adam.first_moment")?);
-            adam.second_moment = read("adam.second_moment")?;
-            (*member, adam.first_moment) = parts;
-            adam.step = tensors.exactly(&name("adam.step"), 1, Tensors::u64)?[0];
+            let name = format!("member{number}.parameters");
+            *member = tensors.exactly(&name, member.len(), Tensors::f32)?;
+            trainer.optimizer.restore(&format!("member{number}.adam"), tensors)?;
         }
         self.prepare();
         Ok(())

@@ -11,8 +11,6 @@ use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
-use crate::algorithm::{load_optimizer, save_optimizer};
-
 /// Rows of a shard. Part of what a run means: changing it changes the order of sums.
 const SHARD_ROWS: usize = 64;
 
@@ -147,14 +145,14 @@ impl QFunction {
 
     /// Adds everything carried from one update to the next.
     pub(super) fn save(&self, name: &str, tensors: &mut Tensors) {
-        save_optimizer(&format!("{name}.adam"), &self.optimizer, tensors);
+        self.optimizer.save(&format!("{name}.adam"), tensors);
         tensors.put_f32(&format!("{name}.parameters"), self.parameters.iter().copied());
         tensors.put_f32(&format!("{name}.targets"), self.targets.iter().copied());
     }
 
     /// Takes over what [`QFunction::save`] added.
     pub(super) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
-        load_optimizer(&format!("{name}.adam"), &mut self.optimizer, tensors)?;
+        self.optimizer.restore(&format!("{name}.adam"), tensors)?;
         let count = self.parameters.len();
         self.parameters = tensors.exactly(&format!("{name}.parameters"), count, Tensors::f32)?;
         self.targets = tensors.exactly(&format!("{name}.targets"), count, Tensors::f32)?;

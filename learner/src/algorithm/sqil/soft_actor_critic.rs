@@ -12,8 +12,8 @@ use rayon::ThreadPool;
 
 use super::q_function::{Asked, QFunction};
 use super::{Minibatch, SoftLearner};
+use crate::algorithm::Figures;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
-use crate::algorithm::{Figures, load_optimizer, save_optimizer};
 
 /// The two Q-functions, the policy's optimizer and the temperature.
 pub(super) struct SoftActorCritic {
@@ -172,8 +172,8 @@ impl SoftLearner for SoftActorCritic {
         for (number, one) in self.q_functions.iter().enumerate() {
             one.save(&format!("q{number}"), tensors);
         }
-        save_optimizer("adam", &self.optimizer, tensors);
-        save_optimizer("temperature.adam", &self.temperature_optimizer, tensors);
+        self.optimizer.save("adam", tensors);
+        self.temperature_optimizer.save("temperature.adam", tensors);
         tensors.put_f32("temperature.logarithm", self.log_temperature.iter().copied());
     }
 
@@ -181,8 +181,8 @@ impl SoftLearner for SoftActorCritic {
         for (number, one) in self.q_functions.iter_mut().enumerate() {
             one.restore(&format!("q{number}"), tensors)?;
         }
-        load_optimizer("adam", &mut self.optimizer, tensors)?;
-        load_optimizer("temperature.adam", &mut self.temperature_optimizer, tensors)?;
+        self.optimizer.restore("adam", tensors)?;
+        self.temperature_optimizer.restore("temperature.adam", tensors)?;
         self.log_temperature = tensors.exactly("temperature.logarithm", 1, Tensors::f32)?;
         Ok(())
     }

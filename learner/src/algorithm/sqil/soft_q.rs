@@ -10,8 +10,8 @@ use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 
 use super::{Minibatch, SoftLearner, follow};
+use crate::algorithm::Figures;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
-use crate::algorithm::{Figures, load_optimizer, save_optimizer};
 
 /// The Q-function has the policy's shape: its outputs for actions are the policy's logits times the
 /// temperature.
@@ -86,13 +86,13 @@ impl SoftLearner for SoftQ {
     }
 
     fn save(&self, tensors: &mut Tensors) {
-        save_optimizer("q.adam", &self.optimizer, tensors);
+        self.optimizer.save("q.adam", tensors);
         tensors.put_f32("q.parameters", self.parameters.iter().copied());
         tensors.put_f32("q.targets", self.targets.iter().copied());
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        load_optimizer("q.adam", &mut self.optimizer, tensors)?;
+        self.optimizer.restore("q.adam", tensors)?;
         self.parameters = tensors.f32("q.parameters")?;
         let count = self.parameters.len();
         self.targets = tensors.exactly("q.targets", count, Tensors::f32)?;
