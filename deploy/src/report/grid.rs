@@ -64,10 +64,15 @@ impl Everywhere {
         }
     }
 
+    /// The goal itself is so much closer than its neighbors that the colors are for all other cells.
     fn map(&self, name: &str, numbers: &[f64], left: usize) -> Markup {
-        let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let shade = |number: f64| (number - low) / (high - low).max(1e-12);
+        let others = self.free.iter().zip(numbers);
+        let others = others.filter(|&(&place, _)| self.cells[place] != class::GOAL);
+        let (low, high) = others
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, &one)| {
+                (low.min(one), high.max(one))
+            });
+        let shade = |number: f64| ((number - low) / (high - low).max(1e-12)).clamp(0.0, 1.0);
         let side = self.width * CELL;
         html! {
             g transform=(format!("translate({left} 24)")) shape-rendering="crispEdges" {

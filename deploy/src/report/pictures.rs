@@ -118,7 +118,7 @@ impl Pictures {
             self.files.insert(heat_file(&stem), drawn);
             format!(
                 "Proximity and uncertainty that the trained ensemble of {} has for the agent on \
-                 every free cell. The ring marks the goal.",
+                 every free cell. The ring marks the goal, whose own cell may be beyond the scale.",
                 run.name()
             )
         });
