@@ -61,8 +61,8 @@ impl Bc {
 
 /// The settings of cloning that configurations have.
 pub(super) fn settings(config: &CloningConfig) -> Settings {
-    let &CloningConfig { batch, adam_epsilon, max_gradient_norm, .. } = config;
-    Settings { batch, adam_epsilon, max_gradient_norm }
+    let &CloningConfig { batch, adam_epsilon, max_gradient_norm, deviations, .. } = config;
+    Settings { batch, adam_epsilon, max_gradient_norm, deviations }
 }
 
 /// Demonstrations held out, and the others.

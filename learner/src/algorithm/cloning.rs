@@ -29,6 +29,8 @@ pub(crate) struct Settings {
     pub(crate) adam_epsilon: f64,
     /// Largest norm of a gradient.
     pub(crate) max_gradient_norm: f64,
+    /// Whether deviations are fitted, too.
+    pub(crate) deviations: bool,
 }
 
 /// A network in training.
@@ -68,6 +70,7 @@ impl Cloning {
                 distribution: self.gradient.network().distribution(),
                 actions: &pairs.actions,
                 action_bytes: self.action_bytes,
+                deviations: self.settings.deviations,
                 weight: 1.0 / minibatch.len() as f32,
             };
             let (gradient, mut own) =
@@ -123,6 +126,7 @@ struct Likelihood<'a> {
     distribution: Distribution,
     actions: &'a [u8],
     action_bytes: usize,
+    deviations: bool,
     /// One over the rows of the minibatch.
     weight: f32,
 }
@@ -134,6 +138,9 @@ impl RowLoss for Likelihood<'_> {
         let action = &self.actions[row * self.action_bytes..(row + 1) * self.action_bytes];
         let distribution = self.distribution;
         distribution.gradient(output.parameters, action, -self.weight, 0.0, slopes);
+        if let (Distribution::Gaussian { len }, false) = (distribution, self.deviations) {
+            slopes[len..].fill(0.0);
+        }
         let weight = f64::from(self.weight);
         let log_probability = distribution.log_probability(output.parameters, action);
         let figures = Figures {
