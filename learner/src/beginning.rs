@@ -1,13 +1,10 @@
 //! Where training begins: afresh, or from the newest checkpoint and the log before it.
 
-use std::collections::HashMap;
-
 use anyhow::{Context, Result, anyhow};
 use protocol::config::{Learner, RunConfig};
-use protocol::log::{Record, log_files, read_run, repair};
+use protocol::log::{Batches, Record, log_files, read_run, repair};
 use protocol::run::{LEARNER_FILE, RunFolder};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, TrajectoryKey};
 
 use crate::algorithm::{self, PolicyLearner};
 use crate::state::State;
@@ -70,20 +67,12 @@ fn remember(
     iteration: u64,
     learner: &mut dyn PolicyLearner,
 ) -> Result<()> {
-    let spec = config.task.spec();
-    let mut trajectories: HashMap<TrajectoryKey, Encoded> = HashMap::new();
+    let mut batches = Batches::new(config.task.spec());
     for entry in read_run(&folder.log())? {
         match entry?.record {
-            Record::Trajectory(bytes) => {
-                let encoded = Encoded::decode(bytes, &spec)?;
-                trajectories.insert(encoded.key, encoded);
-            }
+            Record::Trajectory(bytes) => batches.add(bytes)?,
             Record::PolicyUpdate(update) if update.iteration < iteration => {
-                let taken = |key: &TrajectoryKey| trajectories.remove(key);
-                let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();
-                learner.remember(&batch.with_context(|| {
-                    format!("iteration {}: expected its whole batch in the log", update.iteration)
-                })?);
+                learner.remember(&batches.take(&update)?);
             }
             _ => {}
         }

@@ -75,6 +75,12 @@ pub enum Error {
         /// What was expected and what was met.
         message: String,
     },
+    /// An update in a log without all that it learned from.
+    #[error("iteration {iteration}: expected its whole batch in the log")]
+    Batch {
+        /// The update's iteration.
+        iteration: u64,
+    },
     /// Demonstrations that a run cannot learn from.
     #[error("demonstrations {}: {message}", path.display())]
     Demonstrations {

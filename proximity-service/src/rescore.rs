@@ -8,11 +8,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use protocol::config::{RunConfig, UpdateOrder};
-use protocol::log::{Record, read_run};
+use protocol::log::{Batches, Record, read_run};
 use protocol::messages::Score;
 use protocol::run::{PROXIMITY_FILE, RunFolder};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, Trajectory, TrajectoryKey};
+use protocol::trajectory::{Encoded, Trajectory};
 use serde::Serialize;
 
 use crate::model::RewardModel;
@@ -75,24 +75,17 @@ pub fn rescore(
         Some(other) => restore(&mut *model, other)?,
     }
     writeln!(lines, "iteration,lane,episode,steps,success,recorded_return,other_return")?;
-    let mut trajectories: HashMap<TrajectoryKey, Encoded> = HashMap::new();
+    let mut batches = Batches::new(config.task.spec());
     let mut scores: HashMap<(u64, u64), Score> = HashMap::new();
     let mut returns = Vec::new();
     for entry in read_run(log)? {
         match entry?.record {
-            Record::Trajectory(bytes) => {
-                let encoded = Encoded::decode(bytes, &config.task.spec())?;
-                trajectories.insert(encoded.key, encoded);
-            }
+            Record::Trajectory(bytes) => batches.add(bytes)?,
             Record::Score(score) => {
                 scores.insert((score.lane, score.episode), score);
             }
             Record::PolicyUpdate(update) => {
-                let taken = |key: &TrajectoryKey| trajectories.remove(key);
-                let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();
-                let batch = batch.with_context(|| {
-                    format!("iteration {}: expected its whole batch in the log", update.iteration)
-                })?;
+                let batch = batches.take(&update)?;
                 let again = score(&mut *model, update.iteration, &batch, config, trained.is_some());
                 for (encoded, again) in batch.iter().zip(&again) {
                     let key = (encoded.key.lane, encoded.key.episode);

@@ -9,15 +9,15 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use protocol::config::RunConfig;
+use protocol::config::{CHANGES_NO_RESULT, RunConfig};
 use protocol::run::RunFolder;
 use serde_json::Value;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::plan::PlannedRun;
 
-/// Parts of a configuration that change no result, and names of what the other parts spell out.
-const NO_RESULT: [&str; 5] = ["resources", "checkpoint", "log", "method", "preset"];
+/// Names of what other parts of a configuration spell out.
+const NAMES: [&str; 2] = ["method", "preset"];
 
 /// An experiment's folder.
 #[derive(Debug)]
@@ -83,7 +83,8 @@ impl Archive {
 fn identity(config: &RunConfig) -> String {
     let mut values = serde_json::to_value(config).expect("a configuration has only plain values");
     if let Value::Object(values) = &mut values {
-        values.retain(|key, _| !NO_RESULT.contains(&key.as_str()));
+        let decides = |key: &str| !CHANGES_NO_RESULT.contains(&key) && !NAMES.contains(&key);
+        values.retain(|key, _| decides(key));
     }
     // Keys are in alphabetical order.
     short_hash(&values.to_string())

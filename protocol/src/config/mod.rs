@@ -26,6 +26,9 @@ pub use reward::{Discounting, RewardConfig, RewardForm, RewardInput, RewardModel
 /// The preset a task's file holds without a table of its own.
 pub const DEFAULT_PRESET: &str = "goalward";
 
+/// The parts of a configuration that change no result.
+pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
+
 /// The effective configuration of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -288,7 +291,7 @@ impl RunConfig {
     pub fn result_differences(&self, other: &Self) -> Vec<(String, [String; 2])> {
         let values = |config: &Self| {
             let mut table = config.to_text().parse::<Table>().expect("it has just been written");
-            for key in ["resources", "checkpoint", "log"] {
+            for key in CHANGES_NO_RESULT {
                 table.remove(key);
             }
             flat(&table)

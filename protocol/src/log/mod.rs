@@ -21,6 +21,7 @@
 //! and the message after it. What was flushed survives the death of the process; what was synced
 //! survives the death of the machine. A full disk loses nothing: see [`FileWriter`].
 
+mod batches;
 pub mod file;
 pub mod folder;
 pub mod info;
@@ -33,6 +34,7 @@ mod scan;
 pub mod topic;
 pub mod writer;
 
+pub use batches::Batches;
 pub use file::FileWriter;
 pub use folder::{LogFile, log_files, require_room};
 pub use info::{FileInfo, info};
