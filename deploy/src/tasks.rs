@@ -55,6 +55,10 @@ mod tests {
                 assert_eq!(config.method, *method);
             }
         }
+        let scaled =
+            ["method=sqil", "environment.action_scale=[0.1, 0.6, 0.15]"].map(str::to_owned);
+        let message = configuration(Task::FetchPush, "goalward", &scaled).unwrap_err().to_string();
+        assert!(message.contains("`environment.action_scale` must be none for sqil"), "{message}");
         let error = configuration(Task::Navigation, "goalward", &["method=magic".to_owned()]);
         let message = error.unwrap_err().to_string();
         assert!(message.contains("one of ") && message.contains("gaifo-s"), "{message}");

@@ -1,4 +1,4 @@
-"""Goalward's side: the same tasks in rapier, played by `environments/examples/fidelity.rs`."""
+"""Goalward's side: the same tasks in rapier, played by `environments/examples/pipe.rs`."""
 
 import functools
 import json
@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 
 WORKSPACE = pathlib.Path(__file__).resolve().parents[2]
-BUILD = "cargo build --release --package environments --example fidelity --message-format json"
+BUILD = "cargo build --release --package environments --example pipe --message-format json"
 
 
 @functools.cache
@@ -31,7 +31,7 @@ class Goalward:
             stdout=subprocess.PIPE,
             text=True,
         )
-        self.ended = True
+        self.ending, self.success = "not begun", False
 
     def begin(self, episode):
         """Begins the episode with this number and returns its first observation."""
@@ -50,7 +50,7 @@ class Goalward:
 
     def state(self, request):
         answer = self.ask(request)
-        self.ended = answer["ended"]
+        self.ending, self.success = answer["ending"], answer["success"]
         return np.array(answer["observation"])
 
     def ask(self, request):

@@ -130,8 +130,9 @@ fn begin(
     algorithm::create(config, demonstrations, threads)
 }
 
-fn schedule(iteration: u64) -> Schedule {
-    Schedule { run_seed: 1, iteration, learning_rate: 0.0 }
+fn schedule(config: &RunConfig, iteration: u64) -> Schedule {
+    let learning_rate = config.policy_learning_rate().at(iteration);
+    Schedule { run_seed: 1, iteration, learning_rate }
 }
 
 /// Trains on random wandering; the policy after so many iterations.
@@ -144,7 +145,8 @@ fn wander(
     for iteration in 0..iterations {
         let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
         let batch = Corridor::wandering(&mut draws, 20);
-        let figures = learner.update(&mut policy, &batch, &[], &schedule(iteration)).unwrap();
+        let figures =
+            learner.update(&mut policy, &batch, &[], &schedule(config, iteration)).unwrap();
         assert!(figures.policy_loss.is_finite() && figures.value_loss.is_finite());
     }
     (learner, policy)
@@ -199,7 +201,7 @@ fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
         if learner.is_finished() {
             break;
         }
-        let figures = learner.update(&mut policy, &[], &[], &schedule(iteration)).unwrap();
+        let figures = learner.update(&mut policy, &[], &[], &schedule(&config, iteration)).unwrap();
         losses.push(figures.held_out_loss);
     }
     assert!(learner.is_finished() && losses.len() < 1000, "{} passes", losses.len());
@@ -253,7 +255,7 @@ fn a_soft_actor_critic_follows_the_expert() {
             Encoded::encode(line(from, Source::Training, |_| draws.random_range(-1.0..1.0)))
         };
         let batch: Vec<Encoded> = (0..20).map(episode).collect();
-        learner.update(&mut policy, &batch, &[], &schedule(iteration)).unwrap();
+        learner.update(&mut policy, &batch, &[], &schedule(&config, iteration)).unwrap();
     }
     for place in [-0.8f32, -0.4, 0.4, 0.8] {
         let action = modes(&config, &policy, &point(place)).remove(0);
@@ -316,7 +318,7 @@ fn threads_change_no_bit_and_a_restored_learner_goes_on_alike() {
         assert!(learners[1].remembers());
         (0..6).for_each(|iteration| learners[1].remember(&recorded(iteration)));
         for (learner, policy) in learners.iter_mut().zip(&mut policies) {
-            learner.update(policy, &recorded(6), &[], &schedule(6)).unwrap();
+            learner.update(policy, &recorded(6), &[], &schedule(&config, 6)).unwrap();
         }
         assert_eq!(policies[0].parameters, policies[1].parameters, "{}", config.method);
     }

@@ -1,6 +1,6 @@
 //! Learning rates over a run: of the policy and of the reward model.
 
-use crate::config::{PpoConfig, RewardConfig, RunConfig};
+use crate::config::{Learner, PpoConfig, RewardConfig, RunConfig};
 
 /// A learning rate that stays as it is, or falls linearly to 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,21 +20,24 @@ impl LearningRate {
 }
 
 impl RunConfig {
-    /// The learning rate of the policy.
+    /// The learning rate of the policy, which every learner has in a table of its own.
     pub fn policy_learning_rate(&self) -> LearningRate {
-        let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.ppo;
-        self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
+        match (self.learner, &self.cloning, &self.sqil) {
+            (Learner::Bc | Learner::Bco, Some(cloning), _) => {
+                self.learning_rate(cloning.learning_rate, false, 0)
+            }
+            (Learner::Sqil, _, Some(sqil)) => self.learning_rate(sqil.learning_rate, true, 0),
+            _ => {
+                let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.ppo;
+                self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
+            }
+        }
     }
 
     /// The learning rate of the reward model.
     pub fn reward_learning_rate(&self) -> LearningRate {
         let RewardConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.reward;
         self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
-    }
-
-    /// A learning rate that falls to 0 over the run.
-    pub fn learning_rate_to_zero(&self, first: f64) -> LearningRate {
-        self.learning_rate(first, true, 0)
     }
 
     fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {

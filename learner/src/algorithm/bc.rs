@@ -96,13 +96,12 @@ impl PolicyLearner for Bc {
         _scores: &[Score],
         schedule: &Schedule,
     ) -> Result<Figures> {
-        let Schedule { run_seed, iteration, .. } = *schedule;
+        let Schedule { run_seed, iteration, learning_rate } = *schedule;
         let count = self.training.observations.len() / self.cloning.row_bytes();
         let mut rows: Vec<u32> = (0..count as u32).collect();
         rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, 0));
         let parameters = &mut policy.parameters;
-        let rate = self.config.learning_rate;
-        let mut figures = self.cloning.train(parameters, &self.training, &rows, rate);
+        let mut figures = self.cloning.train(parameters, &self.training, &rows, learning_rate);
         let held_out = self.cloning.loss(parameters, &self.held_out);
         figures.held_out_loss = held_out.unwrap_or_default();
         let last = iteration + 1 == self.passes;

@@ -116,10 +116,9 @@ impl PolicyLearner for Bco {
         let mut rows: Vec<u32> = (0..count as u32).collect();
         let mut figures = Figures::default();
         for pass in 0..self.cloning_config.epochs {
-            let Schedule { run_seed, iteration, .. } = *schedule;
+            let Schedule { run_seed, iteration, learning_rate } = *schedule;
             rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, pass));
-            let rate = self.cloning_config.learning_rate;
-            figures = self.policy.train(&mut policy.parameters, &self.pairs, &rows, rate);
+            figures = self.policy.train(&mut policy.parameters, &self.pairs, &rows, learning_rate);
         }
         Ok(figures)
     }

@@ -63,6 +63,10 @@ impl RunConfig {
         if let Some(sqil) = &self.sqil {
             sqil.check()?;
         }
+        // A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
+        let scale = &self.environment.action_scale;
+        let unscaled = scale.is_empty() || self.learner != Learner::Sqil;
+        within("environment.action_scale", unscaled, "none for sqil", format!("{scale:?}"))?;
         // What they replay comes from the log when a run is continued.
         let replays = matches!(self.learner, Learner::Bco | Learner::Sqil);
         let kept = self.log.observations;

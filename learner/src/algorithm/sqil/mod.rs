@@ -9,7 +9,6 @@ mod soft_q;
 use anyhow::Result;
 use networks::RunningNormalizer;
 use protocol::config::SqilConfig;
-use protocol::learning_rate::LearningRate;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ActionSpec, Spec};
@@ -27,7 +26,6 @@ use soft_q::SoftQ;
 pub(super) struct Sqil {
     spec: Spec,
     config: SqilConfig,
-    learning_rate: LearningRate,
     normalizer: RunningNormalizer,
     expert: Replay,
     agent: Replay,
@@ -96,7 +94,6 @@ impl Sqil {
         };
         Sqil {
             spec,
-            learning_rate: config.learning_rate_to_zero(own.learning_rate),
             normalizer: normalizer.clone(),
             expert: Replay::of_demonstrations(spec, demonstrations),
             agent: Replay::new(spec, own.experience),
@@ -144,13 +141,14 @@ impl PolicyLearner for Sqil {
         schedule: &Schedule,
     ) -> Result<Figures> {
         self.remember(trajectories);
-        let rate = self.learning_rate.at(schedule.iteration);
+        let Schedule { run_seed, learning_rate, .. } = *schedule;
         let owed = self.updates_owed().saturating_sub(self.updates);
         let mut figures = Figures::default();
         for _ in 0..owed {
-            let mut stream = seed::stream(schedule.run_seed, Purpose::Replay, self.updates, 0);
+            let mut stream = seed::stream(run_seed, Purpose::Replay, self.updates, 0);
             let minibatch = self.draw(&mut stream);
-            let own = self.learner.update(&mut policy.parameters, &minibatch, &mut stream, rate);
+            let parameters = &mut policy.parameters;
+            let own = self.learner.update(parameters, &minibatch, &mut stream, learning_rate);
             figures.add(&own);
             self.updates += 1;
         }

@@ -1,11 +1,12 @@
 //! Plays a task for a program in another language: a JSON request a line on standard input, a JSON
-//! answer a line on standard output. `environments/fidelity/` compares the task with MuJoCo by it.
+//! answer a line on standard output. `environments/fidelity/` compares the task with MuJoCo by it,
+//! `docs/results/peers_methods.py` methods with those of a Python library.
 //!
 //! Arguments: the name of the task, and its setting as JSON, such as `fetch-push '{"noise": 0}'`.
 //!
 //! | request | answer |
 //! |---|---|
-//! | `{"reset": 3}`, with the number of an episode | `{"observation": [...], "ended": false}` |
+//! | `{"reset": 3}`, with the number of an episode | `{"observation": [...], "ending": null, "success": false}` |
 //! | `{"step": [0.5, 0, 0]}`, with an action | the same |
 //! | `"expert"` | `{"action": [...]}`, or `{"action": null}` where there is none |
 //! | `{"time": 1000}`, with a number of steps | `{"thread_s": 0.2}` |
@@ -19,6 +20,7 @@ use std::io::{BufRead, Write};
 use environments::{Environment, Setting, create};
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{Task, floats, write_floats};
+use protocol::trajectory::Ending;
 use rand::RngExt;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -38,7 +40,7 @@ enum Request {
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Answer {
-    State { observation: Vec<f32>, ended: bool },
+    State { observation: Vec<f32>, ending: Option<&'static str>, success: bool },
     Expert { action: Option<Vec<f32>> },
     Time { thread_s: f64 },
 }
@@ -66,13 +68,25 @@ fn answer(environment: &mut dyn Environment, request: Request) -> Result<Answer,
     Ok(match request {
         Request::Reset(episode) => {
             environment.reset(&mut start(episode), &mut observation)?;
-            Answer::State { observation: floats(&observation).collect(), ended: false }
+            Answer::State {
+                observation: floats(&observation).collect(),
+                ending: None,
+                success: false,
+            }
         }
         Request::Step(numbers) => {
             let mut action = vec![0; 4 * numbers.len()];
             write_floats(numbers, &mut action);
-            let ended = environment.step(&action, &mut observation)?.ending.is_some();
-            Answer::State { observation: floats(&observation).collect(), ended }
+            let step = environment.step(&action, &mut observation)?;
+            let ending = step.ending.map(|ending| match ending {
+                Ending::Terminated => "terminated",
+                Ending::Truncated => "truncated",
+            });
+            Answer::State {
+                observation: floats(&observation).collect(),
+                ending,
+                success: step.success,
+            }
         }
         Request::Expert => {
             let mut action = vec![0; spec.action.bytes()];
