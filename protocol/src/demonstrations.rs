@@ -22,7 +22,10 @@ use crate::weights::to_bytes;
 pub fn load(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Trajectory>, Error> {
     let own = || folder.demonstrations_file();
     let file = config.demonstrations.file.clone().unwrap_or_else(own);
-    let mut trajectories = read(&file, &config.task.spec(), config.needs_expert_actions())?;
+    let mut reader = FileReader::open(&file)?;
+    let recorded = recorded_scale(&reader);
+    let with_actions = config.needs_expert_actions();
+    let mut trajectories = rest(&mut reader, &file, &config.task.spec(), with_actions)?;
     let (found, wanted) = (trajectories.len(), config.demonstrations.episodes as usize);
     if found < wanted {
         let message = format!("expected at least {wanted} demonstrations, found {found}");
@@ -32,17 +35,16 @@ pub fn load(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Trajectory>, E
     chosen.shuffle(&mut seed::stream(config.seed, Purpose::DemonstrationSubset, 0, 0));
     chosen.truncate(wanted);
     chosen.sort_unstable();
-    let factors = factors(&recorded_scale(&file)?, &config.environment.action_scale);
+    let factors = factors(&recorded, &config.environment.action_scale);
     let taken = |at: usize| rescaled(std::mem::take(&mut trajectories[at]), &factors);
     Ok(chosen.into_iter().map(taken).collect())
 }
 
 /// The action scale that demonstrations were recorded with; a file that does not tell had none.
-fn recorded_scale(file: &Path) -> Result<Vec<f32>, Error> {
-    let reader = FileReader::open(file)?;
+fn recorded_scale(reader: &FileReader) -> Vec<f32> {
     let setting = reader.metadata().get("setting");
     let setting = setting.and_then(|text| serde_json::from_str::<Setting>(text).ok());
-    Ok(setting.unwrap_or_default().action_scale)
+    setting.unwrap_or_default().action_scale
 }
 
 /// What each number of a recorded action is multiplied with so that it acts alike under another
@@ -71,10 +73,19 @@ fn rescaled(trajectory: Trajectory, factors: &[f32]) -> Trajectory {
 /// # Errors
 /// [`Error::Demonstrations`] if the file is damaged, or lacks actions where they are needed.
 pub fn read(file: &Path, spec: &Spec, with_actions: bool) -> Result<Vec<Trajectory>, Error> {
+    rest(&mut FileReader::open(file)?, file, spec, with_actions)
+}
+
+/// What a reader has not given yet of a file of demonstrations.
+fn rest(
+    reader: &mut FileReader,
+    file: &Path,
+    spec: &Spec,
+    with_actions: bool,
+) -> Result<Vec<Trajectory>, Error> {
     let failed = |message: String| Error::Demonstrations { path: file.to_owned(), message };
-    let mut reader = FileReader::open(file)?;
     let mut trajectories = Vec::new();
-    for entry in &mut reader {
+    for entry in &mut *reader {
         let Record::Trajectory(bytes) = entry?.record else { continue };
         let number = trajectories.len();
         let of_this = |message: String| failed(format!("demonstration {number}: {message}"));

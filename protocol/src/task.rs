@@ -127,11 +127,19 @@ impl ObservationSpec {
         }
     }
 
-    /// Checks that observations hold only classes there are, or only finite numbers.
+    /// Checks that these are whole observations, with only classes there are, or only finite numbers.
     pub fn check(&self, observations: &[u8]) -> Result<(), crate::Error> {
         let refused = |what, expected: String, found: String| {
             Err(crate::Error::Trajectory { what, expected, found })
         };
+        let (one, found) = (self.bytes(), observations.len());
+        if !found.is_multiple_of(one) {
+            return refused(
+                "bytes of observations",
+                format!("a multiple of {one}"),
+                found.to_string(),
+            );
+        }
         match *self {
             ObservationSpec::Cells { classes, .. } => {
                 match observations.iter().find(|&&class| usize::from(class) >= classes) {

@@ -1,7 +1,7 @@
 //! What the trained reward model of a run says of any observations, for `goalward report`
 //! (Figures 4d and 10).
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use protocol::run::RunFolder;
 use serde::Serialize;
 
@@ -23,10 +23,7 @@ pub struct Said {
 /// When there is no checkpoint, or the bytes are not observations of the run's task.
 pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<Said> {
     let config = folder.config()?;
-    let shape = config.task.spec().observation;
-    let (one, found) = (shape.bytes(), observations.len());
-    ensure!(found.is_multiple_of(one), "expected observations of {one} bytes each, found {found}");
-    shape.check(observations)?;
+    config.task.spec().observation.check(observations)?;
     let mut model = reward_model(folder, &config)?;
     restore(&mut *model, folder)?;
     let estimates = model.estimate(observations)?;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
 use prost::Message;
 use protocol::bus::{Bus, BusAddress, Doorbell, Role, Server, SharedMemory, TrajectorySubscriber};
@@ -197,11 +197,6 @@ impl Service {
     }
 
     fn estimate(&self, query: &Query) -> Result<Answer> {
-        let (found, bytes) = (query.observations.len(), self.spec.observation.bytes());
-        ensure!(
-            found.is_multiple_of(bytes),
-            "query: expected a multiple of {bytes} bytes, found {found}"
-        );
         self.spec.observation.check(&query.observations)?;
         Ok(Answer::Estimates(self.model.estimate(&query.observations)?))
     }
