@@ -7,33 +7,16 @@ use protocol::log::{Contents, Record, read_contents};
 use protocol::messages::PolicyUpdate;
 use protocol::run::RunFolder;
 use protocol::summary::Summary;
-use protocol::task::Task;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::figures;
 use crate::refusal::{Refusal, wrong_usage};
 
 /// A figure with what its runs say.
-pub(super) struct MeasuredFigure {
-    /// Its name.
-    pub(super) name: String,
-    /// What it shows.
-    pub(super) title: String,
-    /// Its pictures.
-    pub(super) panels: Vec<MeasuredPanel>,
-}
+pub(super) type MeasuredFigure = Figure<MeasuredCurve>;
 
 /// A panel with what its runs say.
-pub(super) struct MeasuredPanel {
-    /// Its name within the figure.
-    pub(super) name: String,
-    /// What it shows.
-    pub(super) title: String,
-    /// The task.
-    pub(super) task: Task,
-    /// Its curves.
-    pub(super) curves: Vec<MeasuredCurve>,
-}
+pub(super) type MeasuredPanel = Panel<MeasuredCurve>;
 
 /// A curve with what its runs say.
 pub(super) struct MeasuredCurve {
@@ -84,22 +67,9 @@ pub(super) struct Point {
     pub(super) approximate_kl: f64,
 }
 
-impl MeasuredFigure {
-    /// Reads the runs of a figure. Those that do not exist or cannot be read are noted as missing.
-    pub(super) fn of(figure: Figure) -> MeasuredFigure {
-        let panel = |Panel { name, title, task, curves }| MeasuredPanel {
-            name,
-            title,
-            task,
-            curves: curves.into_iter().map(MeasuredCurve::of).collect(),
-        };
-        let Figure { name, title, panels } = figure;
-        MeasuredFigure { name, title, panels: panels.into_iter().map(panel).collect() }
-    }
-}
-
 impl MeasuredCurve {
-    fn of(curve: Curve) -> MeasuredCurve {
+    /// Reads the runs of a curve. Those that do not exist or cannot be read are noted as missing.
+    pub(super) fn of(curve: Curve) -> MeasuredCurve {
         let mut measured = MeasuredCurve {
             name: curve.name,
             anchor: curve.anchor,
@@ -214,6 +184,7 @@ fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
 #[cfg(test)]
 mod tests {
     use protocol::log::{FileWriter, Kind, Metadata, Topic};
+    use protocol::task::Task;
 
     use super::*;
     use crate::tasks;

@@ -38,7 +38,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use protocol::run::RunFolder;
 
-use self::measured::MeasuredFigure;
+use self::measured::{MeasuredCurve, MeasuredFigure};
 use self::pictures::Pictures;
 use crate::figure::Figure;
 use crate::refusal::wrong_usage;
@@ -60,7 +60,8 @@ pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
         return Err(wrong_usage(format!("expected each figure once, found {} twice", figure.name)));
     }
-    let figures: Vec<MeasuredFigure> = figures.into_iter().map(MeasuredFigure::of).collect();
+    let measured = |figure: Figure| figure.map(MeasuredCurve::of);
+    let figures: Vec<MeasuredFigure> = figures.into_iter().map(measured).collect();
     let pictures = Pictures::of(&figures)?;
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let save = |name: &str, text: &str| -> Result<PathBuf> {
