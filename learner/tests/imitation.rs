@@ -181,11 +181,11 @@ fn sqil() -> RunConfig {
     small(
         "sqil",
         &[
-            "steps=1000000",
+            "steps=20000",
             "sqil.learning_rate=0.003",
             "sqil.exploration_steps=500",
             "sqil.updates_per_step=0.1",
-            "sqil.target_rate=0.05",
+            "sqil.target_rate=0.01",
             "sqil.gamma=0.9",
         ],
     )
@@ -224,7 +224,7 @@ fn actions_are_inferred_from_what_the_agent_did_itself() {
 #[test]
 fn soft_q_learning_follows_the_expert() {
     let config = sqil();
-    let (_, policy) = wander(&config, 30, 2);
+    let (_, policy) = wander(&config, 60, 2);
     let agreement = Corridor::agreement(&config, &policy);
     assert!(agreement > 0.9, "{agreement}");
 }

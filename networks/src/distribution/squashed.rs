@@ -1,6 +1,6 @@
 //! Hyperbolic tangents of independent normal numbers, the policy of a soft actor-critic. Parameters
-//! are means, then numbers between which and the logarithms of the standard deviations a bounded
-//! function lies; the action is its numbers as little-endian `f32`, within [-1, 1].
+//! are means, then logarithms of standard deviations, cut off at bounds; the action is its numbers as
+//! little-endian `f32`, within [-1, 1].
 
 use protocol::seed::Stream;
 use protocol::task::{floats, write_floats};
@@ -9,8 +9,9 @@ use super::HALF_LOG_TAU;
 use crate::initialization::standard_normal;
 use crate::layer::activation::tanh;
 
-/// Least and largest logarithm of a standard deviation, those of the authors' soft actor-critic.
-const LOG_DEVIATIONS: (f32, f32) = (-5.0, 2.0);
+/// Least and largest logarithm of a standard deviation. A first policy, which gives about 0, draws
+/// actions that are nearly uniform.
+const LOG_DEVIATIONS: (f32, f32) = (-20.0, 2.0);
 
 /// Added to the derivative of the squashing before its logarithm is taken.
 const FLATTEST: f32 = 1e-6;
@@ -26,11 +27,9 @@ struct Normal {
 fn normals(parameters: &[f32]) -> impl Iterator<Item = Normal> + '_ {
     let (means, logs) = parameters.split_at(parameters.len() / 2);
     let (least, largest) = LOG_DEVIATIONS;
-    let half = 0.5 * (largest - least);
     means.iter().zip(logs).map(move |(&mean, &parameter)| {
-        let squashed = tanh(parameter);
-        let log_slope = half * (1.0 - squashed * squashed);
-        Normal { mean, log: least + half * (squashed + 1.0), log_slope }
+        let within = (least..=largest).contains(&parameter);
+        Normal { mean, log: parameter.clamp(least, largest), log_slope: f32::from(within) }
     })
 }
 
