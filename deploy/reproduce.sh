@@ -58,5 +58,5 @@ status=0
 "$goalward" experiment "${plans[@]}" "${quick[@]}" "${jobs[@]}" --out "$out" || status=$?
 # A run that failed is missing in the report, the others are in it; after Ctrl-C there is none.
 [ "$status" -le 1 ] || exit "$status"
-"$goalward" report "${plans[@]}" "${quick[@]}" --experiments "$out" --out "$out/report"
+"$goalward" report "${plans[@]}" "${quick[@]}" --experiments "$out" --out "$out/report" --force
 exit "$status"

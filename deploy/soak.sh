@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Plays random schedules of faults against short runs of all tasks, for as long as you like: kills,
-# held processes, a slow service, a full disk, changes of scale, Ctrl-C, power cuts. Ends at the first run
-# whose weights differ from the undisturbed one's, and names its schedule.
+# Plays random schedules of faults against short runs of all tasks, with lag 0 and 1, for as long as you
+# like: kills, held processes, a slow service, a full disk, damaged checkpoints, repairs, changes of scale,
+# Ctrl-C, power cuts. Names every schedule whose run ends with other weights than the undisturbed one, or
+# leaves something behind.
 #
-#   deploy/soak.sh [--minutes N] [--seed FIRST]      # 10 minutes, schedules from 100 on
-#   deploy/soak.sh --minutes 0 --seed 117            # schedule 117 alone
+#   deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]   # 10 minutes, schedules from 100 on, one at a time
+#   deploy/soak.sh --minutes 0 --seed 117                    # schedule 117 alone
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -20,7 +21,8 @@ while [ $# -gt 0 ]; do
     case $1 in
         --minutes) export GOALWARD_SOAK_MINUTES=$2 ;;
         --seed) export GOALWARD_SOAK_SEED=$2 ;;
-        *) refuse "expected --minutes N or --seed N, found $1" ;;
+        --jobs) export GOALWARD_SOAK_JOBS=$2 ;;
+        *) refuse "expected --minutes N, --seed N or --jobs N, found $1" ;;
     esac
     shift 2
 done

@@ -37,7 +37,7 @@ output=$root/target/test-output.txt
 mkdir -p "$root/target"
 [ $# -gt 0 ] || set -- --workspace
 say "cargo test --locked --no-fail-fast $*"
-say "the first time everything is built, which takes minutes; the tests take about two"
+say "the first time everything is built, which takes minutes; the tests take about six"
 status=0
 cargo test --locked --no-fail-fast "$@" 2>&1 | tee "$output" || status=$?
 

@@ -4,7 +4,7 @@
 //! Method: a plan of two methods and two seeds, two runs at a time. It is stopped as soon as one
 //! run has a checkpoint, continued, and called once more when all is done. A run of it must then have
 //! the hashes of the same run trained alone, with other numbers of actors and threads and with
-//! demonstrations of its own. At last a run is spoilt: it is named, and the others are trained.
+//! demonstrations of its own. A summary of another build is counted only when asked for. At last a run is spoilt: it is named, and the others are trained.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -12,16 +12,23 @@ use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
 use protocol::run::RunFolder;
-use system_tests::{PATIENCE, SMALL, Signal, Summary, TestRun, await_some, programs, send};
+use system_tests::{
+    PATIENCE, SMALL, Signal, Summary, TestRun, await_some, programs, read_by, send,
+};
 
 /// Writes a plan and gives the line that carries it out.
 fn experiment(test: &TestRun) -> Command {
-    let settings: Vec<_> = SMALL.iter().map(|setting| format!("{setting:?}")).collect();
-    let plan = format!(
-        "title = \"A test\"\nseeds = [1, 2]\nmethods = [\"goal-proximity\", \"environment-reward\"]\n\
-         [[panel]]\nname = \"small\"\ntitle = \"Small\"\ntask = \"navigation\"\nset = [{}]\n",
-        settings.join(", ")
-    );
+    let mut plan = "title = \"A test\"\nseeds = [1, 2]\n[[panel]]\nname = \"small\"\n\
+                    title = \"Small\"\ntask = \"navigation\"\nmethods = []\n"
+        .to_owned();
+    for method in ["goal-proximity", "environment-reward"] {
+        let settings: Vec<_> =
+            read_by(method, &SMALL).iter().map(|setting| format!("{setting:?}")).collect();
+        let settings = settings.join(", ");
+        plan += &format!(
+            "[[panel.curve]]\nname = {method:?}\nmethod = {method:?}\nset = [{settings}]\n"
+        );
+    }
     fs::write(test.path("plan.toml"), plan).unwrap();
     let mut command = test.program("goalward");
     command.args(["experiment", "plan.toml", "--out", "all", "--jobs", "2"]);
@@ -40,6 +47,23 @@ fn folders(test: &TestRun) -> Vec<RunFolder> {
 fn text(output: &Output) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+/// As if another build had finished a run: it is counted if the user says so, and kept apart.
+fn count_other_builds_when_asked_to(test: &TestRun, folder: &RunFolder) {
+    let before = fs::read(folder.summary_file()).unwrap();
+    let mut summary = protocol::summary::Summary::of_run(folder).unwrap().unwrap();
+    summary.builds[0].commit = "feedc0de0000".to_owned();
+    summary.save(folder).unwrap();
+    let output = experiment(test).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+    for part in ["1 of 4", "commit feedc0de0000", "--other-build"] {
+        assert!(said.contains(part), "expected {part} in {said}");
+    }
+    let said = text(&experiment(test).arg("--other-build").output().unwrap());
+    assert!(said.contains("commit feedc0de0000") && said.matches("1 of 1").count() == 2, "{said}");
+    fs::write(folder.summary_file(), before).unwrap();
 }
 
 #[test]
@@ -66,6 +90,8 @@ fn what_is_missing_is_trained() {
     assert!(said.contains("report plan.toml --experiments all"), "{said}");
     assert_eq!(finished.iter().map(summaries).collect::<Vec<_>>(), before, "trained again");
 
+    count_other_builds_when_asked_to(&test, &finished[0]);
+
     let named = |part: &str| {
         finished.iter().position(|folder| folder.path().to_str().unwrap().contains(part)).unwrap()
     };
@@ -73,15 +99,25 @@ fn what_is_missing_is_trained() {
     let summary: Summary = serde_json::from_slice(&before[ours]).unwrap();
     assert_eq!(summary.hashes(), test.finish(&["seed=2"]).hashes());
 
-    // One run's folder becomes one that holds something else; another run is gone.
+    // One run's folder becomes one that holds something else; another run is gone, and the machine
+    // died while a third one's summary was written by a program that does not wait for the disk.
     let spoilt = &finished[named("navigation-environment-reward-s1-")];
     for file in [spoilt.summary_file(), spoilt.config_file()] {
         fs::remove_file(file).unwrap();
     }
     fs::remove_dir_all(finished[ours].path()).unwrap();
+    let emptied = finished[named("navigation-goal-proximity-s1-")].summary_file();
+    fs::write(&emptied, "").unwrap();
+    let dry = text(&experiment(&test).arg("--dry-run").output().unwrap());
+    assert!(dry.contains("0 of 2"), "{dry}");
     let output = experiment(&test).output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("found files") && said.contains("1 of 4 runs failed"), "{said}");
     assert!(finished[ours].summary_file().exists(), "the other one is trained: {said}");
+    assert!(said.contains("the run counts as unfinished"), "{said}");
+    let expected: Summary =
+        serde_json::from_slice(&before[named("navigation-goal-proximity-s1-")]).unwrap();
+    let anew: Summary = serde_json::from_slice(&fs::read(&emptied).unwrap()).unwrap();
+    assert_eq!(anew.hashes(), expected.hashes());
 }

@@ -1,19 +1,24 @@
-//! Schedules of faults drawn at random: whoever is killed, held, slow or too many, or finds the disk full,
-//! and whenever, the run ends with the weights of the undisturbed one, everything it recorded happened,
-//! and nothing is left.
+//! Schedules of faults drawn at random: whoever is killed, held, slow or too many, or finds the disk full
+//! or a checkpoint damaged, and whenever, the run ends with the weights of the undisturbed one,
+//! everything it recorded happened, and nothing is left.
 //!
 //! Method: a schedule is drawn from a number and played against a short run of the real programs; the
-//! tasks take turns. The number is the bug report: `deploy/soak.sh --seed N` plays its schedule again
-//! (the moments differ a little, as processes take their own time). What ends the supervisor is
-//! followed by `--resume`, as its user would.
+//! tasks take turns, and so do lags 0 and 1. The number is the bug report: `deploy/soak.sh --seed N`
+//! plays its schedule again (the moments differ a little, as processes take their own time). What ends
+//! the supervisor is followed by `--resume`, as its user would.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::collections::BTreeMap;
 use std::env;
+use std::fs;
 use std::io::Write;
+use std::panic::catch_unwind;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, OnceLock};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::Task;
 use rand::RngExt;
@@ -23,7 +28,9 @@ use system_tests::{
 
 const TASKS: [Task; 4] = [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach];
 
-/// Schedules of the quick form: each task twice.
+const LAGS: [&str; 2] = ["rollout.lag=0", "rollout.lag=1"];
+
+/// Schedules of the quick form: each task twice, with either lag.
 const QUICK: std::ops::Range<u64> = 0..8;
 
 /// Times a run may be resumed; a schedule has fewer faults.
@@ -48,12 +55,62 @@ enum Fault {
     FillDisk(u64),
     /// The service gets a sixth of its time for some milliseconds.
     SlowService(u64),
+    /// The user has the log repaired, whether the run lives or not.
+    Repair,
+    /// The machine loses power and the newest checkpoint is not what it was.
+    DamageCheckpoint(Damage),
+}
+
+/// What becomes of a file of a checkpoint.
+#[derive(Clone, Copy, Debug)]
+struct Damage {
+    file: &'static str,
+    kind: DamageKind,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum DamageKind {
+    /// One bit of the byte at this part of the file is another.
+    Bit(f64),
+    /// The four bytes there are a number that is none.
+    NotANumber(f64),
+    /// The file ends there.
+    Cut(f64),
+}
+
+impl Damage {
+    fn drawn(stream: &mut Stream) -> Damage {
+        let files = [POLICY_FILE, LEARNER_FILE, PROXIMITY_FILE];
+        let file = files[stream.random_range(0..files.len())];
+        let part = stream.random_range(0.0..1.0);
+        let kinds = [DamageKind::Bit(part), DamageKind::NotANumber(part), DamageKind::Cut(part)];
+        Damage { file, kind: kinds[stream.random_range(0..kinds.len())] }
+    }
+
+    fn befall(self, checkpoint: &Path) {
+        let path = checkpoint.join(self.file);
+        let mut bytes = fs::read(&path).unwrap();
+        let at = |part: f64| (part * bytes.len() as f64) as usize;
+        match self.kind {
+            DamageKind::Bit(part) => {
+                let at = at(part);
+                bytes[at] ^= 0x10;
+            }
+            DamageKind::NotANumber(part) => {
+                let at = at(part) & !3;
+                let end = (at + 4).min(bytes.len());
+                bytes[at..end].copy_from_slice(&f32::NAN.to_le_bytes()[..end - at]);
+            }
+            DamageKind::Cut(part) => bytes.truncate(at(part)),
+        }
+        fs::write(&path, bytes).unwrap();
+    }
 }
 
 /// Milliseconds to wait, and what happens then.
 fn schedule(seed: u64) -> Vec<(u64, Fault)> {
     let mut stream = stream(seed, Purpose::TrainingEpisode, 0, 0);
-    let fault = |stream: &mut Stream| match stream.random_range(0..12) {
+    let fault = |stream: &mut Stream| match stream.random_range(0..14) {
         0..3 => Fault::Kill(stream.random_range(0..60)),
         3..5 => Fault::Hold(stream.random_range(0..60), stream.random_range(50..3_000)),
         5..7 => Fault::Scale(stream.random_range(1..5)),
@@ -61,23 +118,48 @@ fn schedule(seed: u64) -> Vec<(u64, Fault)> {
         8 => Fault::KillSupervisor,
         9 => Fault::FillDisk(stream.random_range(50..3_000)),
         10 => Fault::SlowService(stream.random_range(50..3_000)),
+        11 => Fault::Repair,
+        12 => Fault::DamageCheckpoint(Damage::drawn(stream)),
         _ => Fault::KillAll,
     };
     let count = stream.random_range(2..6);
     (0..count).map(|_| (stream.random_range(20..1_500), fault(&mut stream))).collect()
 }
 
-fn start(run: &TestRun, task: Task) -> Training<'_> {
-    let (small, settings) = match task {
-        Task::Navigation => (&SMALL[..], ["steps=16000", "resources.lease_timeout_ms=1000"]),
-        _ => (&SMALL_PHYSICS[..], ["steps=6400", "resources.lease_timeout_ms=1000"]),
-    };
-    run.train_task(task.name(), small, &settings)
+/// What is trained: a task, and how far actors may run ahead.
+#[derive(Clone, Copy, Debug)]
+struct Subject {
+    task: usize,
+    lag: usize,
 }
 
-fn undisturbed(task: Task) -> Hashes {
-    let run = TestRun::new(programs!());
-    start(&run, task).finish().hashes()
+impl Subject {
+    const NAVIGATION: Subject = Subject { task: 0, lag: 0 };
+
+    fn of(seed: u64) -> Subject {
+        let seed = seed as usize;
+        Subject { task: seed % TASKS.len(), lag: seed / TASKS.len() % LAGS.len() }
+    }
+
+    fn start(self, run: &TestRun) -> Training<'_> {
+        let task = TASKS[self.task];
+        let (small, steps) = match task {
+            Task::Navigation => (&SMALL[..], "steps=16000"),
+            _ => (&SMALL_PHYSICS[..], "steps=6400"),
+        };
+        let settings = [steps, "resources.lease_timeout_ms=1000", LAGS[self.lag]];
+        run.train_task(task.name(), small, &settings)
+    }
+
+    /// What it learns where nothing happens.
+    fn undisturbed(self) -> &'static Hashes {
+        static HASHES: [[OnceLock<Hashes>; LAGS.len()]; TASKS.len()] =
+            [const { [const { OnceLock::new() }; LAGS.len()] }; TASKS.len()];
+        HASHES[self.task][self.lag].get_or_init(|| {
+            let run = TestRun::new(programs!());
+            self.start(&run).finish().hashes()
+        })
+    }
 }
 
 /// Lets no file of learner and service grow beyond so many bytes.
@@ -136,23 +218,46 @@ fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
         }
         Fault::Interrupt => training.signal(Signal::Interrupt),
         Fault::KillSupervisor => training.signal(Signal::Kill),
-        Fault::KillAll => {
-            training.signal(Signal::Kill);
-            for process in run.processes() {
-                process.signal(Signal::Kill);
+        Fault::Repair => {
+            let mut repair = run.program("goalward");
+            // Refused while the run lives.
+            repair.args(["log", "repair"]).arg(run.folder().path()).output().unwrap();
+        }
+        Fault::DamageCheckpoint(damage) => {
+            kill_all(run, training);
+            if let Some((_, checkpoint)) = run.folder().newest_checkpoint() {
+                damage.befall(&checkpoint);
             }
         }
+        Fault::KillAll => kill_all(run, training),
     }
 }
 
+/// Kills every process of a run and waits until none is left.
+fn kill_all(run: &TestRun, training: &Training<'_>) {
+    training.signal(Signal::Kill);
+    await_some("the death of all processes", PATIENCE, || {
+        let processes = run.processes();
+        processes.iter().for_each(|process| process.signal(Signal::Kill));
+        processes.is_empty().then_some(())
+    });
+}
+
+/// Files of a run that only a program at work may have, by the endings of their names.
+fn unfinished_files(run: &TestRun) -> Vec<String> {
+    const ENDINGS: [&str; 4] = ["unfinished", ".active", ".repairing", ".tmp"];
+    let paths = run.contents().into_iter().map(|(path, _)| path.display().to_string());
+    paths.filter(|path| ENDINGS.iter().any(|ending| path.ends_with(ending))).collect()
+}
+
 /// Plays a schedule; the run must end as the undisturbed one.
-fn play(seed: u64, expected: &mut BTreeMap<&'static str, Hashes>) {
-    let task = TASKS[seed as usize % TASKS.len()];
-    let expected = expected.entry(task.name()).or_insert_with(|| undisturbed(task));
+fn play(seed: u64) {
+    let subject = Subject::of(seed);
+    let expected = subject.undisturbed();
     let schedule = schedule(seed);
-    let shown = format!("schedule {seed}, {task}: {schedule:?}");
+    let shown = format!("schedule {seed}, {}: {schedule:?}", TASKS[subject.task]);
     let run = TestRun::new(programs!());
-    let mut training = start(&run, task);
+    let mut training = subject.start(&run);
     let mut resumes = 0;
     for (milliseconds, fault) in &schedule {
         sleep(Duration::from_millis(*milliseconds));
@@ -169,22 +274,23 @@ fn play(seed: u64, expected: &mut BTreeMap<&'static str, Hashes>) {
     while training.end() != Some(0) || !run.folder().summary_file().exists() {
         assert!(resumes < MOST_RESUMES, "{shown}: resumed too often");
         resumes += 1;
-        training =
-            if run.folder().config_file().exists() { run.resume() } else { start(&run, task) };
+        let has_begun = run.folder().config_file().exists();
+        training = if has_begun { run.resume() } else { subject.start(&run) };
     }
-    let summary = run.summary();
-    assert_eq!(summary.hashes(), *expected, "{shown}");
+    assert_eq!(run.summary().hashes(), *expected, "{shown}");
     let mut verify = run.program("goalward");
     let verified = verify.arg("replay").arg(run.folder().path()).arg("--verify").output().unwrap();
     let stderr = String::from_utf8_lossy(&verified.stderr);
     assert!(verified.status.success(), "{shown}: {stderr}");
     assert_eq!(run.shared_memory(), Vec::<String>::new(), "{shown}");
+    assert_eq!(run.processes(), Vec::new(), "{shown}");
+    assert_eq!(unfinished_files(&run), Vec::<String>::new(), "{shown}");
 }
 
 #[test]
 fn a_disk_that_fills_up_pauses_the_run() {
     let run = TestRun::new(programs!());
-    let mut training = start(&run, Task::Navigation);
+    let mut training = Subject::NAVIGATION.start(&run);
     training.await_checkpoint(4);
     limit_writers(&run, Some(0));
     let said = || run.remarks().contains("no room on the disk").then_some(());
@@ -193,14 +299,14 @@ fn a_disk_that_fills_up_pauses_the_run() {
     sleep(Duration::from_secs(2));
     assert_eq!(run.folder().newest_checkpoint(), checkpoint, "expected the run to wait");
     limit_writers(&run, None);
-    assert_eq!(training.finish().hashes(), undisturbed(Task::Navigation));
+    assert_eq!(training.finish().hashes(), *Subject::NAVIGATION.undisturbed());
     assert!(!run.remarks().contains("ended"), "expected no process to die: {}", run.remarks());
 }
 
 #[test]
 fn a_run_killed_at_its_very_end_leaves_nothing() {
     let run = TestRun::new(programs!());
-    let training = start(&run, Task::Navigation);
+    let training = Subject::NAVIGATION.start(&run);
     await_some("the summary", PATIENCE, || run.folder().summary_file().exists().then_some(()));
     strike(&run, &training, Fault::KillAll);
     training.end();
@@ -210,24 +316,42 @@ fn a_run_killed_at_its_very_end_leaves_nothing() {
 
 #[test]
 fn random_faults_change_nothing() {
-    let mut expected = BTreeMap::new();
-    QUICK.for_each(|seed| play(seed, &mut expected));
+    QUICK.for_each(play);
 }
 
-/// `deploy/soak.sh` calls this with the minutes and the first number in the environment.
+/// `deploy/soak.sh` calls this with the minutes, the first number and the jobs in the environment.
 #[test]
 #[ignore = "as long as deploy/soak.sh says"]
 fn soak() {
     let number = |name: &str| env::var(name).ok().and_then(|text| text.parse().ok());
     let minutes = number("GOALWARD_SOAK_MINUTES").unwrap_or(10);
     let first = number("GOALWARD_SOAK_SEED").unwrap_or(100);
-    let begun = Instant::now();
-    let mut expected = BTreeMap::new();
-    let mut played = 0;
-    while played == 0 || begun.elapsed() < Duration::from_secs(60 * minutes) {
-        play(first + played, &mut expected);
-        played += 1;
-        let last = first + played - 1;
-        writeln!(std::io::stdout(), "schedules {first} to {last}: nothing changed").unwrap();
+    let jobs = number("GOALWARD_SOAK_JOBS").unwrap_or(1);
+    let deadline = Instant::now() + Duration::from_secs(60 * minutes);
+    let next = AtomicU64::new(first);
+    let failed = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs {
+            scope.spawn(|| {
+                play_until(deadline, &next, &failed);
+            });
+        }
+    });
+    let (played, failed) = (next.into_inner() - first, failed.into_inner().unwrap());
+    assert!(failed.is_empty(), "{} of {played} schedules: {failed:?}", failed.len());
+}
+
+/// Plays one schedule after another, at least one; what fails has said why.
+fn play_until(deadline: Instant, next: &AtomicU64, failed: &Mutex<Vec<u64>>) {
+    loop {
+        let seed = next.fetch_add(1, Ordering::Relaxed);
+        if catch_unwind(|| play(seed)).is_err() {
+            failed.lock().unwrap().push(seed);
+        } else {
+            writeln!(std::io::stdout(), "schedule {seed}: nothing changed").ok();
+        }
+        if Instant::now() >= deadline {
+            return;
+        }
     }
 }

@@ -9,41 +9,34 @@ use std::fs;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs};
+use system_tests::{ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by};
 
-/// What makes the learners that imitate as small as the rest.
-const SMALL_LEARNERS: [(&str, &[&str]); 3] = [
-    ("bc", &["cloning.epochs=5", "evaluation.episodes=8"]),
+/// What makes the learners that imitate as small as the rest: in one task, or in all.
+const SMALL_LEARNERS: [(&str, &str, &[&str]); 6] = [
+    ("bc", "", &["cloning.epochs=5", "evaluation.episodes=8"]),
+    ("bco", "", &["inverse_dynamics.samples=128", "inverse_dynamics.exploration_steps=800"]),
     (
         "bco",
-        &[
-            "inverse_dynamics.convolution_channels=[4, 8, 8]",
-            "inverse_dynamics.features=16",
-            "inverse_dynamics.samples=128",
-            "inverse_dynamics.exploration_steps=800",
-        ],
+        "navigation",
+        &["inverse_dynamics.convolution_channels=[4, 8, 8]", "inverse_dynamics.features=16"],
     ),
-    (
-        "sqil",
-        &[
-            "sqil.hidden=[16, 16]",
-            "sqil.batch=8",
-            "sqil.updates_per_step=0.05",
-            "sqil.exploration_steps=800",
-        ],
-    ),
+    ("bco", "fetch-push", &["inverse_dynamics.hidden=[16, 16]"]),
+    ("sqil", "", &["sqil.batch=8", "sqil.updates_per_step=0.05", "sqil.exploration_steps=800"]),
+    ("sqil", "fetch-push", &["sqil.hidden=[16, 16]"]),
 ];
 
-fn settings(method: &str) -> Vec<String> {
-    let own = SMALL_LEARNERS.iter().find(|(name, _)| *name == method);
-    let own = own.map_or(&[][..], |(_, settings)| settings);
+fn settings(method: &str, task: &str) -> Vec<String> {
+    let own = SMALL_LEARNERS
+        .iter()
+        .filter(|(name, only, _)| *name == method && (only.is_empty() || *only == task));
+    let own = own.flat_map(|(_, _, settings)| *settings).copied();
     let name = format!("method={method}");
-    let all = own.iter().copied().chain(["reward.batch=32", &name]);
+    let all = own.chain(read_by(method, &["reward.batch=32"])).chain([name.as_str()]);
     all.map(str::to_owned).collect()
 }
 
 fn train(run: &TestRun, task: &str, small: &[&str], method: &str) -> Summary {
-    let settings = settings(method);
+    let settings = settings(method, task);
     let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
     run.train_task(task, small, &settings).finish()
 }
@@ -71,7 +64,7 @@ fn whoever_is_killed_learns_the_same() {
     for method in ["gail", "bco", "sqil"] {
         let undisturbed = train(&TestRun::new(programs!()), "navigation", &SMALL, method);
         let run = TestRun::new(programs!());
-        let settings = settings(method);
+        let settings = settings(method, "navigation");
         let mut all: Vec<&str> = settings.iter().map(String::as_str).collect();
         all.push("resources.actors=3");
         let mut training = run.train(&all);

@@ -7,10 +7,13 @@
 use std::collections::BTreeSet;
 use std::fs;
 
+use prost::Message;
+use protocol::bus::{Bus, BusAddress, NewestSubscriber, SharedMemory};
 use protocol::log::{FileReader, Record};
+use protocol::messages::Progress;
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{SMALL_PHYSICS, Signal, TestRun, programs};
+use system_tests::{PATIENCE, SMALL_PHYSICS, Signal, TestRun, await_some, programs};
 
 /// As the expert of Ant Reach is trained.
 const ON_ITS_OWN_REWARD: &str = "method=environment-reward";
@@ -41,6 +44,47 @@ fn actors_and_a_kill_change_nothing_in_fetch_push() {
 #[test]
 fn actors_and_a_kill_change_nothing_in_ant_reach() {
     disturbance_changes_nothing("ant-reach");
+}
+
+/// With lag 1 a policy acts that no checkpoint has. Its leases fill the only actor, which is held until
+/// the learner, killed meanwhile, has gone back and published older policies.
+#[test]
+fn an_actor_lets_go_of_leases_whose_policy_died_with_the_learner() {
+    let settings = ["rollout.lag=1", "rollout.lanes=32", "rollout.lane_steps=60"];
+    let rest = ["steps=17280", "checkpoint.iterations=4", "resources.actors=1"];
+    let train =
+        |run| TestRun::train_task(run, "fetch-push", &SMALL_PHYSICS, &[settings, rest].concat());
+    let undisturbed = TestRun::new(programs!());
+    let undisturbed = train(&undisturbed).finish();
+    let run = TestRun::new(programs!());
+    let mut training = train(&run);
+    training.await_checkpoint(4);
+    let bus: Bus = Bus::open(&BusAddress::of_run(run.folder().path()).unwrap(), "test").unwrap();
+    let progress = bus.progress_subscriber().unwrap();
+    // The sixth version has been made, so the fifth acts; the checkpoint has the third and fourth.
+    await_progress(&progress, "leases of the fifth version", |told| {
+        told.leases >= 16 && told.update.as_ref().is_some_and(|update| update.policy_version >= 6)
+    });
+    let actor = run.process("actor-0");
+    actor.signal(Signal::Stop);
+    run.process("learner").signal(Signal::Kill);
+    await_progress(&progress, "a learner that has gone back", |told| {
+        told.update.is_none() && told.reward_update.is_some()
+    });
+    actor.signal(Signal::Continue);
+    assert_eq!(training.finish().hashes(), undisturbed.hashes());
+    assert!(run.remarks().contains("learner ended (signal: 9"), "{}", run.remarks());
+}
+
+fn await_progress(
+    progress: &NewestSubscriber<SharedMemory>,
+    what: &str,
+    is_it: impl Fn(&Progress) -> bool,
+) {
+    await_some(what, PATIENCE, || {
+        let bytes = progress.receive().unwrap()?;
+        is_it(&Progress::decode(bytes).unwrap()).then_some(())
+    });
 }
 
 #[test]

@@ -48,7 +48,7 @@ fn nothing_is_left_of_a_stopped_run() {
     let mut training = run.train(&[]);
     training.await_checkpoint(4);
     training.signal(Signal::Interrupt);
-    assert_eq!(training.end(), Some(0));
+    assert_eq!(training.end(), Some(130));
     expect_no_trace(&run);
     let said = fs::read_to_string(run.path("goalward.out")).unwrap();
     assert!(said.contains("--resume --run"), "expected how to go on in\n{said}");
@@ -76,18 +76,64 @@ fn an_actor_started_by_hand_joins() {
     training.await_checkpoint(4);
     let mut helper = run.program("goalward-actor");
     helper.arg("rollout").arg("--run").arg(run.folder().path()).args(["--name", "actor-by-hand"]);
-    let mut helper = helper.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    // As nohup, systemd and Slurm start it, and a remote shell that has no input for it.
+    let words = fs::File::create(run.path("helper.txt")).unwrap();
+    let mut helper = helper.stdin(Stdio::null()).stderr(words).spawn().unwrap();
+    let mut distant = run.program("goalward-actor");
+    distant.arg("rollout").arg("--run").arg(run.folder().path()).args(["--name", "actor-distant"]);
+    let mut distant = distant.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    drop(distant.stdin.take());
     // From here on the actor of the run does nothing: whatever is rolled out, the other one did.
     let held = run.process("actor-0");
     held.signal(Signal::Stop);
     let (reached, _) = run.folder().newest_checkpoint().unwrap();
     training.await_checkpoint(reached + 8);
+    assert!(
+        distant.try_wait().unwrap().is_none(),
+        "the end of its input is not the end of the run"
+    );
     held.signal(Signal::Continue);
     assert_eq!(training.finish().iterations, ITERATIONS);
-    // It leaves with the run, although nobody has closed its input.
+    // They leave with the run, and not before.
     let status = await_some("its end", A_FEW_SECONDS, || helper.try_wait().unwrap());
     assert!(status.success(), "{status}");
+    let said = fs::read_to_string(run.path("helper.txt")).unwrap();
+    assert!(said.contains("joined the run in"), "{said}");
+    assert!(await_some("its end", A_FEW_SECONDS, || distant.try_wait().unwrap()).success());
     expect_no_trace(&run);
+}
+
+fn status(run: &TestRun) -> String {
+    let output = run.program("goalward").arg("status").arg(run.folder().path()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn status_names_who_is_stopped() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["resources.actors=2"]);
+    training.await_checkpoint(4);
+    let said = status(&run);
+    assert!(said.starts_with("training\n"), "{said}");
+    let names = ["learner", "proximity-service", "actor-0", "actor-1"];
+    for name in names {
+        let id = run.process(name).id.to_string();
+        let row = said.lines().find(|line| line.trim_start().starts_with(name));
+        let row = row.unwrap_or_else(|| panic!("expected a row of {name} in\n{said}"));
+        assert!(row.contains(&id) && row.contains("running"), "{name} is {id}: {row}");
+    }
+    for name in ["learner", "proximity-service"] {
+        let held = run.process(name);
+        held.signal(Signal::Stop);
+        let said = status(&run);
+        held.signal(Signal::Continue);
+        let expected = format!("standing still: {name} is stopped");
+        assert!(said.starts_with(&expected), "expected {expected}, found\n{said}");
+        assert!(said.contains(&format!("kill -CONT {}", held.id)), "{said}");
+    }
+    training.signal(Signal::Interrupt);
+    training.end();
 }
 
 /// A user's tool that asks the proximity service.
@@ -107,9 +153,8 @@ impl Tool {
     fn ask(&self, observations: Vec<u8>) -> Answer {
         let query = Query { observations: Bytes::from(observations) };
         let request = ServiceRequest { ask: Some(Ask::Query(query)) };
-        let answer =
-            self.client.ask(&request.encode_to_vec(), A_FEW_SECONDS, &self.doorbell).unwrap();
-        ServiceReply::decode(answer).unwrap().answer.unwrap()
+        let read = |bytes| ServiceReply::decode(bytes).unwrap().answer;
+        self.client.ask(&request.encode_to_vec(), A_FEW_SECONDS, &self.doorbell, read).unwrap()
     }
 
     /// Proximities of observations, after a check of all that an answer must be.

@@ -43,7 +43,7 @@ fn cost(name: &str, actors: u64, count: usize) -> Duration {
     }
     training.await_checkpoint(12 * (KILLS + 1));
     training.signal(Signal::Interrupt);
-    assert_eq!(training.end(), Some(0));
+    assert_eq!(training.end(), Some(130));
 
     let updates = updates_ns(&run);
     let mut between: Vec<u64> = updates.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -83,9 +83,19 @@ fn impossible_numbers() {
         (["--set", "rollout.lag=2"], ["rollout.lag", "2"]),
         (["--set", "reward.ensemble=0"], ["reward.ensemble", "0"]),
         (["--set", "demonstrations.episodes=0"], ["demonstrations.episodes", "0"]),
+        (["--set", "preset=paper"], ["preset=paper", "--preset paper"]),
+        (["--set", "policy.hidden=[8]"], ["policy.hidden", "left out"]),
+        (["--set", "reward.delta=1.0"], ["reward.delta", "found 1"]),
+        (["--set", "reward.experience=100"], ["reward.samples", "reward.experience = 100"]),
+        (["--set", "reward.hidden=[1000000,1000000]"], ["no room in memory", "service"]),
+        (["--set", "resources.learner_threads=100000"], ["learner_threads", "100000"]),
+        (["--set", "ppo.epochs=1000000000"], ["would never end", "rows"]),
+        (["--set", "demonstrations.episodes=1000000000000"], ["no room in memory", "learner"]),
     ] {
         refused(&run, 2, &["train", arguments[0], arguments[1]], &parts);
     }
+    let endless = ["demonstrate", "navigation", "--episodes", "1000000000000", "--out", "d.mcap"];
+    refused(&run, 2, &endless, &["would never end", "1.0e14"]);
     let out = ["--out", "d.mcap"];
     for (flag, number) in [("--episodes", "0"), ("--coverage", "0"), ("--coverage", "2")] {
         let mut arguments = vec!["demonstrate", "navigation", flag, number, out[0], out[1]];
@@ -154,7 +164,7 @@ fn demonstrations_of_something_else() {
 }
 
 #[test]
-fn damaged_and_short_demonstrations() {
+fn demonstrations_that_are_damaged_short_or_other_than_asked_for() {
     let run = TestRun::new(programs!());
     let recorded = ["demonstrate", "navigation", "--episodes", "20", "--out", "whole.mcap"];
     assert!(run.program("goalward").args(recorded).output().unwrap().status.success());
@@ -169,7 +179,22 @@ fn damaged_and_short_demonstrations() {
     refused_file(&run, "flipped.mcap", &["damaged", "log repair"]);
     let wanted = ["train", "--demonstrations", "whole.mcap", "--set", "demonstrations.episodes=21"];
     refused(&run, 2, &wanted, &["whole.mcap", "21", "20"]);
+    let wanted = ["train", "--demonstrations", "whole.mcap", "--coverage", "0.25"];
+    refused(&run, 2, &wanted, &["whole.mcap", "coverage = 0.25", "recorded with 1"]);
     refused(&run, 2, &recorded, &["whole.mcap", "not overwritten"]);
+}
+
+/// Only the expert's own demonstrations tell how long they are.
+#[test]
+fn recorded_demonstrations_that_make_no_batch() {
+    let run = TestRun::new(programs!());
+    let one = ["demonstrations.episodes=1", "reward.batch=101", "reward.samples=101"];
+    assert_eq!(run.train(&one).end(), Some(2));
+    let said = run.remarks();
+    assert_eq!(said.lines().count(), 1, "{said}");
+    for part in ["goalward: demonstrations ", "reward.batch = 101", "in 1 demonstrations"] {
+        assert!(said.contains(part), "expected `{part}` in {said}");
+    }
 }
 
 #[test]

@@ -9,12 +9,12 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Output, Stdio};
+use std::process::{Command, Output, Stdio};
 
 use bytes::Bytes;
 use prost::Message;
 use protocol::Error;
-use protocol::bus::{Bus, BusAddress};
+use protocol::bus::{Bus, BusAddress, Published};
 use protocol::log::{Record, read_run, rewrite};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
@@ -148,18 +148,24 @@ fn a_run_whose_log_was_changed_is_trained_into_other_weights() {
 fn a_log_is_published_for_whoever_listens() {
     let run = TestRun::new(programs!());
     let summary = run.finish(&[]);
+    let bus: Bus = Bus::open(&BusAddress::of_run(run.folder().path()).unwrap(), "test").unwrap();
+    let subscriber = bus.trajectory_subscriber().unwrap();
+    let mut listening = Command::new(env!("CARGO_BIN_EXE_listen-under-test"));
+    listening.arg(run.folder().path()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut listening = listening.spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(listening.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    assert!(line.contains("listening"), "{line}");
     let mut publishing = run.program("goalward");
     publishing.arg("replay").arg(run.folder().path()).arg("--publish");
     let mut publishing = publishing.stdout(Stdio::piped()).spawn().unwrap();
     let mut said = BufReader::new(publishing.stdout.take().unwrap());
-    let mut line = String::new();
+    line.clear();
     said.read_line(&mut line).unwrap();
     assert!(line.contains("when somebody listens"), "{line}");
-    let bus: Bus = Bus::open(&BusAddress::of_run(run.folder().path()).unwrap(), "test").unwrap();
-    let subscriber = bus.trajectory_subscriber().unwrap();
     let mut hashes = BTreeSet::new();
     await_some("every trajectory of the log", PATIENCE, || {
-        while let Some((header, bytes)) = subscriber.receive().unwrap() {
+        while let Some(Published { header, bytes, .. }) = subscriber.receive().unwrap() {
             let encoded = Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
             assert_eq!(header.hash, encoded.key.hash);
             hashes.insert(header.hash);
@@ -168,8 +174,15 @@ fn a_log_is_published_for_whoever_listens() {
     });
     line.clear();
     said.read_line(&mut line).unwrap();
-    assert_eq!(line, format!("published {} trajectories; readers: 1\n", hashes.len()));
+    assert_eq!(line, format!("published {} trajectories; readers: 2\n", hashes.len()));
     assert!(publishing.wait().unwrap().success());
+    listening.kill().unwrap();
+    let heard = String::from_utf8(listening.wait_with_output().unwrap().stdout).unwrap();
+    assert_eq!(heard.lines().count(), hashes.len());
+    assert!(
+        heard.lines().all(|line| line.contains(" steps, ") && line.starts_with("lane ")),
+        "{heard}"
+    );
 }
 
 #[test]
@@ -192,10 +205,10 @@ fn recorded_episodes_are_scored_again_by_another_reward() {
     let same = returns(&["--with", "reward.uncertainty=0.01"]);
     assert_eq!(same.len() as u64, summary.episodes);
     assert!(same.iter().all(|[recorded, other]| recorded == other));
-    let dearer = returns(&["--with", "reward.uncertainty=0.5"]);
+    let dearer = returns(&["--with", "reward.uncertainty=0.5", "--force"]);
     assert!(dearer.iter().all(|[recorded, other]| other < recorded));
     let own = run.folder().path().display().to_string();
-    let trained = returns(&["--with", &format!("model={own}")]);
+    let trained = returns(&["--with", &format!("model={own}"), "--force"]);
     assert!(trained.iter().any(|[recorded, other]| recorded != other));
 
     let refused = replay(&run, &["--with", "ppo.clip=0.1"]);

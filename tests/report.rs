@@ -51,10 +51,14 @@ fn nothing_to_report_is_said_in_a_line() {
     run.finish(&["steps=800"]);
     let log = run.folder().log();
     fs::create_dir(run.path("empty")).unwrap();
+    let plan = "title = 'A'\nseeds = [1]\nmethods = ['bc']\n\
+                [[panel]]\nname = 'n'\ntitle = 'N'\ntask = 'navigation'\n";
+    fs::write(run.path("plan.toml"), plan).unwrap();
     for (arguments, gone, part) in [
-        (&["run", "empty"], None, "empty"),
+        (&["run", "empty"][..], None, "empty"),
         (&["run", "missing.toml"], None, "missing.toml"),
         (&["run", "--quick"], None, "--quick"),
+        (&["plan.toml"], None, "navigation-bc-s1-"),
         (&["run", "run"], Some("updates-00000.mcap"), "expected files"),
     ] {
         if let Some(file) = gone {

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use environments::Setting;
+use protocol::diagnostics::Diagnostics;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 use protocol::task::Task;
@@ -18,7 +19,7 @@ use crate::replay::{Recording, replay};
 
 /// Acts in environments.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-actor", version)]
+#[command(name = "goalward-actor", version = protocol::provenance::version())]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -114,27 +115,38 @@ enum Command {
     },
 }
 
+impl Command {
+    /// An actor of a run writes a log file; what `goalward` starts for one piece of work speaks to its
+    /// user.
+    fn diagnostics(&self) -> Diagnostics {
+        match self {
+            Command::Rollout { .. } | Command::Replay { .. } => Diagnostics::of_service(),
+            _ => Diagnostics::ForPeople,
+        }
+    }
+}
+
 /// Runs the process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    process::run(|| run(arguments.command))
+    process::run(arguments.command.diagnostics(), || run(arguments.command))
 }
 
 fn run(command: Command) -> Result<()> {
     match command {
         Command::Rollout { run, name } => {
             check_name(&name)?;
-            let stop = Stop::at_end_of_input();
+            let stop = Stop::at_end_of_input()?;
             crate::rollout::rollout(&RunFolder::new(run), &name, &stop)
         }
         Command::Replay { run, name, log, iterations } => {
             check_name(&name)?;
-            let stop = Stop::at_end_of_input();
+            let stop = Stop::at_end_of_input()?;
             let recording = Recording { log, iterations };
             replay(&RunFolder::new(run), &name, &recording, &stop)
         }
         Command::Publish { run, log, speed } => {
-            let stop = Stop::at_end_of_input();
+            let stop = Stop::at_end_of_input()?;
             print(&crate::publish::publish(&RunFolder::new(run), &log, speed, &stop)?)
         }
         Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
@@ -145,7 +157,8 @@ fn run(command: Command) -> Result<()> {
                 None => Expert::of_task(task)?,
             };
             let request = Request { task, episodes, setting, seed, file: &out };
-            let Recorded { steps, failures } = demonstrate(&request, expert)?;
+            let stop = Stop::at_end_of_input()?;
+            let Recorded { steps, failures } = demonstrate(&request, expert, &stop)?;
             let out = out.display();
             tracing::info!(
                 "{episodes} demonstrations with {steps} steps in {out}; the expert failed in \
@@ -155,13 +168,16 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Evaluate { run, episodes } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
+            process::end_with_parent()?;
             let evaluation = crate::evaluate::evaluate(&RunFolder::new(run), episodes)?;
             print(&evaluation)
         }
         Command::Verify { run, threads } => {
+            process::end_with_parent()?;
             print(&crate::verify::verify(&RunFolder::new(run), threads)?)
         }
         Command::Restore { run, out, threads } => {
+            process::end_with_parent()?;
             print(&crate::restore::restore(&RunFolder::new(run), &out, threads)?)
         }
     }

@@ -3,11 +3,14 @@
 use std::path::Path;
 use std::slice;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use environments::Setting;
 use protocol::config::ActionChoice;
+use protocol::headway::{Headway, Teller};
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
+use protocol::process::Stop;
+use protocol::provenance::{EXPERT, TASKS_OWN};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
@@ -40,17 +43,41 @@ pub struct Recorded {
 }
 
 /// Records demonstrations: episodes of the expert that reach the goal, up to the goal.
-pub fn demonstrate(request: &Request<'_>, expert: Expert) -> Result<Recorded> {
+///
+/// # Errors
+/// When the expert fails too often, the disk refuses, or a stop comes first; no file is left then.
+pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result<Recorded> {
     let Request { task, episodes, setting, seed, file } = request;
+    let who = if expert.is_of_task() { TASKS_OWN } else { "a policy" };
     let setting = expert.setting(setting)?;
     let metadata = Metadata::new(Kind::Demonstrations, task.name(), *seed)
         .with("episodes", episodes)
+        .with(EXPERT, who)
         .with("setting", serde_json::to_string(&setting)?);
-    let mut writer = FileWriter::create(file, &metadata, &[Topic::Trajectory])?;
+    ensure!(!file.exists(), "{} exists and is not overwritten", file.display());
+    let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
     let mut demonstrator = Demonstrator::begin(*task, &setting, *seed, expert)?;
+    let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
+    let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
+    if recorded.is_err() {
+        writer.discard()?;
+    }
+    recorded
+}
+
+fn record(
+    writer: &mut FileWriter,
+    demonstrator: &mut Demonstrator,
+    episodes: u64,
+    stop: &Stop,
+) -> Result<Recorded> {
     let mut recorded = Recorded { steps: 0, failures: 0 };
     let mut number = 0;
-    while number < *episodes {
+    let mut teller = Teller::default();
+    while number < episodes {
+        if stop.is_requested() {
+            bail!("stopped after {number} of {episodes} demonstrations: none are kept");
+        }
         let trajectory = demonstrator.next_episode()?;
         if !trajectory.success {
             recorded.failures += 1;
@@ -66,8 +93,12 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert) -> Result<Recorded> {
         // The log time counts episodes: demonstrations of one seed are the same file every time.
         writer.trajectory(&Encoded::encode(trajectory), number)?;
         number += 1;
+        teller.tell(Headway {
+            episodes_done: number,
+            episodes_wanted: episodes,
+            steps_done: recorded.steps,
+        });
     }
-    writer.seal()?;
     Ok(recorded)
 }
 

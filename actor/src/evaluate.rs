@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use protocol::config::RunConfig;
+use protocol::headway::{Headway, Teller};
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
 use protocol::run::RunFolder;
@@ -69,10 +70,17 @@ fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Traje
     };
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
-    let mut trajectories = Vec::new();
+    let mut trajectories: Vec<Trajectory> = Vec::new();
+    let mut teller = Teller::default();
     while !lanes.is_empty() {
         trajectories.extend(policy.step(&version, &mut lanes, config.evaluation.actions)?);
         lanes.retain(|lane| !lane.is_done());
+        let steps = trajectories.iter().map(|trajectory| u64::from(trajectory.steps));
+        teller.tell(Headway {
+            episodes_done: trajectories.len() as u64,
+            episodes_wanted: episodes,
+            steps_done: steps.sum(),
+        });
     }
     trajectories.sort_by_key(|trajectory| (trajectory.lane, trajectory.episode));
     Ok(trajectories)
@@ -84,15 +92,11 @@ fn record(
     weights: &Weights,
     trajectories: &[Trajectory],
 ) -> Result<PathBuf> {
-    let name = format!("evaluation-v{:06}-{}.mcap", weights.version, trajectories.len());
-    let file = folder.path().join(name);
-    if file.exists() {
-        std::fs::remove_file(&file)?;
-    }
+    let file = folder.evaluation_file(weights.version, trajectories.len() as u64);
     let metadata =
         Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
     let topics = [Topic::EvaluationTrajectory, Topic::Scene];
-    let mut writer = FileWriter::create(&file, &metadata, &topics)?;
+    let mut writer = FileWriter::create_anew(&file, &metadata, &topics)?;
     let mut environment = environments::create(config.task, &config.environment)?;
     let mut time_ns = 0;
     for (number, trajectory) in trajectories.iter().enumerate() {

@@ -26,6 +26,8 @@ pub struct TrainedExpert {
     pub version: Version,
     /// What it was trained in.
     trained_in: Setting,
+    /// Whether it comes with its task.
+    is_of_task: bool,
 }
 
 impl Expert {
@@ -39,8 +41,8 @@ impl Expert {
         let weights = include_bytes!("../experts/ant_reach/policy.safetensors");
         let origin = "actor/experts/ant_reach";
         let config = RunConfig::from_text(config, origin)?;
-        Expert::trained(&config, &Weights::from_file(weights).map_err(anyhow::Error::msg)?)
-            .context(origin)
+        let weights = Weights::from_file(weights).map_err(anyhow::Error::msg)?;
+        Expert::trained(&config, &weights, true).context(origin)
     }
 
     /// The policy of the newest checkpoint of a run.
@@ -48,14 +50,22 @@ impl Expert {
         let config = folder.config()?;
         let (shown, found) = (folder.path().display(), config.task);
         ensure!(found == task, "{shown}: expected a run of {task}, found one of {found}");
-        Expert::trained(&config, &newest_weights(folder)?)
+        Expert::trained(&config, &newest_weights(folder)?, false)
     }
 
-    fn trained(config: &RunConfig, weights: &Weights) -> Result<Expert> {
+    fn trained(config: &RunConfig, weights: &Weights, is_of_task: bool) -> Result<Expert> {
         let policy = Policy::new(config);
         let version = policy.version(weights)?;
         let trained_in = config.environment.clone();
-        Ok(Expert::Policy(Box::new(TrainedExpert { policy, version, trained_in })))
+        Ok(Expert::Policy(Box::new(TrainedExpert { policy, version, trained_in, is_of_task })))
+    }
+
+    /// Whether it is the one that comes with its task.
+    pub fn is_of_task(&self) -> bool {
+        match self {
+            Expert::Script => true,
+            Expert::Policy(expert) => expert.is_of_task,
+        }
     }
 
     /// The setting to demonstrate in so that demonstrations are as `wanted`: a policy's actions
@@ -75,6 +85,8 @@ impl Expert {
 
 #[cfg(test)]
 mod tests {
+    use protocol::process::Stop;
+
     use super::*;
     use crate::demonstrate::{Request, demonstrate};
 
@@ -90,7 +102,7 @@ mod tests {
                 file: &folder.path().join(format!("{number}.mcap")),
             };
             let expert = Expert::of_task(request.task).expect("the expert");
-            let recorded = demonstrate(&request, expert).expect("demonstrations");
+            let recorded = demonstrate(&request, expert, &Stop::default()).expect("demonstrations");
             assert!(recorded.failures <= 2, "{} failures beside 20", recorded.failures);
             assert!(recorded.steps < 20 * 30, "{} steps in 20 episodes", recorded.steps);
         }

@@ -6,10 +6,11 @@ use anyhow::{Context, Result, ensure};
 use networks::{
     ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
 };
+use protocol::checkpoint;
 use protocol::config::{ActionChoice, RunConfig};
 use protocol::messages::ActorSeconds;
 use protocol::run::{POLICY_FILE, RunFolder};
-use protocol::task::Spec;
+use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
 
@@ -35,12 +36,25 @@ pub struct Version {
     prepared: PreparedPolicy,
 }
 
-/// The weights of the newest checkpoint of a run.
+/// The weights of the newest checkpoint of a run whose policy is the one that was saved.
 pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
-    let (_, checkpoint) = folder.newest_checkpoint().with_context(|| {
-        format!("expected a checkpoint in {}, found none", folder.checkpoints().display())
+    let found = checkpoint::newest(folder, &[POLICY_FILE])?;
+    found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
+    let newest = found.newest.with_context(|| {
+        format!(
+            "expected a checkpoint that holds in {}, found none",
+            folder.checkpoints().display()
+        )
     })?;
-    Ok(Weights::load(&checkpoint.join(POLICY_FILE))?)
+    Ok(newest.policy()?)
+}
+
+/// Numbers of an observation that can be normalized.
+fn normalized_numbers(spec: &Spec) -> usize {
+    match spec.observation {
+        ObservationSpec::Cells { .. } => 0,
+        ObservationSpec::Vector { len } => len,
+    }
 }
 
 impl Policy {
@@ -64,14 +78,22 @@ impl Policy {
         let parameters = weights.parameter_numbers();
         let (expected, found) = (self.network.parameter_count(), parameters.len());
         ensure!(expected == found, "weights: expected {expected} parameters, found {found}");
+        let moments = weights.moment_numbers();
         ensure!(
-            parameters.iter().all(|number| number.is_finite()),
-            "weights of version {}: expected finite parameters",
+            parameters.iter().all(|number| number.is_finite())
+                && moments.iter().all(|number| number.is_finite()),
+            "weights of version {}: expected finite parameters and moments",
             weights.version
+        );
+        let normalizer = RunningNormalizer::from_numbers(&moments);
+        let (expected, found) = (normalized_numbers(&self.spec), normalizer.moments.len());
+        ensure!(
+            found == 0 || found == expected,
+            "weights: expected moments of {expected} numbers or none, found {found}"
         );
         Ok(Version {
             number: weights.version,
-            normalizer: RunningNormalizer::from_numbers(&weights.moment_numbers()),
+            normalizer,
             prepared: self.network.prepare(&parameters),
         })
     }

@@ -2,25 +2,32 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Result, bail, ensure};
+use bytes::Bytes;
 use prost::Message;
 use protocol::bus::{
     Bus, BusAddress, Client, Doorbell, Pending, Role, SharedMemory, TrajectoryHeader,
     TrajectoryPublisher,
 };
+use protocol::dropped::Dropped;
 use protocol::messages::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
+use protocol::process::Stop;
 use protocol::run::RunFolder;
-use protocol::trajectory::Encoded;
+use protocol::trajectory::{Encoded, Source};
 
 /// How long an actor sleeps, and leaves a learner alone that is not there.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 
-/// How long a reader's full queue is waited for.
-pub const READER_PATIENCE: Duration = Duration::from_secs(120);
+/// How long the full queue of the learner or the service is waited for. They read at least every second
+/// unless they are held or compute for long, and what they miss they ask for.
+const READER_PATIENCE: Duration = Duration::from_secs(2);
 
 /// A request is answered when there are leases. Asking again after this long shows the learner that
 /// the actor lives, and finds a learner that was restarted.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// How long an actor that was started by hand looks for a learner: a dead one is started again sooner.
+const LEARNER_PATIENCE: Duration = Duration::from_secs(30);
 
 /// The ports of an actor, whatever its trajectories come from.
 pub struct Ports {
@@ -29,7 +36,12 @@ pub struct Ports {
     finished: Vec<Lease>,
     pending: Option<(Pending<SharedMemory>, Instant)>,
     refused: Instant,
+    joined: bool,
+    /// Since when there has been no learner to ask.
+    alone: Option<Instant>,
     over: bool,
+    stop: Stop,
+    dropped: Dropped,
     doorbell: Doorbell<SharedMemory>,
     leases: Client<SharedMemory>,
     trajectories: TrajectoryPublisher<SharedMemory>,
@@ -37,7 +49,7 @@ pub struct Ports {
 
 impl Ports {
     /// Opens the ports of an actor of this name; also returns the bus they are on.
-    pub fn open(folder: &RunFolder, name: &str) -> Result<(Ports, Bus)> {
+    pub fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
         // One that is started again under the same name is another actor: its predecessor's leases are
         // open again as soon as that is known to be dead.
         let name = format!("{name}-{}", std::process::id());
@@ -48,17 +60,34 @@ impl Ports {
             finished: Vec::new(),
             pending: None,
             refused: Instant::now() - ASK_AGAIN,
+            joined: false,
+            alone: None,
             over: false,
+            stop: stop.clone(),
+            dropped: Dropped::new("answers about leases"),
             doorbell: bus.doorbell(Role::Actors)?,
             leases: bus.lease_client(Role::Actors)?,
-            trajectories: bus.trajectory_publisher(READER_PATIENCE)?,
+            trajectories: bus.rollout_publisher(READER_PATIENCE)?,
         };
         Ok((ports, bus))
     }
 
-    /// Whether the run is over.
-    pub fn is_over(&self) -> bool {
-        self.over
+    /// Whether there is no more to do: the run is over, or a stop was requested. An actor that nobody
+    /// watches over also leaves a run that has lost its learner for good.
+    ///
+    /// # Errors
+    /// When nobody watches over the actor and it has found no learner at all.
+    pub fn is_over(&self) -> Result<bool> {
+        let gave_up = self.alone.is_some_and(|since| since.elapsed() >= LEARNER_PATIENCE);
+        if !gave_up || self.stop.is_held() {
+            return Ok(self.over || self.stop.is_requested());
+        }
+        let (run, seconds) = (self.folder.path().display(), LEARNER_PATIENCE.as_secs());
+        if self.joined {
+            tracing::info!("the run in {run} has had no learner for {seconds} s: leaving it");
+            return Ok(true);
+        }
+        bail!("expected a run that trains in {run}, found no learner for {seconds} s")
     }
 
     /// Sleeps until something comes.
@@ -85,6 +114,10 @@ impl Ports {
         };
         match self.leases.send(&request.encode_to_vec()) {
             Ok(pending) => {
+                if !std::mem::replace(&mut self.joined, true) {
+                    tracing::info!("joined the run in {}", self.folder.path().display());
+                }
+                self.alone = None;
                 self.pending = Some((pending, Instant::now()));
                 self.finished.clear();
                 *seconds = ActorSeconds::default();
@@ -92,26 +125,33 @@ impl Ports {
             Err(error) => {
                 tracing::debug!("no learner to ask: {error}");
                 self.refused = Instant::now();
+                self.alone.get_or_insert(self.refused);
                 self.over = self.folder.summary_file().exists();
             }
         }
     }
 
     /// The leases that were granted since the last look.
-    pub fn granted(&mut self) -> Result<Vec<Lease>> {
-        let Some((pending, since)) = &self.pending else { return Ok(Vec::new()) };
+    pub fn granted(&mut self) -> Vec<Lease> {
+        let Some((pending, since)) = &self.pending else { return Vec::new() };
         match pending.poll() {
-            Ok(None) if since.elapsed() < ANSWER_PATIENCE => Ok(Vec::new()),
+            Ok(None) if since.elapsed() < ANSWER_PATIENCE => Vec::new(),
             Ok(None) | Err(_) => {
                 self.pending = None;
-                Ok(Vec::new())
+                Vec::new()
             }
-            Ok(Some(bytes)) => {
-                self.pending = None;
-                let reply = LeaseReply::decode(bytes).context("lease reply")?;
-                self.over = reply.finished;
-                Ok(reply.leases)
-            }
+            Ok(Some(bytes)) => match granted(bytes) {
+                Ok(reply) => {
+                    self.pending = None;
+                    self.over = reply.finished;
+                    reply.leases
+                }
+                // No answer of the learner's; that may still come.
+                Err(why) => {
+                    self.dropped.note(why);
+                    Vec::new()
+                }
+            },
         }
     }
 
@@ -121,6 +161,21 @@ impl Ports {
         self.trajectories.publish(&encoded.bytes, header(encoded))?;
         Ok(())
     }
+}
+
+/// Reads an answer. The learner answers when there are leases, or when the run is over.
+fn granted(bytes: Bytes) -> Result<LeaseReply> {
+    let reply = LeaseReply::decode(bytes)?;
+    ensure!(reply.finished || !reply.leases.is_empty(), "expected leases, found none");
+    for lease in &reply.leases {
+        let most_episodes = lease.steps_owed.max(lease.episodes_owed);
+        let is_countable = lease.first_episode.checked_add(most_episodes).is_some();
+        ensure!(
+            Source::try_from(lease.source).is_ok() && most_episodes > 0 && is_countable,
+            "expected a lease that can be run, found {lease:?}"
+        );
+    }
+    Ok(reply)
 }
 
 /// What a reader sees of a trajectory before it decodes it.

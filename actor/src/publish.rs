@@ -13,7 +13,10 @@ use protocol::run::RunFolder;
 use protocol::trajectory::Encoded;
 use serde::Serialize;
 
-use crate::ports::{READER_PATIENCE, header};
+use crate::ports::header;
+
+/// How long a reader's full queue is waited for.
+const READER_PATIENCE: Duration = Duration::from_secs(120);
 
 /// Longest sleep, so that a stop is noticed.
 const TICK: Duration = Duration::from_millis(50);

@@ -30,9 +30,9 @@ pub struct Recording {
 pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop) -> Result<()> {
     let spec = folder.config()?.task.spec();
     let mut source = Source::open(&recording.log, spec)?;
-    let (mut ports, _bus) = Ports::open(folder, name)?;
-    while !stop.is_requested() && !ports.is_over() {
-        let leases = ports.granted()?;
+    let (mut ports, _bus) = Ports::open(folder, name, stop)?;
+    while !ports.is_over()? {
+        let leases = ports.granted();
         for lease in &leases {
             let wanted = recording.iterations.is_none_or(|count| lease.iteration < count);
             let recorded = if wanted { source.of_lease(lease)? } else { None };

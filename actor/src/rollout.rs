@@ -4,12 +4,14 @@
 //! lanes come free: faster actors take more. It may come and go at any moment; what it leaves undone
 //! the learner hands out again.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use bytes::Bytes;
 use prost::Message;
 use protocol::bus::{NewestSubscriber, SharedMemory};
 use protocol::config::{ActionChoice, RunConfig};
+use protocol::dropped::Dropped;
 use protocol::messages::Lease;
 use protocol::process::Stop;
 use protocol::run::RunFolder;
@@ -26,29 +28,38 @@ const LANES_AT_ONCE: usize = 16;
 /// Versions of the policy kept: with lag 1 the one before the newest still acts.
 const VERSIONS_KEPT: usize = 2;
 
+/// How long the policy version of a lease is waited for. The learner publishes it before it grants the
+/// lease and hands it to late actors 50 times a second, so one that has not come by then is that of a
+/// learner that is gone.
+const VERSION_PATIENCE: Duration = Duration::from_secs(1);
+
 /// An actor at work.
 struct Actor {
     config: RunConfig,
     policy: Policy,
     versions: Vec<Version>,
     lanes: Vec<Lane>,
+    awaited: Awaited,
     ports: Ports,
     weights: NewestSubscriber<SharedMemory>,
+    dropped: Dropped,
 }
 
 /// Acts until the run is over or a stop is requested.
 pub fn rollout(folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
-    let (ports, bus) = Ports::open(folder, name)?;
+    let (ports, bus) = Ports::open(folder, name, stop)?;
     let mut actor = Actor {
         policy: Policy::new(&config),
         config,
         versions: Vec::new(),
         lanes: Vec::new(),
+        awaited: Awaited::default(),
         ports,
         weights: bus.weights_subscriber()?,
+        dropped: Dropped::new("weights"),
     };
-    while !stop.is_requested() && !actor.ports.is_over() {
+    while !actor.ports.is_over()? {
         actor.turn()?;
     }
     Ok(())
@@ -57,13 +68,19 @@ pub fn rollout(folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
 impl Actor {
     fn turn(&mut self) -> Result<()> {
         self.take_weights()?;
-        let leases = self.ports.granted()?;
+        let leases = self.ports.granted();
         self.begin(&leases)?;
         let free = LANES_AT_ONCE - self.lanes.len();
         self.ports.ask(free, &mut self.policy.seconds);
         let acting = self.lanes.first().map(|lane| lane.lease.policy_version);
         let version = self.versions.iter().find(|version| Some(version.number) == acting);
-        let Some(version) = version else { return self.ports.wait() };
+        let is_given_up = self.awaited.is_given_up(acting, version.is_some(), Instant::now());
+        let Some(version) = version else {
+            if is_given_up {
+                self.hand_back();
+            }
+            return self.ports.wait();
+        };
         let evaluates = self.lanes[0].lease.source == Source::Evaluation as i32;
         let choice = if evaluates { self.config.evaluation.actions } else { ActionChoice::Sample };
         let trajectories = self.policy.step(version, &mut self.lanes, choice)?;
@@ -78,10 +95,21 @@ impl Actor {
         Ok(())
     }
 
+    /// Drops all lanes and says so, so that the learner can hand them out again.
+    fn hand_back(&mut self) {
+        tracing::info!("{} leases handed back: their policy is gone", self.lanes.len());
+        self.lanes.drain(..).for_each(|lane| self.ports.finish(lane.lease));
+    }
+
     fn take_weights(&mut self) -> Result<()> {
         while let Some(bytes) = self.weights.receive()? {
-            let weights = Weights::decode(bytes).context("weights")?;
-            let version = self.policy.version(&weights)?;
+            let version = match self.version(bytes) {
+                Ok(version) => version,
+                Err(why) => {
+                    self.dropped.note(format!("{why:#}"));
+                    continue;
+                }
+            };
             self.versions.retain(|known| known.number != version.number);
             self.versions.push(version);
             if self.versions.len() > VERSIONS_KEPT {
@@ -91,15 +119,65 @@ impl Actor {
         Ok(())
     }
 
+    fn version(&self, bytes: Bytes) -> Result<Version> {
+        let weights = Weights::decode(bytes).context("undecodable weights")?;
+        self.policy.version(&weights)
+    }
+
     /// Begins leases. Older ones of another rollout are dropped: nobody waits for them any more.
     fn begin(&mut self, leases: &[Lease]) -> Result<()> {
         let Some(first) = leases.first() else { return Ok(()) };
         let rollout = |lease: &Lease| (lease.source, lease.iteration);
         self.lanes.retain(|lane| rollout(&lane.lease) == rollout(first));
-        for lease in leases {
+        for lease in leases.iter().take(LANES_AT_ONCE - self.lanes.len()) {
             let RunConfig { task, environment, seed, .. } = &self.config;
             self.lanes.push(Lane::begin(*lease, *task, environment, *seed)?);
         }
         Ok(())
+    }
+}
+
+/// The policy version that lanes wait for, and since when.
+#[derive(Debug, Default)]
+struct Awaited(Option<(u64, Instant)>);
+
+impl Awaited {
+    /// Whether the version that lanes are to act by, if there are lanes, has been waited for too long.
+    fn is_given_up(&mut self, acting: Option<u64>, is_here: bool, now: Instant) -> bool {
+        let Some(number) = acting.filter(|_| !is_here) else {
+            self.0 = None;
+            return false;
+        };
+        match self.0 {
+            Some((awaited, since)) if awaited == number => {
+                now.duration_since(since) >= VERSION_PATIENCE
+            }
+            _ => {
+                self.0 = Some((number, now));
+                false
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_version_that_does_not_come_is_given_up_and_one_that_is_late_is_not() {
+        let start = Instant::now();
+        let mut awaited = Awaited::default();
+        let mut look = |milliseconds, acting, is_here| {
+            awaited.is_given_up(acting, is_here, start + Duration::from_millis(milliseconds))
+        };
+        assert!(!look(0, None, false), "an actor without lanes waits for nothing");
+        assert!(!look(5_000, Some(7), false), "a lease may be faster than its weights");
+        assert!(!look(5_900, Some(7), false));
+        assert!(!look(5_950, Some(7), true), "it has come");
+        assert!(!look(7_000, Some(7), false), "evicted while lanes were under way");
+        assert!(!look(7_900, Some(8), false), "another version is waited for anew");
+        assert!(look(8_900, Some(8), false));
+        assert!(!look(8_901, None, false));
     }
 }

@@ -1,19 +1,24 @@
 //! The demonstrations of a run: a file of the user's is checked before anything is begun, one that
 //! is not given is recorded by the task's expert.
 
+use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, bail};
 use protocol::config::RunConfig;
-use protocol::log::{FileReader, Kind};
 use protocol::run::RunFolder;
 use protocol::setting::Setting;
 use protocol::task::Task;
 
 use crate::output::Output;
-use crate::programs::Program;
-use crate::refusal::{Refusal, wrong_usage};
+use crate::programs::{self, Program};
+use crate::refusal::Refusal;
+use crate::status_line::StatusLine;
+
+/// What an expert does, as its user is told.
+pub(crate) const RECORDING: &str = "recording demonstrations";
 
 /// Demonstrations to be recorded.
 pub(crate) struct Recording<'a> {
@@ -39,7 +44,8 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// An actor that records them; where its output goes is the caller's to say.
+    /// An actor that records them, and gives up when its input ends; where its output goes is the caller's
+    /// to say.
     ///
     /// # Errors
     /// When the program is not there.
@@ -53,64 +59,94 @@ impl<'a> Recording<'a> {
             .args(["--seed", &seed.to_string()])
             .arg("--out")
             .arg(file)
-            .stdin(Stdio::null());
+            .stdin(Stdio::piped());
         if let Some(run) = policy {
             actor.arg("--policy").arg(run);
         }
         Ok(actor)
     }
+
+    /// Has them recorded by an [`actor`](Self::actor), and shows on `line` how far it is. Gives how it
+    /// ended; none if the user has stopped it.
+    ///
+    /// # Errors
+    /// When it cannot start.
+    pub(crate) fn record(
+        &self,
+        actor: &mut Command,
+        line: StatusLine,
+    ) -> Result<Option<ExitStatus>> {
+        let ended = programs::run_unless_stopped(actor, RECORDING, line)?;
+        if ended.is_none() {
+            // One that did not stop in time was killed and has left it.
+            self.remove_unfinished()?;
+        }
+        Ok(ended)
+    }
+
+    /// Removes what a recording left that did not come to its end. Nobody may be recording.
+    pub(crate) fn remove_unfinished(&self) -> Result<()> {
+        let mut unfinished = self.file.as_os_str().to_owned();
+        unfinished.push(".active");
+        match fs::remove_file(&unfinished) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("removing {}", Path::new(&unfinished).display()))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
-/// Has demonstrations recorded into a run's folder.
+/// Has demonstrations recorded into a run's folder; returns false if the user has stopped it.
 ///
 /// # Errors
-/// When the expert fails; with its last words.
-pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<()> {
+/// When the expert fails, with its last words; of wrong usage, when what it shows is too little.
+pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<bool> {
     let file = folder.demonstrations_file();
-    // What an interrupted start left; a whole file has no such ending.
-    let unfinished = file.with_extension("mcap.active");
-    if unfinished.exists() {
-        std::fs::remove_file(&unfinished)
-            .with_context(|| format!("removing {}", unfinished.display()))?;
-    }
-    let mut actor = Recording::for_run(config, &file).actor()?;
     let output = Output::of(folder, "demonstrations");
-    actor.env("NO_COLOR", "1").stdout(output.open()?).stderr(output.open()?);
-    let status = actor.status().context("starting the expert")?;
-    if !status.success() {
-        bail!("recording demonstrations failed ({status}); {}", output.last_lines());
+    let recording = Recording::for_run(config, &file);
+    recording.remove_unfinished()?;
+    let mut actor = recording.actor()?;
+    actor.env("NO_COLOR", "1").stderr(output.open()?);
+    match recording.record(&mut actor, StatusLine::new())? {
+        Some(status) if !status.success() => {
+            bail!("recording demonstrations failed ({status}); {}", output.last_lines())
+        }
+        Some(_) => check(&file, config).map(|()| true),
+        None => Ok(false),
     }
+}
+
+/// Checks that a file has the demonstrations a run is to learn from.
+///
+/// # Errors
+/// Of wrong usage, when it is missing, damaged, of another task, shape or setting, or too short.
+pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
+    protocol::demonstrations::of_file(file, config).map_err(Refusal::usage)?;
     Ok(())
 }
 
-/// Checks that a file has the demonstrations a run needs.
+/// A configuration with what its file of demonstrations says of them, where the user does not.
 ///
 /// # Errors
-/// Of wrong usage, when it is missing, damaged, of another task or shape, or too short.
-pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
-    let shown = file.display();
-    let reader = FileReader::open(file).map_err(Refusal::usage)?;
-    let metadata = reader.metadata();
-    if metadata.kind != Kind::Demonstrations {
-        return Err(wrong_usage(format!(
-            "{shown}: expected demonstrations, found the log of a run"
-        )));
-    }
-    let (expected, found) = (config.task.name(), metadata.get("task").unwrap_or("none"));
-    if found != expected {
-        return Err(wrong_usage(format!(
-            "{shown}: expected demonstrations of the task {expected}, found {found}"
-        )));
-    }
-    let (spec, with_actions) = (config.task.spec(), config.needs_expert_actions());
-    let found = protocol::demonstrations::read(file, &spec, with_actions);
-    let episodes = found.map_err(Refusal::usage)?.len() as u64;
-    let wanted = config.demonstrations.episodes;
-    if episodes < wanted {
-        return Err(wrong_usage(format!(
-            "{shown}: expected at least {wanted} demonstrations, found {episodes} (fewer are \
-             asked for with --set demonstrations.episodes={episodes})"
-        )));
-    }
-    Ok(())
+/// Of wrong usage, when the file cannot be read or is of another task.
+pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig> {
+    Ok(protocol::demonstrations::adopt(config, settings).map_err(Refusal::usage)?)
+}
+
+/// What is to be said of a file that does not tell how its demonstrations were recorded.
+///
+/// # Errors
+/// As [`adopt`].
+pub(crate) fn remark(config: &RunConfig) -> Result<Option<String>> {
+    let Some(file) = &config.demonstrations.file else { return Ok(None) };
+    let tells = protocol::demonstrations::tells_setting(file, config.task);
+    let remark = || {
+        let (file, coverage) = (file.display(), config.demonstrations.coverage);
+        format!(
+            "{file} does not say how it was recorded: taken as coverage {coverage}, actions as \
+             they are"
+        )
+    };
+    Ok((!tells.map_err(Refusal::usage)?).then(remark))
 }

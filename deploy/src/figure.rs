@@ -4,6 +4,8 @@
 use protocol::run::RunFolder;
 use protocol::task::Task;
 
+use crate::origin::apart;
+
 /// A figure of the paper, or any comparison: panels of curves, planned or measured.
 pub(crate) struct Figure<C = Curve> {
     /// Its name, such as `figure3`.
@@ -30,10 +32,20 @@ pub(crate) struct Panel<C = Curve> {
 pub(crate) struct Curve {
     /// Its name, unique in the panel.
     pub(crate) name: String,
-    /// A run for each seed; they need not exist yet.
+    /// A run for each seed, all of one origin; they need not exist yet.
     pub(crate) runs: Vec<RunFolder>,
     /// Success rate of the authors' published curve at its end, in [0, 1].
     pub(crate) anchor: Option<f64>,
+}
+
+impl Figure {
+    /// The same figure, with no curve over runs of several origins.
+    pub(crate) fn apart(mut self) -> Figure {
+        for panel in &mut self.panels {
+            panel.curves = std::mem::take(&mut panel.curves).into_iter().flat_map(apart).collect();
+        }
+        self
+    }
 }
 
 impl<C> Figure<C> {

@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::log::recorded_configs;
+use protocol::log::{read_run, recorded_configs};
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
 use crate::programs::{self, Program};
 use crate::progress::print_line;
+use crate::refusal::Refusal;
 
 /// A log with all observations; one that was made goes with it.
 #[derive(Debug)]
@@ -66,7 +67,21 @@ impl Drop for FullLog {
 /// As [`FullLog::of`].
 pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
     let mut actor = Program::Actor.command()?;
-    programs::figures(actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out))
+    programs::figures(
+        actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out),
+        "restoring",
+    )
+}
+
+/// What was done with a run's log is not all that could be, if not all that was recorded is there.
+///
+/// # Errors
+/// Of lost data, naming the files; those that are being written have lost nothing.
+pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
+    let log = read_run(&run.log())?;
+    let lost = log.endings().iter().filter(|(_, ending)| ending.lost());
+    let lost: Vec<_> = lost.map(|(path, ending)| format!("{}: {ending}", path.display())).collect();
+    if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }
 }
 
 fn remove_if_there(folder: &Path) -> Result<()> {

@@ -10,12 +10,17 @@
 //! | `cli`, `commands` | the verbs, one file each |
 //! | `plan` | which run is trained: a new folder or one that is continued |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
+//! | `destination` | where a verb may write |
 //! | `experiment` | plans of many runs |
 //! | `supervisor` | the processes of a run, from start to end |
+//! | `processes` | who takes part in a live run, and who is stopped or gone |
 //! | `progress` | the progress of a run in one line |
+//! | `headway` | how far a program is that was started for one piece of work |
 //! | `status_line` | such a line, on a terminal and in a pipe |
+//! | `limits` | whether the system lets a run's processes be large enough |
 //! | `output` | what the processes print |
 //! | `summary` | figures of a finished run |
+//! | `origin` | which runs are seeds of one curve |
 //! | `figure`, `report` | comparisons of runs as data, and as a page with pictures |
 //! | `chart` | curves as SVG |
 //! | `full_log` | a log with observations, made of one with actions only |
@@ -26,12 +31,18 @@ mod chart;
 mod cli;
 mod commands;
 mod demonstrations;
+mod destination;
 mod experiment;
 mod figure;
 mod figures;
 mod full_log;
+mod headway;
+mod limits;
+mod machine;
+mod origin;
 mod output;
 mod plan;
+mod processes;
 mod programs;
 mod progress;
 mod refusal;
@@ -41,22 +52,16 @@ mod summary;
 mod supervisor;
 mod tasks;
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::process::ExitCode;
+
+use protocol::diagnostics::Diagnostics;
 
 /// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
 /// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
-/// after wrong usage and 3 if it finished but data was lost.
+/// after wrong usage, 3 if it finished but data was lost, and 130 if the user stopped it.
 pub fn main() -> ExitCode {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr)
-        // Otherwise a disk that does not take the line would end the process in a panic.
-        .log_internal_errors(false)
-        .init();
+    Diagnostics::ForPeople.begin("error");
     match cli::run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -7,6 +7,8 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use protocol::run::RunFolder;
 
+use crate::headway;
+
 /// Lines quoted when a process has failed.
 const QUOTED_LINES: usize = 8;
 
@@ -45,7 +47,7 @@ impl Output {
         match self.end() {
             Ok(end) if end.trim().is_empty() => format!("it printed nothing to {shown}"),
             Ok(end) => {
-                let lines: Vec<_> = end.lines().filter(|line| !line.trim().is_empty()).collect();
+                let lines: Vec<_> = end.lines().filter(|line| tells(line)).collect();
                 let quoted = &lines[lines.len().saturating_sub(QUOTED_LINES)..];
                 format!("the end of {shown}:\n    {}", quoted.join("\n    "))
             }
@@ -65,6 +67,11 @@ impl Output {
         file.read_to_end(&mut bytes)?;
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
+}
+
+/// Whether a line says anything of a failure.
+fn tells(line: &str) -> bool {
+    !line.trim().is_empty() && headway::read(line).is_none()
 }
 
 #[cfg(test)]

@@ -7,12 +7,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use protocol::config::{DEFAULT_PRESET, RunConfig};
-use protocol::log::recorded_configs;
+use protocol::durable::{self, is_unfinished};
+use protocol::log::{recorded_builds, recorded_configs};
+use protocol::provenance::Build;
 use protocol::run::RunFolder;
+use protocol::summary::Summary;
 use protocol::task::Task;
 
 use crate::refusal::{Refusal, wrong_usage};
-use crate::tasks;
+use crate::supervisor::{actors_wanted, forget_actors_wanted};
+use crate::{demonstrations, destination, tasks};
 
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";
@@ -49,10 +53,11 @@ impl Plan {
         let task = wishes.task.unwrap_or(Task::Navigation);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
         let config = tasks::configuration(task, preset, &wishes.settings)?;
+        let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), task));
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
-        Ok(Plan { folder, config: with_absolute_paths(config)?, resumed: false })
+        Ok(Plan { folder, config, resumed: false })
     }
 
     /// A new run with the configuration of another one.
@@ -75,6 +80,7 @@ impl Plan {
             .ok_or_else(|| wrong_usage("expected the run to continue: --resume needs --run DIR"))?;
         let folder = RunFolder::new(path);
         let old = folder.config()?;
+        refuse_unless_text(folder.path())?;
         refuse_if_changed(&folder, &old)?;
         let refuse = |wish: &str| {
             let shown = folder.path().display();
@@ -94,8 +100,11 @@ impl Plan {
                 return Err(refuse(setting));
             }
         }
-        let config = changed(&old, &wishes.settings)?;
-        Ok(Plan { folder, config, resumed: true })
+        // What `goalward scale` asked for holds on, unless the command line says otherwise.
+        let scaled = actors_wanted(&folder).map_err(Refusal::usage)?;
+        let scaled = scaled.map(|count| format!("resources.actors={count}"));
+        let settings: Vec<String> = scaled.into_iter().chain(wishes.settings).collect();
+        Ok(Plan { config: changed(&old, &settings)?, folder, resumed: true })
     }
 
     /// Makes the folder, takes its lock and writes the configuration into it.
@@ -104,18 +113,28 @@ impl Plan {
     /// When another `goalward train` has the folder, or the disk does not take the files.
     pub(crate) fn lay_out(&self) -> Result<File> {
         let failed = || format!("laying out the run in {}", self.folder.path().display());
-        fs::create_dir_all(self.folder.path()).with_context(failed)?;
+        durable::create_folder(self.folder.path()).with_context(failed)?;
         let lock = lock(&self.folder)?;
         if !self.resumed {
             // Between the first look and the lock somebody else may have been here.
             refuse_unless_free(&self.folder)?;
         }
+        self.clear().with_context(failed)?;
+        // A run begins with its configuration: what has none is free to be begun.
+        durable::write(&self.folder.config_file(), self.config.to_text()).with_context(failed)?;
         fs::create_dir_all(self.folder.output()).with_context(failed)?;
-        let file = self.folder.config_file();
-        let unfinished = file.with_extension("toml.new");
-        fs::write(&unfinished, self.config.to_text()).with_context(failed)?;
-        fs::rename(&unfinished, &file).with_context(failed)?;
+        forget_actors_wanted(&self.folder)?;
         Ok(lock)
+    }
+
+    /// Removes what an earlier start left that was cut off, and a summary that is none.
+    fn clear(&self) -> std::io::Result<()> {
+        durable::clear(self.folder.path())?;
+        durable::clear(&self.folder.checkpoints())?;
+        if Summary::of_run(&self.folder).is_err() {
+            fs::remove_file(self.folder.summary_file())?;
+        }
+        Ok(())
     }
 }
 
@@ -149,8 +168,31 @@ fn with_absolute_paths(mut config: RunConfig) -> Result<RunConfig> {
         *file = file
             .canonicalize()
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
+        refuse_unless_text(file)?;
     }
     Ok(config)
+}
+
+/// Another build may give another result, so a run goes on with the one it was trained by last.
+///
+/// # Errors
+/// Of wrong usage, in one line that names both.
+pub(crate) fn refuse_other_build(folder: &RunFolder) -> Result<()> {
+    if !folder.log().exists() {
+        return Ok(());
+    }
+    let builds = recorded_builds(&folder.log()).map_err(Refusal::usage)?;
+    let Some((last, (what, _))) =
+        builds.last().and_then(|last| Some((last, last.difference(Build::own())?)))
+    else {
+        return Ok(());
+    };
+    Err(wrong_usage(format!(
+        "{}: expected to be continued by the build that trained it, {last}, found {} (another \
+         {what}); --other-build continues it all the same",
+        folder.path().display(),
+        Build::own()
+    )))
 }
 
 /// A configuration that was edited since the run began would give another result.
@@ -170,7 +212,16 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
     )))
 }
 
+/// Paths of a run are in its configuration and in messages, as text.
+fn refuse_unless_text(path: &Path) -> Result<()> {
+    match destination::resolved(path)?.to_str() {
+        Some(_) => Ok(()),
+        None => Err(wrong_usage(format!("expected a path in UTF-8, found {}", path.display()))),
+    }
+}
+
 fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
+    refuse_unless_text(folder.path())?;
     let path = folder.path();
     let shown = path.display();
     if folder.config_file().exists() {
@@ -180,7 +231,7 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
         )));
     }
     match fs::read_dir(path) {
-        Ok(mut entries) => match entries.next() {
+        Ok(entries) => match entries.flatten().find(|entry| !is_unfinished(&entry.path())) {
             None => Ok(()),
             Some(_) => Err(wrong_usage(format!(
                 "expected a new or an empty folder for the run, found files in {shown}"
@@ -207,6 +258,7 @@ fn next_free(runs: &Path, task: Task) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::supervisor::want_actors;
 
     fn wishes(folder: &Path, settings: &[&str]) -> Wishes {
         Wishes {
@@ -246,6 +298,22 @@ mod tests {
     }
 
     #[test]
+    fn what_a_death_left_unfinished_is_cleared() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let left = durable::unfinished(&folder.config_file());
+        fs::write(&left, "seed = ").unwrap();
+        Plan::new_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
+        assert!(!left.exists() && folder.config().is_ok());
+
+        let left = durable::unfinished(&folder.checkpoint_folder(25));
+        fs::create_dir_all(&left).unwrap();
+        fs::write(folder.summary_file(), "").unwrap();
+        Plan::resumed_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
+        assert!(!left.exists() && !folder.summary_file().exists());
+    }
+
+    #[test]
     fn a_resumed_run_keeps_what_makes_its_result() {
         let directory = tempfile::tempdir().unwrap();
         let first = Wishes {
@@ -265,6 +333,25 @@ mod tests {
         assert!(other.to_string().contains("ppo.clip=0.3 would change"), "{other}");
         let preset = Wishes { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
         assert!(Plan::resumed_run(preset).is_err());
+    }
+
+    #[test]
+    fn a_resumed_run_keeps_the_actors_it_was_scaled_to() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let first = Plan::new_run(wishes(directory.path(), &["resources.actors=1"])).unwrap();
+        drop(first.lay_out().unwrap());
+        let resumed_with = |settings: &[&str]| {
+            let resumed = Plan::resumed_run(wishes(directory.path(), settings)).unwrap();
+            drop(resumed.lay_out().unwrap());
+            (resumed.config.resources.actors, folder.config().unwrap().resources.actors)
+        };
+        want_actors(&folder, 2).unwrap();
+        assert_eq!(resumed_with(&[]), (2, 2));
+        assert_eq!(resumed_with(&[]), (2, 2), "it is in the configuration now");
+        want_actors(&folder, 1).unwrap();
+        assert_eq!(resumed_with(&["resources.actors=3"]), (3, 3));
+        assert_eq!(resumed_with(&[]), (3, 3), "the older wish is forgotten");
     }
 
     #[test]

@@ -1,13 +1,27 @@
-//! Where the programs of a run are: beside `goalward` itself.
+//! The programs of a run: where they are, beside `goalward` itself, and how one is run to its end. What
+//! is started here ends with `goalward`, which holds its input.
 
 use std::io::Write;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use protocol::process::INPUT_IS_HELD;
 use serde::de::DeserializeOwned;
 
+use crate::headway;
 use crate::refusal::Refusal;
+use crate::status_line::StatusLine;
+use crate::supervisor::Signals;
+
+/// How often a program is looked at if no signal says so.
+const TICK: Duration = Duration::from_millis(100);
+
+/// How long a program may take to stop.
+const STOP_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A program that `goalward` starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,12 +47,14 @@ impl Program {
         }
     }
 
-    /// A command that runs it, without arguments yet.
+    /// A command that runs it, without arguments yet; it stops when its input ends, which is to be a pipe.
     ///
     /// # Errors
     /// When it is not where it should be.
     pub(crate) fn command(self) -> Result<Command> {
-        Ok(Command::new(self.path()?))
+        let mut command = Command::new(self.path()?);
+        command.env(INPUT_IS_HELD, "1");
+        Ok(command)
     }
 
     fn path(self) -> Result<PathBuf> {
@@ -54,26 +70,117 @@ impl Program {
     }
 }
 
-/// Runs a program that prints its figures as JSON, its diagnostics going where ours go.
+/// Runs a program that prints its figures as JSON, its diagnostics going where ours go. How far it says
+/// it is with what it is `doing` is shown meanwhile.
 ///
 /// # Errors
 /// When it cannot start, fails, or prints something else.
-pub(crate) fn figures<T: DeserializeOwned>(program: &mut Command) -> Result<T> {
-    figures_of(program, &[])
+pub(crate) fn figures<T: DeserializeOwned>(
+    program: &mut Command,
+    doing: &'static str,
+) -> Result<T> {
+    let mut started = Started::new(program, doing, StatusLine::beside_data())?;
+    let input = started.child.stdin.take();
+    let figures = started.figures();
+    drop(input);
+    figures
 }
 
 /// The same for a program that reads `input` before it prints.
 ///
 /// # Errors
 /// As [`figures`].
-pub(crate) fn figures_of<T: DeserializeOwned>(program: &mut Command, input: &[u8]) -> Result<T> {
-    let program = program.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::inherit());
-    let mut started = program.spawn().context("starting a program")?;
-    let written = started.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
-    let ended = started.wait_with_output().context("waiting for a program")?;
-    expect_success(ended.status)?;
+pub(crate) fn figures_of<T: DeserializeOwned>(
+    program: &mut Command,
+    doing: &'static str,
+    input: &[u8],
+) -> Result<T> {
+    let mut started = Started::new(program, doing, StatusLine::beside_data())?;
+    let written = started.child.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
+    let figures = started.figures()?;
     written.context("writing to a program")?;
-    serde_json::from_slice(&ended.stdout).context("reading a program's figures")
+    Ok(figures)
+}
+
+/// Runs a program to its end, or to that which the user wishes: then its input ends, and soon it does.
+/// How far it says it is with what it is `doing` is shown on `line`. Gives how it ended; none if the user
+/// has stopped it.
+///
+/// # Errors
+/// When it cannot start.
+pub(crate) fn run_unless_stopped(
+    program: &mut Command,
+    doing: &'static str,
+    line: StatusLine,
+) -> Result<Option<ExitStatus>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    runtime.context("preparing to wait for a program")?.block_on(async {
+        let mut signals = Signals::listen()?;
+        // In a group of its own: Ctrl-C is for `goalward` alone.
+        let mut started = Started::new(program.process_group(0), doing, line)?;
+        let stopped = started.attend(&mut signals).await?;
+        let (status, _) = started.end()?;
+        Ok((!stopped).then_some(status))
+    })
+}
+
+/// A program at work, and who reads what it prints.
+struct Started {
+    child: Child,
+    printed: JoinHandle<std::io::Result<Vec<u8>>>,
+}
+
+impl Started {
+    fn new(program: &mut Command, doing: &'static str, line: StatusLine) -> Result<Started> {
+        let program = program.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = program.spawn().context("starting a program")?;
+        let output = child.stdout.take().context("a program has an output")?;
+        let printed = headway::follow(output, doing, line).context("listening to a program")?;
+        Ok(Started { child, printed })
+    }
+
+    /// Waits until it has ended; returns whether the user wished it to.
+    async fn attend(&mut self, signals: &mut Signals) -> Result<bool> {
+        const WAITING: &str = "waiting for a program";
+        let input = self.child.stdin.take();
+        while self.child.try_wait().context(WAITING)?.is_none() {
+            tokio::select! {
+                () = signals.stop.next() => {
+                    drop(input);
+                    return self.expect_end(signals).await.context(WAITING).map(|()| true);
+                }
+                () = signals.child.next() => {}
+                () = tokio::time::sleep(TICK) => {}
+            }
+        }
+        Ok(false)
+    }
+
+    /// Waits for the end of a program that has been told, and ends it when it takes too long.
+    async fn expect_end(&mut self, signals: &mut Signals) -> std::io::Result<()> {
+        let deadline = tokio::time::Instant::now() + STOP_PATIENCE;
+        while self.child.try_wait()?.is_none() {
+            tokio::select! {
+                () = signals.child.next() => {}
+                () = signals.stop.next() => return self.child.kill(),
+                () = tokio::time::sleep_until(deadline) => return self.child.kill(),
+            }
+        }
+        Ok(())
+    }
+
+    fn figures<T: DeserializeOwned>(self) -> Result<T> {
+        let (status, printed) = self.end()?;
+        expect_success(status)?;
+        serde_json::from_slice(&printed).context("reading a program's figures")
+    }
+
+    /// How it ended, and what it printed besides how far it was.
+    fn end(mut self) -> Result<(ExitStatus, Vec<u8>)> {
+        let status = self.child.wait().context("waiting for a program")?;
+        let printed = self.printed.join().unwrap_or_else(|_| Ok(Vec::new()));
+        Ok((status, printed.context("reading from a program")?))
+    }
 }
 
 /// Checks how a program ended that has said why, had it failed.

@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::io::Write;
 
-use protocol::messages::{Phase, Progress};
+use protocol::messages::{Phase, Pretraining, Progress};
 
 use crate::figures;
 use crate::status_line::StatusLine;
@@ -70,6 +70,11 @@ pub(crate) fn print_line(text: &str) {
     writeln!(std::io::stdout(), "{text}").ok();
 }
 
+/// Prints a remark for people to standard error.
+pub(crate) fn print_remark(text: &str) {
+    writeln!(std::io::stderr(), "goalward: {text}").ok();
+}
+
 /// The figures in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are
 /// those learned from.
 fn line(progress: &Progress, per_second: f64) -> String {
@@ -77,7 +82,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let Some(update) = &progress.update else {
         let received = figures::count(progress.steps_received);
         return match phase {
-            Ok(Phase::Pretraining) => "training the reward model offline".to_owned(),
+            Ok(Phase::Pretraining) => offline(progress),
             _ => format!("first rollout: {received} steps received"),
         };
     };
@@ -85,7 +90,8 @@ fn line(progress: &Progress, per_second: f64) -> String {
         Ok(Phase::Pretraining) => "waiting for the proximity service  ",
         Ok(Phase::Evaluating) => "evaluating  ",
         Ok(Phase::DiskFull) => "WAITING FOR ROOM ON THE DISK  ",
-        Ok(Phase::Training | Phase::Finished) | Err(_) => "",
+        Ok(Phase::Finished) => "ending  ",
+        Ok(Phase::Training) | Err(_) => "",
     };
     let (done, wanted) = (update.environment_steps, progress.steps_wanted);
     if wanted == 0 {
@@ -101,7 +107,9 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
     let reward_loss = learned.map_or(String::new(), |update| {
         let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
-        format!("  reward loss {}+{}", figures::number(demonstrations), figures::number(agent))
+        let (demonstrations, agent) = (figures::number(demonstrations), figures::number(agent));
+        let steps = figures::count(update.gradient_steps);
+        format!("  reward loss {demonstrations}+{agent} in {steps} gradient steps")
     });
     format!(
         "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{reward_loss}  \
@@ -117,6 +125,15 @@ fn line(progress: &Progress, per_second: f64) -> String {
         progress.actors,
         progress.leases,
     )
+}
+
+/// What offline training says of itself, once the service has begun it.
+pub(crate) fn offline(progress: &Progress) -> String {
+    let doing = "training the reward model offline";
+    let Some(Pretraining { done, total }) = progress.pretraining else { return doing.to_owned() };
+    let percent = figures::percent_done(done, total);
+    let [done, total] = [done, total].map(figures::count);
+    format!("{doing}: {done} of {total} gradient steps ({percent} %)")
 }
 
 /// What a line of progress says.
@@ -194,6 +211,7 @@ mod tests {
         };
         let reward_update = RewardUpdate {
             model_version: 1,
+            gradient_steps: 64,
             demonstration_loss: number,
             agent_loss: number,
             ..RewardUpdate::default()
@@ -215,7 +233,7 @@ mod tests {
         assert_eq!(
             line,
             "409,600/1,500,000 steps  27 %  success 50 %  5,000 steps/s  3 min 38 s left  \
-             KL 0.500  value loss 0.500  reward loss 0.500+0.500  actors 2  leases 32"
+             KL 0.500  value loss 0.500  reward loss 0.500+0.500 in 64 gradient steps  actors 2  leases 32"
         );
     }
 
@@ -245,6 +263,9 @@ mod tests {
     fn before_the_first_update_it_says_what_is_going_on() {
         let mut progress = Progress::default();
         assert_eq!(line(&progress, f64::NAN), "training the reward model offline");
+        progress.pretraining = Some(Pretraining { done: 1500, total: 6000 });
+        let expected = "training the reward model offline: 1,500 of 6,000 gradient steps (25 %)";
+        assert_eq!(line(&progress, f64::NAN), expected);
         progress.phase = Phase::Training as i32;
         progress.steps_received = 1024;
         assert_eq!(line(&progress, f64::NAN), "first rollout: 1,024 steps received");

@@ -1,5 +1,5 @@
-//! Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, 130 stopped before
-//! all was done.
+//! Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, 130 stopped by the
+//! user before all was done.
 
 use std::fmt::Display;
 use std::process::ExitCode;
@@ -10,9 +10,9 @@ pub(crate) const WRONG_USAGE: u8 = 2;
 /// Exit code of a command that finished although data was lost.
 const DATA_LOST: u8 = 3;
 
-/// Exit code of an experiment that the user stopped, so that no script takes it for done; shells have
-/// the same for Ctrl-C.
-pub(crate) const STOPPED: u8 = 130;
+/// Exit code of what the user stopped, so that no script takes it for done; shells have the same for
+/// Ctrl-C.
+const STOPPED: u8 = 130;
 
 /// An error that is not a plain failure.
 #[derive(Debug, thiserror::Error)]
@@ -23,8 +23,8 @@ pub(crate) enum Refusal {
     /// The command finished, but not everything that was recorded is there.
     #[error("{0}")]
     DataLost(String),
-    /// A program that was started ended with this code, and has said why itself.
-    #[error("a program ended with exit code {0}")]
+    /// Ends with this code; why has been said already.
+    #[error("ended with exit code {0}")]
     Explained(u8),
 }
 
@@ -38,6 +38,11 @@ impl Refusal {
 /// Wrong usage, in one line.
 pub(crate) fn wrong_usage(message: impl Display) -> anyhow::Error {
     Refusal::WrongUsage(message.to_string()).into()
+}
+
+/// The end that the user wished for, who has been told of it.
+pub(crate) fn stopped() -> anyhow::Error {
+    Refusal::Explained(STOPPED).into()
 }
 
 /// Whether the user has been told of the error already.

@@ -1,12 +1,11 @@
 //! The line that says how something long stands: on a terminal it updates itself, into a pipe it is
 //! printed now and then.
 
-use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::progress::print_line;
+use crate::progress::{print_line, print_remark};
 
 /// Time between two lines in a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -14,12 +13,17 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// The same if there is nothing new to say.
 const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
 
-/// A line on standard output, and remarks on standard error.
+/// A line, and remarks on standard error.
 pub(crate) enum StatusLine {
     /// It stays at the bottom.
     Terminal(ProgressBar),
     /// It comes again when it is due.
-    Pipe(Printed),
+    Pipe {
+        /// What has been printed.
+        printed: Printed,
+        /// Where to.
+        print: fn(&str),
+    },
 }
 
 /// What has been printed to a pipe.
@@ -47,12 +51,30 @@ impl Printed {
 }
 
 impl StatusLine {
-    /// For a terminal if standard output is one, for a pipe otherwise.
+    /// On standard output: for a terminal if it is one that can redraw a line, which one called `dumb`
+    /// cannot; for a pipe otherwise.
     pub(crate) fn new() -> Self {
-        if !std::io::stdout().is_terminal() {
-            return StatusLine::Pipe(Printed::default());
+        Self::on(ProgressDrawTarget::stdout(), print_line)
+    }
+
+    /// The same on standard error, where standard output is for data.
+    pub(crate) fn beside_data() -> Self {
+        Self::on(ProgressDrawTarget::stderr(), print_remark)
+    }
+
+    /// The same line for what may be done in a moment: nothing of that is printed to a pipe.
+    pub(crate) fn patient(mut self) -> Self {
+        if let StatusLine::Pipe { printed, .. } = &mut self {
+            printed.last = Some((Instant::now(), String::new()));
         }
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
+        self
+    }
+
+    fn on(target: ProgressDrawTarget, print: fn(&str)) -> Self {
+        if target.is_hidden() {
+            return StatusLine::Pipe { printed: Printed::default(), print };
+        }
+        let bar = ProgressBar::with_draw_target(None, target);
         bar.set_style(
             ProgressStyle::with_template("{spinner} {wide_msg}")
                 .expect("the template is well formed"),
@@ -64,7 +86,7 @@ impl StatusLine {
     pub(crate) fn say(&self, text: &str) {
         match self {
             StatusLine::Terminal(bar) => bar.set_message(text.to_owned()),
-            StatusLine::Pipe(_) => print_line(text),
+            StatusLine::Pipe { print, .. } => print(text),
         }
     }
 
@@ -76,9 +98,9 @@ impl StatusLine {
                 bar.set_message(line.to_owned());
                 bar.tick();
             }
-            StatusLine::Pipe(printed) => {
+            StatusLine::Pipe { printed, print } => {
                 if printed.is_due(Instant::now(), tenth, is_news, line) {
-                    print_line(line);
+                    print(line);
                 }
             }
         }
@@ -93,10 +115,10 @@ impl StatusLine {
 
     /// Prints a remark for people on standard error, above the line.
     pub(crate) fn note(&self, text: &str) {
-        let print = || writeln!(std::io::stderr(), "goalward: {text}").ok();
+        let print = || print_remark(text);
         match self {
             StatusLine::Terminal(bar) => bar.suspend(print),
-            StatusLine::Pipe(_) => print(),
+            StatusLine::Pipe { .. } => print(),
         };
     }
 
@@ -126,5 +148,14 @@ mod tests {
         assert!(!is_due(12, 0, "d"), "going back is no news");
         assert!(!is_due(30, 1, "c"), "nothing new");
         assert!(is_due(71, 1, "c"));
+    }
+
+    #[test]
+    fn a_patient_line_says_nothing_of_a_moment() {
+        let line = StatusLine::Pipe { printed: Printed::default(), print: print_line };
+        let StatusLine::Pipe { mut printed, .. } = line.patient() else { unreachable!() };
+        let now = Instant::now();
+        assert!(!printed.is_due(now, 0, false, "a"));
+        assert!(printed.is_due(now + LINE_EVERY, 0, false, "b"));
     }
 }

@@ -1,8 +1,19 @@
 //! Figures of a finished run, as people read them.
 
+use protocol::provenance;
+use protocol::run::RunFolder;
 use protocol::summary::{Seconds, Summary};
 
 use crate::figures;
+
+/// The summary of a finished run. A damaged one makes no run finished: `remark` is told, and the run
+/// can be continued, which writes it anew.
+pub(crate) fn of_finished(folder: &RunFolder, remark: impl FnOnce(&str)) -> Option<Summary> {
+    Summary::of_run(folder).unwrap_or_else(|error| {
+        remark(&format!("{error}; the run counts as unfinished, --resume writes it anew"));
+        None
+    })
+}
 
 /// The figures as a table, one row a line.
 pub(crate) fn table(summary: &Summary) -> String {
@@ -43,6 +54,7 @@ pub(crate) fn table(summary: &Summary) -> String {
         ("time", time),
         ("policy sha256", summary.policy_sha256.clone()),
         ("proximity sha256", summary.proximity_sha256.clone()),
+        ("build", provenance::shown(&summary.builds)),
         ("log", log),
         stages,
         actors,
@@ -96,6 +108,7 @@ mod tests {
             "4 min 11 s",
             "41.2 MiB in 3",
             "scoring 30.0 %",
+            "unknown build",
         ] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }

@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 use networks::RunningNormalizer;
 use protocol::messages::Score;
+use protocol::process::Final;
 use protocol::task::{Spec, floats};
 use protocol::trajectory::{Encoded, Ending};
 
@@ -48,12 +49,17 @@ impl Batch {
             let trajectory = &encoded.trajectory;
             let steps = trajectory.steps as usize;
             ensure!(
-                score.rewards.len() == steps && score.rewards.iter().all(|r| r.is_finite()),
-                "lane {} episode {}: expected {steps} finite rewards, found {:?}",
+                score.rewards.len() == steps,
+                "lane {} episode {}: expected {steps} rewards, found {}",
                 trajectory.lane,
                 trajectory.episode,
-                score.rewards
+                score.rewards.len()
             );
+            if !score.rewards.iter().all(|reward| reward.is_finite()) {
+                let (lane, episode) = (trajectory.lane, trajectory.episode);
+                let message = format!("lane {lane} episode {episode}: expected finite rewards");
+                return Err(Final(format!("the reward model diverged: {message}")).into());
+            }
             let observations = trajectory.observations();
             let (acted_on, last) = observations.split_at(steps * spec.observation.bytes());
             batch.observations.extend(acted_on);

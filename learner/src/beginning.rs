@@ -1,7 +1,9 @@
 //! Where training begins: afresh, or from the newest checkpoint and the log before it.
 
 use anyhow::{Context, Result, anyhow};
+use protocol::checkpoint;
 use protocol::config::{Learner, RunConfig};
+use protocol::durable;
 use protocol::log::{Batches, Record, log_files, read_run, repair};
 use protocol::run::{LEARNER_FILE, RunFolder};
 use protocol::tensors::Tensors;
@@ -18,20 +20,20 @@ pub(crate) struct Beginning {
 impl Beginning {
     /// Seals the log that an interrupted run left, and reads its newest checkpoint.
     pub(crate) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
-        std::fs::create_dir_all(folder.log())?;
+        durable::create_folder(&folder.log())?;
         for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
             tracing::info!("{}", repair(&file.path)?);
         }
         let mut beginning = Beginning::fresh(folder, config)?;
-        let Some((iteration, checkpoint)) = folder.newest_checkpoint() else {
-            return Ok(beginning);
-        };
+        let found = checkpoint::settle(folder)?;
+        found.remarks().iter().for_each(|remark| tracing::warn!("{remark}"));
+        let Some(newest) = found.newest else { return Ok(beginning) };
+        let iteration = newest.iteration;
         tracing::info!("continuing after iteration {iteration}");
-        let file = checkpoint.join(LEARNER_FILE);
         beginning
-            .restore(&Tensors::load(&file)?)
+            .restore(&newest.load(LEARNER_FILE)?)
             .map_err(|message| anyhow!(message))
-            .with_context(|| format!("checkpoint {}", file.display()))?;
+            .with_context(|| format!("checkpoint {}", newest.folder.display()))?;
         if beginning.learner.remembers() {
             remember(folder, config, iteration, &mut *beginning.learner)?;
         }

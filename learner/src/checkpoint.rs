@@ -4,10 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use protocol::Error;
 use protocol::messages::{Checkpoint, Phase};
+use protocol::process::Final;
 use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use protocol::tensors::Tensors;
+use protocol::{Error, durable};
 
 use crate::desk::{DISK_PATIENCE, Entry, Order};
 use crate::scoring::Refused;
@@ -21,22 +22,37 @@ impl Trainer {
         if folder.exists() {
             return Ok(());
         }
-        let unfinished = folder.with_extension("unfinished");
+        let unfinished = durable::unfinished(&folder);
+        self.place.check()?;
         while let Err(error) = self.write(&unfinished, &folder) {
+            self.place.check()?;
             let error = error.context(format!("checkpoint {}", folder.display()));
             if self.stop.is_requested() || !is_of_the_disk(&error) {
                 return Err(error);
             }
             tracing::error!("paused until the checkpoint can be written: {error:#}");
             self.tell(Phase::DiskFull, None, None)?;
-            std::thread::sleep(DISK_PATIENCE);
+            self.stop.sleep(DISK_PATIENCE);
         }
+        self.forget_offline_training()?;
         let mut folders = self.folder.checkpoint_folders();
         folders.truncate(folders.len().saturating_sub(self.config.checkpoint.keep));
         for (_, old) in folders {
-            fs::remove_dir_all(&old).with_context(|| format!("removal of {}", old.display()))?;
+            durable::remove_folder(&old)
+                .with_context(|| format!("removal of {}", old.display()))?;
         }
         Ok(())
+    }
+
+    /// What the service keeps of offline training is of no use any more once there is a checkpoint.
+    fn forget_offline_training(&self) -> Result<()> {
+        let file = self.folder.offline_file();
+        match fs::remove_file(&file) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("removal of {}", file.display()))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The log, with the checkpoint's own record, is on the disk before the checkpoint appears.
@@ -44,26 +60,31 @@ impl Trainer {
         if unfinished.exists() {
             fs::remove_dir_all(unfinished)?;
         }
-        fs::create_dir_all(unfinished)?;
+        durable::create_folder(unfinished)?;
         let policy = self.state.policy.weights(self.state.iteration);
-        policy.save(&unfinished.join(POLICY_FILE))?;
+        let policy_file_sha256 = policy.save(&unfinished.join(POLICY_FILE))?;
         let mut tensors = Tensors::default();
         self.state.save(&mut tensors);
         self.learner.save(&mut tensors);
-        tensors.save(&unfinished.join(LEARNER_FILE))?;
+        tensors
+            .expect_finite()
+            .map_err(|message| Final(format!("the learner diverged: {message}")))?;
+        let learner_file_sha256 = tensors.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
-        let proximity_sha256 = self.scoring.save(&path.display().to_string())?;
+        let proximity = self.scoring.save(&path.display().to_string())?;
         let relative = folder.strip_prefix(self.folder.path()).unwrap_or(folder);
         let checkpoint = Checkpoint {
             iteration: self.state.iteration,
             path: relative.display().to_string(),
             policy_sha256: policy.sha256(),
-            proximity_sha256,
+            proximity_sha256: proximity.weights_sha256,
+            policy_file_sha256,
+            learner_file_sha256,
+            proximity_file_sha256: proximity.file_sha256,
         };
         self.desk.order(Order::Record(Entry::Checkpoint(checkpoint)))?;
         self.desk.sync()?;
-        fs::rename(unfinished, folder)?;
-        Ok(fs::File::open(self.folder.checkpoints())?.sync_all()?)
+        Ok(durable::rename(unfinished, folder)?)
     }
 }
 

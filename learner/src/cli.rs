@@ -4,12 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
+use protocol::diagnostics::Diagnostics;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 
 /// Turns trajectories and their scores into policy weights.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-learner", version)]
+#[command(name = "goalward-learner", version = protocol::provenance::version())]
 struct Arguments {
     /// Folder of the run; a run with a checkpoint is continued.
     #[arg(long)]
@@ -19,6 +20,7 @@ struct Arguments {
 /// Runs the process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let stop = Stop::at_end_of_input();
-    process::run(|| crate::run(&RunFolder::new(arguments.run), &stop))
+    process::run(Diagnostics::of_service(), || {
+        crate::run(&RunFolder::new(arguments.run), &Stop::at_end_of_input()?)
+    })
 }

@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, ensure};
 use protocol::messages::Lease;
 use protocol::trajectory::{Encoded, Source};
 
@@ -20,6 +19,61 @@ pub struct LanePlan {
     pub steps_owed: u64,
     /// Least number of episodes.
     pub episodes_owed: u64,
+}
+
+/// Most leases of one answer, so that it fits its place on the bus whatever the asker wants.
+const LEASES_AT_ONCE: usize = 128;
+
+/// Why a trajectory is no part of a rollout that it says it belongs to.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unusable {
+    /// Somebody else acted.
+    #[error("lane {lane} episode {episode}: expected policy version {expected}, found {found}")]
+    PolicyVersion {
+        /// Its lane.
+        lane: u64,
+        /// Its episode.
+        episode: u64,
+        /// The version that acts in this rollout.
+        expected: u64,
+        /// The version it names.
+        found: u64,
+    },
+    /// There is no such lane.
+    #[error("expected a lane below {lanes}, found {found}")]
+    Lane {
+        /// Lanes of the rollout.
+        lanes: usize,
+        /// The lane it names.
+        found: u64,
+    },
+    /// No lease reaches so far.
+    #[error("lane {lane}: expected an episode below {end}, found {found}")]
+    Episode {
+        /// Its lane.
+        lane: u64,
+        /// The first episode that the lane cannot owe.
+        end: u64,
+        /// The episode it names.
+        found: u64,
+    },
+    /// A lease gives the same bytes whoever runs it; one of the two is wrong. The first stays.
+    #[error(
+        "lane {lane} episode {episode} came twice and differs: {kept:016x} is kept, \
+         {found:016x} is not; held by {holder}"
+    )]
+    Differs {
+        /// Its lane.
+        lane: u64,
+        /// Its episode.
+        episode: u64,
+        /// Hash of the one that came first.
+        kept: u64,
+        /// Hash of this one.
+        found: u64,
+        /// The actor that holds the lane's lease, or "nobody".
+        holder: String,
+    },
 }
 
 /// The rollout of one iteration.
@@ -66,7 +120,7 @@ impl Rollout {
         now: Instant,
     ) -> Vec<Lease> {
         let open = self.lanes.iter().filter(|lane| lane.is_open()).count();
-        let share = open.div_ceil(2 * actors.max(1)).min(capacity);
+        let share = open.div_ceil(2 * actors.max(1)).min(capacity).min(LEASES_AT_ONCE);
         let mut leases = Vec::with_capacity(share);
         for (number, lane) in self.lanes.iter_mut().enumerate() {
             if leases.len() == share {
@@ -91,38 +145,38 @@ impl Rollout {
     }
 
     /// Takes in a trajectory; says whether it is new to this rollout.
-    pub fn receive(&mut self, encoded: Encoded) -> Result<bool> {
+    ///
+    /// # Errors
+    /// When it names this rollout and is no part of it. Then nothing has changed.
+    pub fn receive(&mut self, encoded: Encoded) -> Result<bool, Unusable> {
         let trajectory = &encoded.trajectory;
         if trajectory.source != self.source as i32 || trajectory.iteration != self.iteration {
             return Ok(false);
         }
-        ensure!(
-            trajectory.policy_version == self.policy_version,
-            "lane {} episode {}: expected policy version {}, found {}",
-            trajectory.lane,
-            trajectory.episode,
-            self.policy_version,
-            trajectory.policy_version
-        );
+        let (lane, episode) = (trajectory.lane, trajectory.episode);
+        let (expected, found) = (self.policy_version, trajectory.policy_version);
+        if expected != found {
+            return Err(Unusable::PolicyVersion { lane, episode, expected, found });
+        }
         let lanes = self.lanes.len();
-        let Some(lane) = self.lanes.get_mut(trajectory.lane as usize) else {
-            anyhow::bail!("expected a lane below {lanes}, found {}", trajectory.lane);
-        };
-        if trajectory.episode < lane.plan.first_episode || lane.is_complete() {
+        let place = usize::try_from(lane).ok().and_then(|lane| self.lanes.get_mut(lane));
+        let place = place.ok_or(Unusable::Lane { lanes, found: lane })?;
+        let end = place.plan.end();
+        if episode >= end {
+            return Err(Unusable::Episode { lane, end, found: episode });
+        }
+        if let Some(known) = place.received.get(&episode) {
+            let (kept, found) = (known.key.hash, encoded.key.hash);
+            if kept == found {
+                return Ok(false);
+            }
+            let holder = place.holder.as_ref().map_or("nobody", |holder| &holder.actor).to_owned();
+            return Err(Unusable::Differs { lane, episode, kept, found, holder });
+        }
+        if episode < place.plan.first_episode || place.is_complete() {
             return Ok(false);
         }
-        if let Some(known) = lane.received.get(&trajectory.episode) {
-            ensure!(
-                known.key.hash == encoded.key.hash,
-                "lane {} episode {} came twice and differs: {:016x}, {:016x}",
-                trajectory.lane,
-                trajectory.episode,
-                known.key.hash,
-                encoded.key.hash
-            );
-            return Ok(false);
-        }
-        lane.received.insert(trajectory.episode, encoded);
+        place.received.insert(episode, encoded);
         Ok(true)
     }
 
@@ -159,6 +213,18 @@ impl Rollout {
         self.lanes.iter().filter(|lane| lane.holder.is_some() && !lane.is_complete()).count()
     }
 
+    /// Leases that an actor holds and has not completed.
+    pub fn held_by(&self, actor: &str) -> usize {
+        let holds = |lane: &&Lane| lane.holder.as_ref().is_some_and(|holder| holder.actor == actor);
+        self.lanes.iter().filter(holds).filter(|lane| !lane.is_complete()).count()
+    }
+
+    /// The actor that holds the lease of a lane.
+    pub fn holder(&self, lane: u64) -> Option<&str> {
+        let lane = self.lanes.get(usize::try_from(lane).ok()?)?;
+        lane.holder.as_ref().map(|holder| holder.actor.as_str())
+    }
+
     /// Whether some lease is waiting for an actor.
     pub fn has_open_leases(&self) -> bool {
         self.lanes.iter().any(Lane::is_open)
@@ -180,7 +246,14 @@ impl Rollout {
 
     /// The trajectories in batch order: by lane, then by episode.
     pub fn into_batch(self) -> Vec<Encoded> {
-        self.lanes.into_iter().flat_map(|lane| lane.received.into_values()).collect()
+        self.lanes.into_iter().flat_map(Lane::into_owed).collect()
+    }
+}
+
+impl LanePlan {
+    /// The first episode that cannot be owed any more: every episode has a step at least.
+    fn end(&self) -> u64 {
+        self.first_episode.saturating_add(self.steps_owed.max(self.episodes_owed))
     }
 }
 
@@ -194,10 +267,18 @@ impl Lane {
         rest.steps_owed == 0 && rest.episodes_owed == 0
     }
 
+    /// The episodes that were owed. What came beyond them is nobody's.
+    fn into_owed(self) -> impl Iterator<Item = Encoded> {
+        let end = self.rest().first_episode;
+        self.received.into_iter().take_while(move |(episode, _)| *episode < end).map(|(_, one)| one)
+    }
+
     /// What is still owed after the episodes received without a gap.
     fn rest(&self) -> LanePlan {
         let mut rest = self.plan;
-        while let Some(encoded) = self.received.get(&rest.first_episode) {
+        while (rest.steps_owed, rest.episodes_owed) != (0, 0)
+            && let Some(encoded) = self.received.get(&rest.first_episode)
+        {
             rest.first_episode += 1;
             rest.steps_owed = rest.steps_owed.saturating_sub(steps(encoded));
             rest.episodes_owed = rest.episodes_owed.saturating_sub(1);

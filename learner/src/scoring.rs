@@ -1,31 +1,46 @@
 //! The learner's side of the proximity service: batches named, scores fetched, training ordered.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
+use bytes::Bytes;
 use prost::Message;
-use protocol::bus::{Bus, Client, Doorbell, Pending, Role, SharedMemory};
+use protocol::bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME, SharedMemory};
 use protocol::messages::{
-    Answer, Ask, Batch, Begin, IterationRequest, RewardUpdate, Save, Score, ServiceReply,
-    ServiceRequest,
+    Answer, Ask, Batch, Begin, IterationRequest, Pretraining, RewardUpdate, Save, Saved, Score,
+    ServiceReply, ServiceRequest,
 };
+use protocol::process::{Final, Stop};
 use protocol::trajectory::{Encoded, TrajectoryKey};
 
-/// Longest wait for a single answer; offline training of a large demonstration set is the longest.
-const DEADLINE: Duration = Duration::from_secs(600);
-
-/// How often a dead service is looked for while an answer is awaited.
+/// How often a waiting learner looks whether the service still lives and whether it is to stop.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
+
+/// How long a service that is not on the bus is waited for. One that is there works, however long it
+/// takes.
+const ABSENCE_PATIENCE: Duration = Duration::from_secs(30);
+
+/// How long an answer is waited for once a stop is requested.
+const STOP_PATIENCE: Duration = Duration::from_secs(60);
 
 /// The learner's side of the proximity service.
 pub struct Scoring {
     bus: Bus,
     client: Client<SharedMemory>,
     doorbell: Doorbell<SharedMemory>,
+    stop: Stop,
 }
 
 /// Training of the reward model, under way while the policy is updated.
 pub struct Improvement(Pending<SharedMemory>);
+
+/// Where the service stands that was asked to begin.
+pub enum Begun {
+    /// It trains offline and is to be asked again.
+    Pretraining(Pretraining),
+    /// It is where it was asked to be.
+    Ready(RewardUpdate),
+}
 
 /// The service lives and could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -33,18 +48,20 @@ pub struct Improvement(Pending<SharedMemory>);
 pub struct Refused(String);
 
 impl Scoring {
-    /// Opens the client over the trainer's bus.
-    pub fn open(bus: Bus) -> Result<Scoring> {
+    /// Opens the client over the trainer's bus. Once `stop` is requested a service that is gone is not
+    /// waited for.
+    pub fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
         let client = bus.score_client(Role::Learner)?;
         let doorbell = bus.doorbell(Role::Learner)?;
-        Ok(Scoring { bus, client, doorbell })
+        Ok(Scoring { bus, client, doorbell, stop: stop.clone() })
     }
 
     /// Brings the service to the state after `iteration` iterations.
-    pub fn begin(&self, iteration: u64, checkpoint: &str) -> Result<RewardUpdate> {
+    pub fn begin(&self, iteration: u64, checkpoint: &str) -> Result<Begun> {
         let begin = Begin { iteration, checkpoint: checkpoint.to_owned() };
         match self.ask(Ask::Begin(begin))? {
-            Answer::Updated(update) => Ok(update),
+            Answer::Updated(update) => Ok(Begun::Ready(update)),
+            Answer::Pretraining(pretraining) => Ok(Begun::Pretraining(pretraining)),
             other => bail!("begin: expected an update, found {other:?}"),
         }
     }
@@ -94,39 +111,138 @@ impl Scoring {
 
     /// Waits for the training to end.
     pub fn improved(&self, improvement: Improvement) -> Result<RewardUpdate> {
+        let mut wait = Wait::default();
         loop {
-            if let Some(bytes) = improvement.0.poll()? {
-                return match answer(&bytes)? {
+            if let Some(answer) = improvement.0.poll()?.and_then(answer) {
+                return match unless_refused(answer)? {
                     Answer::Updated(update) => Ok(update),
                     other => bail!("improve: expected an update, found {other:?}"),
                 };
             }
             self.doorbell.wait(LOOK_AGAIN)?;
-            self.bus.clean_up();
+            self.expect_service(&mut wait)?;
         }
     }
 
-    /// Has the service write its checkpoint file; returns the hash of its weights.
+    /// Has the service write its checkpoint file; returns the hashes of its weights and of the file.
     ///
     /// # Errors
     /// [`Refused`] if the service cannot write it.
-    pub fn save(&self, path: &str) -> Result<String> {
+    pub fn save(&self, path: &str) -> Result<Saved> {
         match self.ask(Ask::Save(Save { path: path.to_owned() }))? {
-            Answer::Saved(sha256) => Ok(sha256),
-            other => bail!("save: expected a hash, found {other:?}"),
+            Answer::Saved(saved) => Ok(saved),
+            other => bail!("save: expected hashes, found {other:?}"),
         }
     }
 
+    /// Asks until there is an answer; again when the service has come since, or has died.
     fn ask(&self, ask: Ask) -> Result<Answer> {
         let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
-        answer(&self.client.ask(&request, DEADLINE, &self.doorbell)?)
+        let mut wait = Wait::default();
+        let mut sent = self.client.send(&request);
+        loop {
+            // None where the question is lost.
+            let polled = sent.as_ref().ok().and_then(|pending| pending.poll().ok());
+            let is_lost = polled.is_none();
+            if let Some(bytes) = polled.flatten() {
+                match answer(bytes) {
+                    Some(answer) => return unless_refused(answer),
+                    // Another server's answer may be waiting already.
+                    None => continue,
+                }
+            }
+            self.doorbell.wait(LOOK_AGAIN)?;
+            self.expect_service(&mut wait)?;
+            if is_lost {
+                sent = self.client.send(&request);
+            }
+        }
+    }
+
+    /// Goes on waiting for the service, unless it has been gone for too long.
+    fn expect_service(&self, wait: &mut Wait) -> Result<()> {
+        let now = Instant::now();
+        if wait.looked.is_some_and(|looked| now.duration_since(looked) < LOOK_AGAIN) {
+            return Ok(());
+        }
+        wait.looked = Some(now);
+        self.bus.clean_up();
+        let is_there = self.bus.alive()?.iter().any(|name| name == SERVICE_NAME);
+        wait.expect(is_there, self.stop.is_requested(), now)
     }
 }
 
-fn answer(bytes: &[u8]) -> Result<Answer> {
-    match ServiceReply::decode(bytes).context("reply of the proximity service")?.answer {
-        Some(Answer::Refused(why)) => Err(Refused(why).into()),
-        Some(answer) => Ok(answer),
-        None => bail!("expected an answer of the proximity service, found none"),
+/// How long an answer has been waited for in vain.
+#[derive(Debug, Default)]
+struct Wait {
+    looked: Option<Instant>,
+    absent_since: Option<Instant>,
+    stopping_since: Option<Instant>,
+}
+
+impl Wait {
+    /// Notes whether the service is there and a stop requested.
+    ///
+    /// # Errors
+    /// When there is nothing more to wait for.
+    fn expect(&mut self, is_there: bool, is_stopping: bool, now: Instant) -> Result<()> {
+        let since = |condition: bool, start: &mut Option<Instant>| match condition {
+            true => now.duration_since(*start.get_or_insert(now)),
+            false => {
+                *start = None;
+                Duration::ZERO
+            }
+        };
+        let absent = since(!is_there, &mut self.absent_since);
+        let stopping = since(is_stopping, &mut self.stopping_since);
+        ensure!(
+            is_there || (!is_stopping && absent < ABSENCE_PATIENCE),
+            "expected the proximity service on the bus, found none"
+        );
+        ensure!(
+            stopping < STOP_PATIENCE,
+            "expected an answer of the proximity service within {} s of the stop, found none",
+            STOP_PATIENCE.as_secs()
+        );
+        Ok(())
+    }
+}
+
+/// What the service answered; none if these bytes are no answer, so not the service's.
+fn answer(bytes: Bytes) -> Option<Answer> {
+    let answer = ServiceReply::decode(bytes).ok().and_then(|reply| reply.answer);
+    if answer.is_none() {
+        tracing::warn!("dropped what is no answer of the proximity service");
+    }
+    answer
+}
+
+fn unless_refused(answer: Answer) -> Result<Answer> {
+    match answer {
+        Answer::Refused(why) => Err(Refused(why).into()),
+        Answer::Final(why) => Err(Final(why).into()),
+        answer => Ok(answer),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_service_that_works_is_waited_for_and_one_that_is_gone_is_not() {
+        let start = Instant::now();
+        let hours = |hours: u64| start + Duration::from_secs(3600 * hours);
+        let mut wait = Wait::default();
+        for hour in 0..24 {
+            wait.expect(true, false, hours(hour)).unwrap();
+        }
+        wait.expect(false, false, hours(24)).unwrap();
+        let late = wait.expect(false, false, hours(24) + ABSENCE_PATIENCE).unwrap_err();
+        assert!(late.to_string().contains("found none"), "{late}");
+        assert!(Wait::default().expect(false, true, start).is_err(), "nobody restarts it");
+        let mut stopping = Wait::default();
+        stopping.expect(true, true, start).unwrap();
+        assert!(stopping.expect(true, true, start + STOP_PATIENCE).is_err());
     }
 }

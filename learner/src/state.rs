@@ -14,6 +14,9 @@ use crate::rollout::LanePlan;
 /// Training episodes the success rate is taken over (paper, Section 4: the last 100).
 const SUCCESS_WINDOW: usize = 100;
 
+/// What no run counts to in a thousand years.
+const MOST_COUNTED: u64 = 1 << 53;
+
 /// What the trainer carries from one iteration to the next.
 #[derive(Clone, Debug)]
 pub struct State {
@@ -47,6 +50,13 @@ impl PolicyState {
     /// The policy as a version that can act.
     pub fn weights(&self, version: u64) -> Weights {
         Weights::new(version, &self.parameters, &self.normalizer.to_numbers())
+    }
+
+    /// Whether every number of it is one.
+    pub fn is_finite(&self) -> bool {
+        let moments = self.normalizer.to_numbers();
+        self.parameters.iter().all(|number| number.is_finite())
+            && moments.iter().all(|number| number.is_finite())
     }
 
     fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
@@ -86,7 +96,7 @@ impl State {
     pub fn plans(&self, iteration: u64, lane_steps: u64) -> Vec<LanePlan> {
         let plan = |lane: &Lane| LanePlan {
             first_episode: lane.episodes,
-            steps_owed: (lane_steps * (iteration + 1)).saturating_sub(lane.steps),
+            steps_owed: lane_steps.saturating_mul(iteration + 1).saturating_sub(lane.steps),
             episodes_owed: 0,
         };
         self.lanes.iter().map(plan).collect()
@@ -136,15 +146,34 @@ impl State {
     /// # Errors
     /// When the arrays are not of these shapes.
     pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        let counts = tensors.exactly("counts", 3, Tensors::u64)?;
+        let counts = countable("counts", tensors.exactly("counts", 3, Tensors::u64)?)?;
         [self.iteration, self.environment_steps, self.episodes] = [counts[0], counts[1], counts[2]];
         self.wall_s = tensors.exactly("wall_s", 1, Tensors::f64)?[0];
+        if !(self.wall_s.is_finite() && self.wall_s >= 0.0) {
+            return Err(format!("array `wall_s`: expected a time, found {}", self.wall_s));
+        }
         self.policy.restore("policy", tensors)?;
         self.previous_policy.restore("previous_policy", tensors)?;
-        let lane_numbers = |name| tensors.exactly(name, self.lanes.len(), Tensors::u64);
+        let lane_numbers =
+            |name| countable(name, tensors.exactly(name, self.lanes.len(), Tensors::u64)?);
         let lanes = lane_numbers("lanes.episodes")?.into_iter().zip(lane_numbers("lanes.steps")?);
         self.lanes = lanes.map(|(episodes, steps)| Lane { episodes, steps }).collect();
-        self.successes = tensors.u8("successes")?.into_iter().map(|byte| byte == 1).collect();
+        let successes = tensors.u8("successes")?;
+        if successes.len() > SUCCESS_WINDOW {
+            let found = successes.len();
+            return Err(format!(
+                "array `successes`: expected at most {SUCCESS_WINDOW}, found {found}"
+            ));
+        }
+        self.successes = successes.into_iter().map(|byte| byte == 1).collect();
         Ok(())
+    }
+}
+
+/// Counts that a run can reach, so that no sum of them overflows.
+fn countable(name: &str, counts: Vec<u64>) -> Result<Vec<u64>, String> {
+    match counts.iter().find(|count| **count > MOST_COUNTED) {
+        Some(found) => Err(format!("array `{name}`: expected counts, found {found}")),
+        None => Ok(counts),
     }
 }

@@ -4,6 +4,7 @@ use std::fs;
 
 use anyhow::Result;
 use protocol::messages::Phase;
+use protocol::provenance::Demonstrations;
 use protocol::summary::{EvaluationFigures, LogFigures, Summary};
 use protocol::trajectory::Encoded;
 
@@ -31,6 +32,7 @@ impl Trainer {
         summary.seconds.inference = desk.actors.inference;
         summary.seconds.transport = desk.actors.transport;
         summary.seconds.log = desk.log;
+        summary.builds = protocol::log::recorded_builds(&folder.log())?;
         for file in protocol::log::log_files(&folder.log())? {
             summary.log.files += 1;
             summary.log.bytes += fs::metadata(&file.path)?.len();
@@ -60,6 +62,9 @@ impl Trainer {
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
             policy_sha256: state.policy.weights(state.iteration).sha256(),
             proximity_sha256: reward_update.weights_sha256,
+            builds: Vec::new(),
+            // A run that was trained is finished, though its demonstrations were removed meanwhile.
+            demonstrations: Demonstrations::of_run(&self.folder, &self.config).unwrap_or_default(),
             log: LogFigures {
                 trajectories: state.episodes + evaluation.len() as u64,
                 ..LogFigures::default()

@@ -8,8 +8,9 @@ use protocol::bus::{Bus, BusAddress};
 use protocol::config::{RunConfig, UpdateOrder};
 use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
-use protocol::process::Stop;
-use protocol::run::{PROXIMITY_FILE, RunFolder};
+use protocol::origin::{self, DEMONSTRATIONS_SHA256};
+use protocol::process::{Final, Stop};
+use protocol::run::{PROXIMITY_FILE, Place, RunFolder};
 use protocol::summary::Seconds;
 use protocol::trajectory::{Encoded, Source};
 
@@ -17,7 +18,7 @@ use crate::algorithm::{Figures, PolicyLearner, Schedule};
 use crate::beginning::Beginning;
 use crate::desk::{DeskHandle, Entry, Order, Setup};
 use crate::rollout::{LanePlan, Rollout};
-use crate::scoring::Scoring;
+use crate::scoring::{Begun, Scoring};
 use crate::state::State;
 
 /// How often a waiting trainer looks whether it is to stop.
@@ -26,6 +27,7 @@ const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
 /// A training run at work.
 pub struct Trainer {
     pub(crate) folder: RunFolder,
+    pub(crate) place: Place,
     pub(crate) config: RunConfig,
     pub(crate) state: State,
     pub(crate) scoring: Scoring,
@@ -50,6 +52,7 @@ struct Times {
 impl Trainer {
     /// Opens everything: the newest checkpoint or a fresh state, the log, the ports, the service.
     pub fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
+        let place = folder.place()?;
         let config = folder.config()?;
         let Beginning { learner, state } = Beginning::of_run(folder, &config)?;
         let address = BusAddress::of_run(folder.path())?;
@@ -57,16 +60,20 @@ impl Trainer {
         let setup = Setup {
             address,
             spec: config.task.spec(),
+            run_seed: config.seed,
             weights_bytes: state.policy.weights(u64::MAX).encoded_len(),
             lease_timeout: Duration::from_millis(config.resources.lease_timeout_ms),
             log: open_log(folder, &config)?,
+            place: place.clone(),
+            stop: stop.clone(),
         };
         let mut desk = DeskHandle::start(setup, &bus)?;
         let progress = Progress { steps_wanted: config.steps_wanted(), ..Progress::default() };
         desk.order(Order::Tell(progress.clone()))?;
         Ok(Trainer {
             folder: folder.clone(),
-            scoring: Scoring::open(bus)?,
+            place,
+            scoring: Scoring::open(bus, stop)?,
             desk,
             progress,
             learner,
@@ -82,7 +89,9 @@ impl Trainer {
 
     /// Trains to the end; false if a stop came before it.
     pub fn train(&mut self) -> Result<bool> {
-        self.begin_scoring()?;
+        if !self.begin_scoring()? {
+            return Ok(false);
+        }
         self.publish_weights()?;
         if !self.is_over(self.state.iteration) {
             self.open_rollout(self.state.iteration)?;
@@ -114,7 +123,9 @@ impl Trainer {
         iteration >= self.config.iterations() || self.learner.is_finished()
     }
 
-    fn begin_scoring(&mut self) -> Result<()> {
+    /// Lines 2 to 5, unless there is a checkpoint: waits while the service trains offline; false if a
+    /// stop comes first.
+    fn begin_scoring(&mut self) -> Result<bool> {
         let iteration = self.state.iteration;
         let file = match iteration {
             0 => String::new(),
@@ -122,11 +133,24 @@ impl Trainer {
                 self.folder.checkpoint_folder(iteration).join(PROXIMITY_FILE).display().to_string()
             }
         };
-        let update = self.scoring.begin(iteration, &file).context("start of the service")?;
-        if iteration == 0 {
-            self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
+        while !self.stop.is_requested() {
+            match self.scoring.begin(iteration, &file).context("start of the service")? {
+                Begun::Pretraining(pretraining) => {
+                    self.progress.pretraining = Some(pretraining);
+                    self.tell(Phase::Pretraining, None, None)?;
+                    std::thread::sleep(LOOK_FOR_STOP);
+                }
+                Begun::Ready(update) => {
+                    self.progress.pretraining = None;
+                    if iteration == 0 {
+                        self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
+                    }
+                    self.tell(Phase::Training, None, Some(update))?;
+                    return Ok(true);
+                }
+            }
         }
-        self.tell(Phase::Training, None, Some(update))
+        Ok(false)
     }
 
     /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
@@ -205,7 +229,13 @@ impl Trainer {
         let schedule = Schedule { run_seed, iteration, learning_rate };
         let State { policy, previous_policy, .. } = &mut self.state;
         previous_policy.clone_from(policy);
-        self.learner.update(policy, trajectories, scores, &schedule)
+        let updated = self.learner.update(policy, trajectories, scores, &schedule);
+        let figures = updated.with_context(|| format!("iteration {iteration}"))?;
+        if !policy.is_finite() {
+            let message = "the learner diverged: expected finite parameters after the update";
+            return Err(Final(format!("iteration {iteration}: {message}")).into());
+        }
+        Ok(figures)
     }
 
     fn policy_update(
@@ -304,8 +334,12 @@ impl Trainer {
 }
 
 fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
-    let metadata =
+    let mut metadata =
         Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
+    let demonstrations = origin::demonstrations_sha256(folder, config);
+    if let Some(sha256) = demonstrations.map_err(|error| Final(error.to_string()))? {
+        metadata = metadata.with(DEMONSTRATIONS_SHA256, sha256);
+    }
     std::fs::create_dir_all(folder.log())?;
     let options = LogOptions {
         rotate_bytes: config.log.file_mib << 20,

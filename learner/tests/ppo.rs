@@ -1,4 +1,5 @@
 //! The policy update as a whole: it solves a bandit, and threads change no bit of it.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
@@ -6,6 +7,7 @@ use learner::batch::{Batch, EpisodeRows};
 use std::sync::Arc;
 
 use networks::{ActorCritic, Adam, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
+use proptest::prelude::*;
 use protocol::config::PpoConfig;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task};
@@ -81,7 +83,7 @@ fn train_with(config: PpoConfig, threads: usize, iterations: u64) -> (Vec<f32>, 
         let batch = batch(&network, &parameters, iteration);
         mean = batch.rewards.iter().sum::<f32>() / ROWS as f32;
         let schedule = Schedule { run_seed: 1, iteration, learning_rate: 0.003 };
-        let figures = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule);
+        let figures = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
         assert!(figures.gradient_norm.is_finite() && figures.entropy >= 0.0);
     }
     (parameters, mean)
@@ -106,6 +108,32 @@ fn no_pass_follows_one_beyond_the_target_divergence() {
 }
 
 #[test]
+fn every_row_is_learned_from_where_there_are_fewer_than_minibatches() {
+    let network = network();
+    let first = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
+    let few = |rows: usize| {
+        let mut few = batch(&network, &first, 0);
+        few.observations.truncate(4 * rows);
+        few.actions.truncate(rows);
+        few.log_probs.truncate(rows);
+        few.rewards.truncate(rows);
+        few.episodes.truncate(rows);
+        few
+    };
+    for rows in [1, 2, 3] {
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
+        let config = PpoConfig { minibatches: 8, ..config() };
+        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
+        let (mut parameters, mut optimizer) = (first.clone(), Adam::new(first.len(), 1e-5));
+        let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
+        let updated = ppo.update(&mut parameters, &mut optimizer, &few(rows), &schedule);
+        let figures = updated.expect("finite numbers");
+        assert_eq!(optimizer.step, 4 * rows as u64, "a step for every row and epoch");
+        assert!(figures.value_loss.is_finite() && parameters != first, "{rows} rows");
+    }
+}
+
+#[test]
 fn threads_change_no_bit() {
     let bits = |threads| {
         let (parameters, _) = train(threads, 3);
@@ -114,4 +142,71 @@ fn threads_change_no_bit() {
     let one = bits(1);
     assert_eq!(one, bits(2));
     assert_eq!(one, bits(5));
+}
+
+/// Numbers of every size, many of them larger than training ever meets.
+fn number() -> impl Strategy<Value = f32> {
+    let wide = (any::<f32>(), -38.0..38.0_f32)
+        .prop_map(|(sign, power)| libm::powf(10.0, power).copysign(sign));
+    prop_oneof![-2.0..2.0_f32, wide, Just(f32::MAX), Just(f32::MIN), Just(0.0_f32)]
+}
+
+proptest! {
+    /// Rewards, and ratios through the log-probabilities that acted: whatever they are, an update ends
+    /// with finite numbers, or is refused with the loss and the minibatch.
+    #[test]
+    fn no_reward_or_ratio_makes_numbers_that_are_none(
+        rewards in prop::collection::vec(number(), 4..24),
+        differences in prop::collection::vec(number(), 24),
+        clip in prop_oneof![Just(0.0), Just(0.2)],
+    ) {
+        let network = network();
+        let mut parameters =
+            network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
+        let mut optimizer = Adam::new(parameters.len(), 1e-5);
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let config = PpoConfig { value_clip: clip, minibatches: 2, epochs: 2, ..config() };
+        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
+        let mut batch = batch(&network, &parameters, 0);
+        batch.observations.truncate(4 * rewards.len());
+        batch.actions.truncate(rewards.len());
+        batch.log_probs.truncate(rewards.len());
+        batch.episodes.truncate(rewards.len());
+        for (log_prob, difference) in batch.log_probs.iter_mut().zip(differences) {
+            *log_prob = (*log_prob + difference).clamp(f32::MIN, f32::MAX);
+        }
+        batch.rewards = rewards;
+        let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
+        match ppo.update(&mut parameters, &mut optimizer, &batch, &schedule) {
+            Ok(figures) => {
+                let moments = optimizer.first_moment.iter().chain(&optimizer.second_moment);
+                prop_assert!(parameters.iter().chain(moments).all(|number| number.is_finite()));
+                prop_assert!(figures.expect_finite("").is_ok(), "{figures:?}");
+            }
+            Err(refused) => {
+                let message = refused.to_string();
+                prop_assert!(message.contains("the learner diverged"), "{message}");
+                prop_assert!(message.contains("epoch ") && message.contains("minibatch "));
+            }
+        }
+    }
+}
+
+/// Where only the ratio is beyond all numbers, and clipped, there is nothing to refuse.
+#[test]
+fn a_ratio_beyond_all_numbers_is_clipped() {
+    let network = network();
+    let mut parameters = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
+    let before = parameters.clone();
+    let mut optimizer = Adam::new(parameters.len(), 1e-5);
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let mut ppo = PpoUpdate::new(BANDIT, config(), network.clone(), Arc::new(threads));
+    let mut batch = batch(&network, &parameters, 0);
+    let better =
+        batch.rewards.iter().zip(&mut batch.log_probs).filter(|(reward, _)| **reward > 0.0);
+    better.for_each(|(_, log_prob)| *log_prob = -1000.0);
+    let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
+    let figures = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
+    assert!(figures.approximate_kl > 1e30 && figures.approximate_kl.is_finite(), "{figures:?}");
+    assert!(parameters != before && parameters.iter().all(|number| number.is_finite()));
 }

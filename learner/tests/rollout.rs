@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use learner::rollout::{LanePlan, Rollout};
 use proptest::prelude::*;
-use protocol::messages::Lease;
+use prost::Message;
+use protocol::messages::{Lease, LeaseReply};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
 const TIMEOUT: Duration = Duration::from_secs(10);
@@ -45,6 +46,20 @@ fn undisturbed(lanes: usize) -> Vec<Encoded> {
         }
     }
     rollout.into_batch()
+}
+
+#[test]
+fn who_holds_what_is_known() {
+    let mut rollout = rollout(4);
+    let leases = rollout.grant("actor-0", 2, 1, Instant::now());
+    let held = |rollout: &Rollout| ["actor-0", "actor-1"].map(|actor| rollout.held_by(actor));
+    assert_eq!(held(&rollout), [leases.len(), 0]);
+    assert_eq!(rollout.holder(leases[0].lane), Some("actor-0"));
+    assert_eq!(rollout.holder(99), None);
+    for encoded in run(&leases[0]) {
+        rollout.receive(encoded).expect("a good trajectory");
+    }
+    assert_eq!(held(&rollout), [leases.len() - 1, 0]);
 }
 
 proptest! {
@@ -105,16 +120,54 @@ fn an_actor_gets_a_share_and_leaves_some_for_the_others() {
     assert_eq!(rollout.held(), 12);
 }
 
+/// What is no part of a rollout is refused in words, changes nothing, and what came first stays.
 #[test]
-fn a_trajectory_of_another_policy_or_content_is_refused() {
+fn what_is_no_part_of_the_rollout_is_refused_and_changes_nothing() {
+    let mut rollout = rollout(1);
+    let lease = rollout.grant("actor-0-17", 1, 1, Instant::now())[0];
+    let episodes = run(&lease);
+    let good = episodes[0].clone();
+    rollout.receive(good.clone()).unwrap();
+    let other = |change: fn(&mut Trajectory)| {
+        let mut trajectory = good.trajectory.clone();
+        change(&mut trajectory);
+        Encoded::encode(trajectory)
+    };
+    for (encoded, words) in [
+        (other(|one| one.policy_version = 2), "expected policy version 3, found 2"),
+        (other(|one| one.lane = u64::MAX), "expected a lane below 1"),
+        (other(|one| one.episode = u64::MAX), "expected an episode below 35"),
+        (other(|one| one.success = true), "came twice and differs"),
+    ] {
+        let message = rollout.receive(encoded).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    let differing = rollout.receive(other(|one| one.success = true)).unwrap_err().to_string();
+    let hash = format!("{:016x} is kept", good.key.hash);
+    assert!(differing.contains(&hash) && differing.contains("actor-0-17"), "{differing}");
+    for encoded in episodes.iter().cloned() {
+        rollout.receive(encoded).unwrap();
+    }
+    assert!(rollout.is_complete());
+    assert_eq!(rollout.into_batch(), episodes);
+}
+
+#[test]
+fn an_episode_that_nobody_owes_is_not_learned_from() {
     let mut rollout = rollout(1);
     let lease = rollout.grant("actor-0", 1, 1, Instant::now())[0];
-    let good = run(&lease).remove(0);
-    rollout.receive(good.clone()).unwrap();
-    let other = Trajectory { success: true, ..good.trajectory.clone() };
-    let message = rollout.receive(Encoded::encode(other)).unwrap_err().to_string();
-    assert!(message.contains("came twice and differs"), "{message}");
-    let stale = Trajectory { policy_version: 2, ..good.trajectory };
-    let message = rollout.receive(Encoded::encode(stale)).unwrap_err().to_string();
-    assert!(message.contains("expected policy version 3, found 2"), "{message}");
+    let episodes = run(&lease);
+    let beyond = Trajectory { episode: 20, ..episodes[0].trajectory.clone() };
+    rollout.receive(Encoded::encode(beyond)).unwrap();
+    for encoded in episodes.iter().cloned() {
+        rollout.receive(encoded).unwrap();
+    }
+    assert_eq!(rollout.into_batch(), episodes);
+}
+
+#[test]
+fn an_answer_has_a_place_whatever_is_asked_for() {
+    let leases = rollout(4096).grant("actor-0", u32::MAX as usize, 0, Instant::now());
+    let reply = LeaseReply { leases, finished: false };
+    assert!(!reply.leases.is_empty() && reply.encoded_len() < 32 << 10, "{}", reply.encoded_len());
 }

@@ -1,6 +1,6 @@
 //! What a network looks like, as a configuration states it (paper, Appendix G.2).
 
-use protocol::config::{ActionDistribution, PolicyActivation, PolicyConfig, RewardConfig};
+use protocol::config::{PolicyActivation, PolicyConfig, RewardConfig};
 use protocol::task::ObservationSpec;
 use serde::{Deserialize, Serialize};
 
@@ -149,7 +149,7 @@ impl From<&PolicyConfig> for PolicyArchitecture {
                 PolicyActivation::Relu => Activation::Relu,
             },
             shared_trunk: config.shared_trunk,
-            squashed: config.distribution == ActionDistribution::SquashedGaussian,
+            squashed: config.is_squashed(),
             frames: 1,
         }
     }

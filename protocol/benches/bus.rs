@@ -61,7 +61,9 @@ fn questions(criterion: &mut Criterion) {
             let question = vec![7; length];
             group.throughput(Throughput::Bytes(length as u64));
             group.bench_function(name, |bencher| {
-                bencher.iter(|| client.ask(&question, PATIENCE, &doorbell).expect("is answered"));
+                bencher.iter(|| {
+                    client.ask(&question, PATIENCE, &doorbell, Some).expect("is answered")
+                });
             });
         }
         group.finish();

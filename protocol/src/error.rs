@@ -2,6 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::dropped::shortened;
+
+/// Longest wrong value in an error, characters.
+pub(crate) const FOUND_CHARS: usize = 80;
+
+/// Longest words of a parser in an error, characters.
+pub(crate) const MESSAGE_CHARS: usize = 300;
+
 /// What can go wrong while processes talk, record or read a configuration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -59,12 +67,29 @@ pub enum Error {
         /// iceoryx2's own words.
         message: String,
     },
-    /// A log file that cannot be written.
+    /// A file or folder of the bus that cannot be used, or is in its way.
+    #[error("bus: {}: {message}", path.display())]
+    BusFile {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was met.
+        message: String,
+    },
+    /// A log file that does not take what it was given. That is kept in memory, and written when the
+    /// disk takes it.
     #[error("log {}: {message}", path.display())]
     LogWrite {
         /// The file.
         path: PathBuf,
         /// What the writer met.
+        message: String,
+    },
+    /// A message that is not in its log file and will not be.
+    #[error("log {}: refused, not recorded: {message}", path.display())]
+    LogRefused {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was found.
         message: String,
     },
     /// A log file that cannot be read.
@@ -96,6 +121,13 @@ pub enum Error {
         path: PathBuf,
         /// What was expected.
         message: String,
+    },
+    /// A run's folder that is not where it was when the run was opened.
+    #[error("the run's folder {} was moved or removed while it was in use; what is left of the run goes on with \
+             --resume from where it is now", path.display())]
+    RunMoved {
+        /// Where it was.
+        path: PathBuf,
     },
     /// A summary that cannot be written or read.
     #[error("summary {}: {message}", path.display())]
@@ -130,6 +162,6 @@ pub(crate) fn out_of_range(key: &str, expected: &str, found: impl std::fmt::Disp
     Error::Configuration {
         key: key.to_owned(),
         expected: expected.to_owned(),
-        found: found.to_string(),
+        found: shortened(&found.to_string(), FOUND_CHARS),
     }
 }

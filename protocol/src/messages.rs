@@ -39,6 +39,14 @@ pub struct ActorSeconds {
     pub transport: f64,
 }
 
+impl ActorSeconds {
+    /// Whether time can have gone so.
+    pub fn is_possible(&self) -> bool {
+        let parts = [self.environment, self.inference, self.transport];
+        parts.iter().all(|seconds| seconds.is_finite() && *seconds >= 0.0)
+    }
+}
+
 /// The learner's answer; empty when every lane of the iteration is taken.
 #[derive(Clone, PartialEq, Message)]
 pub struct LeaseReply {
@@ -160,7 +168,7 @@ pub struct Query {
 #[derive(Clone, PartialEq, Message)]
 pub struct ServiceReply {
     /// What is answered.
-    #[prost(oneof = "Answer", tags = "1, 2, 3, 4, 5, 6")]
+    #[prost(oneof = "Answer", tags = "1, 2, 3, 4, 5, 6, 7, 8")]
     pub answer: Option<Answer>,
 }
 
@@ -176,15 +184,32 @@ pub enum Answer {
     /// To `Score`, in batch order.
     #[prost(message, tag = "3")]
     Scores(Scores),
-    /// To `Save`: the hash of the weights written.
-    #[prost(string, tag = "4")]
-    Saved(String),
+    /// To `Save`.
+    #[prost(message, tag = "4")]
+    Saved(Saved),
     /// To `Query`.
     #[prost(message, tag = "5")]
     Estimates(Estimates),
     /// The request could not be served, and why.
     #[prost(string, tag = "6")]
     Refused(String),
+    /// The same, and it never could: [`crate::process::Final`].
+    #[prost(string, tag = "7")]
+    Final(String),
+    /// To `Begin`, which is to be asked again: offline training is under way.
+    #[prost(message, tag = "8")]
+    Pretraining(Pretraining),
+}
+
+/// How far offline training has come.
+#[derive(Clone, Copy, PartialEq, Eq, Message)]
+pub struct Pretraining {
+    /// Gradient steps done,
+    #[prost(uint64, tag = "1")]
+    pub done: u64,
+    /// of so many.
+    #[prost(uint64, tag = "2")]
+    pub total: u64,
 }
 
 /// See [`Answer::Missing`].
@@ -193,6 +218,17 @@ pub struct Missing {
     /// Positions in the batch.
     #[prost(uint32, repeated, tag = "1")]
     pub positions: Vec<u32>,
+}
+
+/// See [`Answer::Saved`].
+#[derive(Clone, PartialEq, Message)]
+pub struct Saved {
+    /// SHA-256 of the weights written.
+    #[prost(string, tag = "1")]
+    pub weights_sha256: String,
+    /// SHA-256 of the file.
+    #[prost(string, tag = "2")]
+    pub file_sha256: String,
 }
 
 /// See [`Answer::Scores`].
@@ -361,6 +397,15 @@ pub struct Checkpoint {
     /// Of the reward model's weights.
     #[prost(string, tag = "4")]
     pub proximity_sha256: String,
+    /// Of the policy's file, as are the next two of theirs; empty in logs of older builds.
+    #[prost(string, tag = "5")]
+    pub policy_file_sha256: String,
+    /// Of the learner's file.
+    #[prost(string, tag = "6")]
+    pub learner_file_sha256: String,
+    /// Of the proximity service's file.
+    #[prost(string, tag = "7")]
+    pub proximity_file_sha256: String,
 }
 
 /// How a run stands; published by the learner, never waited for.
@@ -396,6 +441,26 @@ pub struct Progress {
     /// Bytes of the log so far.
     #[prost(uint64, tag = "10")]
     pub log_bytes: u64,
+    /// Offline training, while it is under way.
+    #[prost(message, optional, tag = "11")]
+    pub pretraining: Option<Pretraining>,
+    /// Actors that the learner has heard of, by name.
+    #[prost(message, repeated, tag = "12")]
+    pub actors_heard: Vec<ActorHeard>,
+}
+
+/// What the learner knows of an actor.
+#[derive(Clone, PartialEq, Message)]
+pub struct ActorHeard {
+    /// Its name on the bus.
+    #[prost(string, tag = "1")]
+    pub name: String,
+    /// Leases it holds and has not finished.
+    #[prost(uint32, tag = "2")]
+    pub leases: u32,
+    /// Seconds since its last question or trajectory.
+    #[prost(double, tag = "3")]
+    pub ago_s: f64,
 }
 
 /// What a run is doing.

@@ -1,63 +1,144 @@
 //! The shell every process of a run wears: its output, its end, its exit code.
 //!
-//! The supervisor holds a pipe to each process's standard input. When the pipe closes, because the
-//! supervisor wants the process to stop or because the supervisor is gone, the process stops.
+//! `goalward` holds a pipe to the standard input of each process it starts, and says so in
+//! [`INPUT_IS_HELD`]. When the pipe closes, because the process is to stop or because its parent is
+//! gone, the process stops. Any other input (a terminal, `/dev/null`, the closed pipe of a remote
+//! shell) says nothing: a process started by hand lives until a signal ends it or its work is done.
 
+use std::error::Error;
 use std::fmt::Display;
-use std::io::{IsTerminal, Read};
+use std::io::Read;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::diagnostics::Diagnostics;
+
+/// Environment variable of a process whose input ends when it is to stop.
+pub const INPUT_IS_HELD: &str = "GOALWARD_INPUT_IS_HELD";
+
+/// How often a sleeper looks whether it is to stop.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// Whether the process has been asked to stop. Cheap to ask, cheap to share.
 #[derive(Clone, Debug, Default)]
-pub struct Stop(Arc<AtomicBool>);
+pub struct Stop {
+    requested: Arc<AtomicBool>,
+    is_held: bool,
+}
 
 impl Stop {
     /// Whether the process is to stop.
     pub fn is_requested(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.requested.load(Ordering::Relaxed)
     }
 
     /// Asks it to stop.
     pub fn request(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.requested.store(true, Ordering::Relaxed);
     }
 
-    /// Asks the process to stop when its standard input ends.
-    pub fn at_end_of_input() -> Stop {
-        let stop = Stop::default();
-        let requested = stop.clone();
-        let watch = move || {
-            let mut ignored = [0; 64];
-            while !matches!(std::io::stdin().read(&mut ignored), Ok(0) | Err(_)) {}
-            requested.request();
-        };
-        std::thread::Builder::new()
-            .name("end-of-input".to_owned())
-            .spawn(watch)
-            .expect("a process can start one more thread");
-        stop
+    /// Whether a parent holds this process's input, so that it ends with its parent.
+    pub fn is_held(&self) -> bool {
+        self.is_held
+    }
+
+    /// Sleeps so long, or until the process is to stop; returns whether it is.
+    pub fn sleep(&self, duration: Duration) -> bool {
+        let deadline = Instant::now() + duration;
+        while !self.is_requested() {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return false;
+            }
+            std::thread::sleep(left.min(LOOK_EVERY));
+        }
+        true
+    }
+
+    /// Asks the process to stop when its standard input ends, if its parent holds that.
+    ///
+    /// # Errors
+    /// When the thread that watches it cannot start.
+    pub fn at_end_of_input() -> std::io::Result<Stop> {
+        let stop = Stop { is_held: is_held(), ..Stop::default() };
+        if stop.is_held {
+            let requested = stop.clone();
+            at_end_of_input(move || requested.request())?;
+        }
+        Ok(stop)
     }
 }
 
-/// Runs a process to its end: diagnostics on standard error, one line for a failure, exit code 0 or
-/// 1.
-pub fn run<E: Display>(body: impl FnOnce() -> Result<(), E>) -> ExitCode {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        // Otherwise a disk that does not take the line would end the process in a panic.
-        .log_internal_errors(false)
-        .with_ansi(std::io::stderr().is_terminal())
-        .init();
+/// Ends the process when its parent is gone: for work that nobody else waits for.
+///
+/// # Errors
+/// When the thread that watches its standard input cannot start.
+pub fn end_with_parent() -> std::io::Result<()> {
+    if is_held() {
+        at_end_of_input(|| std::process::exit(1))?;
+    }
+    Ok(())
+}
+
+fn at_end_of_input(then: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+    let watch = move || {
+        let mut ignored = [0; 64];
+        while !matches!(std::io::stdin().read(&mut ignored), Ok(0) | Err(_)) {}
+        then();
+    };
+    std::thread::Builder::new().name("end-of-input".to_owned()).spawn(watch).map(drop)
+}
+
+fn is_held() -> bool {
+    std::env::var_os(INPUT_IS_HELD).is_some()
+}
+
+/// Exit code of a process that has met [`Final`].
+pub const FINAL_CODE: u8 = 4;
+
+/// A failure that the same process, started again, would come to again: training that diverged, or
+/// demonstrations that are not those of the run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Final(pub String);
+
+/// Runs a process to its end: diagnostics on standard error, one line for a failure, exit code 0, 1 or
+/// [`FINAL_CODE`].
+pub fn run<E>(diagnostics: Diagnostics, body: impl FnOnce() -> Result<(), E>) -> ExitCode
+where
+    E: Display + AsRef<dyn Error + 'static>,
+{
+    diagnostics.begin("info");
     match body() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{error:#}");
-            ExitCode::FAILURE
+            if is_final(error.as_ref()) { FINAL_CODE.into() } else { ExitCode::FAILURE }
         }
+    }
+}
+
+/// Whether a [`Final`] is an error's cause.
+fn is_final(error: &(dyn Error + 'static)) -> bool {
+    let mut causes = std::iter::successors(Some(error), |&cause| cause.source());
+    causes.any(|cause| cause.is::<Final>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sleeper_is_woken_by_a_stop() {
+        let stop = Stop::default();
+        assert!(!stop.sleep(Duration::from_millis(1)));
+        let begun = Instant::now();
+        std::thread::scope(|scope| {
+            scope.spawn(|| stop.request());
+            assert!(stop.sleep(Duration::from_secs(60)));
+        });
+        assert!(begun.elapsed() < Duration::from_secs(30));
     }
 }

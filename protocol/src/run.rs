@@ -1,9 +1,11 @@
 //! The folder of a run: what lies where, and which checkpoint is the newest whole one.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use crate::Error;
 use crate::config::RunConfig;
+use crate::log::log_files;
 
 /// The folder of a run. Everything in it but the log is derived from configuration, seed and log.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,6 +44,11 @@ impl RunFolder {
         self.path.join("checkpoints")
     }
 
+    /// How far offline training has come, until there is a checkpoint.
+    pub fn offline_file(&self) -> PathBuf {
+        self.checkpoints().join("offline.safetensors")
+    }
+
     /// Folder of what the processes printed.
     pub fn output(&self) -> PathBuf {
         self.path.join("output")
@@ -52,9 +59,30 @@ impl RunFolder {
         self.path.join("summary.json")
     }
 
+    /// What an evaluation of a version of the policy in so many episodes is recorded in.
+    pub fn evaluation_file(&self, policy_version: u64, episodes: u64) -> PathBuf {
+        self.path.join(format!("evaluation-v{policy_version:06}-{episodes}.mcap"))
+    }
+
     /// How many actors the run is to have from now on, if that was changed while it trained.
     pub fn actors_file(&self) -> PathBuf {
         self.path.join("actors")
+    }
+
+    /// Where the folder is now.
+    ///
+    /// # Errors
+    /// When it is not there.
+    pub fn place(&self) -> Result<Place, Error> {
+        let missing = |_| Error::RunMoved { path: self.path.clone() };
+        let path = self.path.canonicalize().map_err(missing)?;
+        let identity = identity(&path).map_err(missing)?;
+        Ok(Place { path, identity })
+    }
+
+    /// Whether this is the folder of a run, though perhaps of a damaged one.
+    pub fn is_run(&self) -> bool {
+        self.config().is_ok() || log_files(&self.log()).is_ok_and(|files| !files.is_empty())
     }
 
     /// Reads the effective configuration.
@@ -79,7 +107,7 @@ impl RunFolder {
         folders
     }
 
-    /// The newest checkpoint.
+    /// The newest checkpoint there is, sound or not; [`crate::checkpoint::newest`] looks into them.
     pub fn newest_checkpoint(&self) -> Option<(u64, PathBuf)> {
         self.checkpoint_folders().pop()
     }
@@ -90,6 +118,32 @@ impl RunFolder {
     }
 }
 
+/// Where a run's folder was found, so that its processes notice when it is moved or removed: what they
+/// have open would still take what they write, and a folder made anew under the old name is not the run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    path: PathBuf,
+    /// Device and number of the folder on it.
+    identity: (u64, u64),
+}
+
+impl Place {
+    /// Checks that the folder is still there.
+    ///
+    /// # Errors
+    /// [`Error::RunMoved`] when it is not, or another one is.
+    pub fn check(&self) -> Result<(), Error> {
+        match identity(&self.path) {
+            Ok(identity) if identity == self.identity => Ok(()),
+            _ => Err(Error::RunMoved { path: self.path.clone() }),
+        }
+    }
+}
+
+fn identity(folder: &Path) -> std::io::Result<(u64, u64)> {
+    std::fs::metadata(folder).map(|found| (found.dev(), found.ino()))
+}
+
 /// The policy's weights within a checkpoint folder, all that acting needs.
 pub const POLICY_FILE: &str = "policy.safetensors";
 
@@ -98,3 +152,29 @@ pub const LEARNER_FILE: &str = "learner.safetensors";
 
 /// The proximity service's state within a checkpoint folder.
 pub const PROXIMITY_FILE: &str = "proximity.safetensors";
+
+/// All files of a checkpoint folder.
+pub const CHECKPOINT_FILES: [&str; 3] = [POLICY_FILE, LEARNER_FILE, PROXIMITY_FILE];
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_folder_that_was_moved_removed_or_replaced_is_noticed() {
+        let directory = tempfile::tempdir().unwrap();
+        let (here, there) = (directory.path().join("here"), directory.path().join("there"));
+        fs::create_dir(&here).unwrap();
+        let place = RunFolder::new(&here).place().unwrap();
+        place.check().unwrap();
+        fs::rename(&here, &there).unwrap();
+        assert!(place.check().unwrap_err().to_string().contains("moved or removed"));
+        fs::create_dir(&here).unwrap();
+        assert!(place.check().is_err(), "another folder of the name");
+        fs::remove_dir(&here).unwrap();
+        fs::rename(&there, &here).unwrap();
+        place.check().unwrap();
+    }
+}

@@ -57,6 +57,15 @@ impl Default for Setting {
 }
 
 impl Setting {
+    /// The noise there is: where none is given, that of the task's demonstrations. Navigation has none.
+    pub fn effective_noise(&self, task: Task) -> Option<f64> {
+        self.noise.or(match task {
+            Task::Navigation => None,
+            Task::FetchPick | Task::FetchPush => Some(1.0),
+            Task::AntReach => Some(0.0),
+        })
+    }
+
     /// Checks that the task has such a setting. `part` is where the configuration has it:
     /// `environment` or `demonstrations`.
     ///

@@ -4,9 +4,12 @@ use std::fs;
 
 use serde::{Deserialize, Serialize};
 
-use crate::Error;
+use crate::dropped::shortened;
+use crate::error::MESSAGE_CHARS;
+use crate::provenance::{Build, Demonstrations};
 use crate::run::RunFolder;
 use crate::task::Task;
+use crate::{Error, durable};
 
 /// Figures of a finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,6 +42,13 @@ pub struct Summary {
     pub policy_sha256: String,
     /// Of the reward model's weights.
     pub proximity_sha256: String,
+    /// The builds that trained it, one after another; none in a summary from before builds were
+    /// recorded.
+    #[serde(default)]
+    pub builds: Vec<Build>,
+    /// What it imitated; none if it imitated nobody, or was trained before this was recorded.
+    #[serde(default)]
+    pub demonstrations: Option<Demonstrations>,
     /// The recorded files.
     pub log: LogFigures,
     /// Where the time went.
@@ -91,12 +101,9 @@ impl Summary {
     /// Writes the summary of a run; it is there whole or not at all.
     pub fn save(&self, folder: &RunFolder) -> Result<(), Error> {
         let path = folder.summary_file();
-        let unfinished = path.with_extension("unfinished");
         let failed = |message: String| Error::Summary { path: path.clone(), message };
         let text = serde_json::to_string_pretty(self).map_err(|error| failed(error.to_string()))?;
-        fs::write(&unfinished, text + "\n")
-            .and_then(|()| fs::rename(&unfinished, &path))
-            .map_err(|error| failed(error.to_string()))
+        durable::write(&path, text + "\n").map_err(|error| failed(error.to_string()))
     }
 
     /// Reads the summary of a run; none if the run is not finished.
@@ -110,7 +117,9 @@ impl Summary {
         }
         let failed = |message: String| Error::Summary { path: path.clone(), message };
         let text = fs::read_to_string(&path).map_err(|error| failed(error.to_string()))?;
-        serde_json::from_str(&text).map(Some).map_err(|error| failed(error.to_string()))
+        serde_json::from_str(&text)
+            .map(Some)
+            .map_err(|error| failed(shortened(&error.to_string(), MESSAGE_CHARS)))
     }
 }
 

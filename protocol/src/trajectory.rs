@@ -7,6 +7,8 @@
 use bytes::Bytes;
 use prost::Message;
 
+use crate::dropped::shortened;
+use crate::error::FOUND_CHARS;
 use crate::task::{ActionSpec, ObservationSpec, Spec};
 use crate::{Error, seed};
 
@@ -211,6 +213,7 @@ impl Trajectory {
             let expected = format!("1 to {}", spec.horizon_steps);
             return Err(mismatch("steps", expected, steps));
         }
+        self.check_names()?;
         self.check_goal()?;
         let observed = if self.is_actions_only() { 0 } else { steps + 1 };
         let (cells, values) = match spec.observation {
@@ -234,15 +237,31 @@ impl Trajectory {
             expect("bytes of discrete actions", discrete, self.discrete_actions.len())?;
             expect("bytes of continuous actions", continuous, self.continuous_actions.len())?;
         }
-        let log_probs = if demonstration { 0 } else { 4 * self.steps as usize };
-        expect("bytes of log-probabilities", log_probs, self.log_probs.len())
+        let per_step = 4 * self.steps as usize;
+        let log_probs = if demonstration { 0 } else { per_step };
+        expect("bytes of log-probabilities", log_probs, self.log_probs.len())?;
+        if demonstration && self.environment_rewards.is_empty() {
+            return Ok(());
+        }
+        expect("bytes of environment rewards", per_step, self.environment_rewards.len())
     }
 
-    /// A demonstration ends at the goal, whatever it says of it.
+    fn check_names(&self) -> Result<(), Error> {
+        if Source::try_from(self.source).is_err() {
+            return Err(mismatch("source", "0 to 2".to_owned(), self.source));
+        }
+        if Ending::try_from(self.ending).is_err() {
+            return Err(mismatch("ending", "0 or 1".to_owned(), self.ending));
+        }
+        Ok(())
+    }
+
+    /// A demonstration ends at the goal; it need not say when it reached it.
     fn check_goal(&self) -> Result<(), Error> {
         let reached = if self.success { 1..=self.steps } else { 0..=0 };
         let demonstration = self.source == Source::Demonstration as i32;
-        if demonstration || reached.contains(&self.steps_to_goal) {
+        let reached = if demonstration { 0..=self.steps } else { reached };
+        if reached.contains(&self.steps_to_goal) {
             return Ok(());
         }
         Err(mismatch("steps to the goal", format!("{reached:?}"), self.steps_to_goal))
@@ -278,7 +297,7 @@ fn expect<T: PartialEq + std::fmt::Debug>(
     if expected == found {
         return Ok(());
     }
-    Err(mismatch(what, format!("{expected:?}"), format!("{found:?}")))
+    Err(mismatch(what, format!("{expected:?}"), shortened(&format!("{found:?}"), FOUND_CHARS)))
 }
 
 fn mismatch(what: &'static str, expected: String, found: impl ToString) -> Error {

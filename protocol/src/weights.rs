@@ -2,12 +2,10 @@
 
 use std::path::Path;
 
+use crate::tensors::Tensors;
+use crate::{Error, digest, task};
 use bytes::Bytes;
 use prost::Message;
-use sha2::{Digest, Sha256};
-
-use crate::tensors::Tensors;
-use crate::{Error, task};
 
 /// One version of the policy.
 #[derive(Clone, PartialEq, Message)]
@@ -43,11 +41,11 @@ impl Weights {
 
     /// SHA-256 of parameters and moments, in lower-case hexadecimal.
     pub fn sha256(&self) -> String {
-        hexadecimal(Sha256::new().chain_update(&self.parameters).chain_update(&self.moments))
+        digest::sha256([&self.parameters, &self.moments])
     }
 
-    /// Writes a safetensors file.
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
+    /// Writes a safetensors file; returns the file's SHA-256.
+    pub fn save(&self, path: &Path) -> Result<String, Error> {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
         tensors.put_f32("parameters", self.parameter_numbers());
@@ -55,18 +53,16 @@ impl Weights {
         tensors.save(path)
     }
 
-    /// Reads what [`Weights::save`] wrote.
-    pub fn load(path: &Path) -> Result<Weights, Error> {
-        let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
-        Weights::from_tensors(&Tensors::load(path)?).map_err(failed)
-    }
-
     /// Reads the bytes of a file that [`Weights::save`] wrote.
     pub fn from_file(bytes: &[u8]) -> Result<Weights, String> {
         Weights::from_tensors(&Tensors::from_file(bytes)?)
     }
 
-    fn from_tensors(tensors: &Tensors) -> Result<Weights, String> {
+    /// Takes over what a file that [`Weights::save`] wrote holds.
+    ///
+    /// # Errors
+    /// When the arrays are not those of a policy.
+    pub fn from_tensors(tensors: &Tensors) -> Result<Weights, String> {
         let parameters = tensors.f32("parameters")?;
         let moments = tensors.f64("moments")?;
         match tensors.u64("version")?[..] {
@@ -85,13 +81,5 @@ pub fn to_bytes(numbers: &[f32]) -> Bytes {
 
 /// SHA-256 of numbers as little-endian bytes, in lower-case hexadecimal.
 pub fn sha256<'a>(parts: impl IntoIterator<Item = &'a [f32]>) -> String {
-    let mut hasher = Sha256::new();
-    for part in parts {
-        hasher.update(to_bytes(part));
-    }
-    hexadecimal(hasher)
-}
-
-fn hexadecimal(hasher: Sha256) -> String {
-    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    digest::sha256(parts.into_iter().map(to_bytes))
 }

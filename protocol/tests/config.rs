@@ -65,6 +65,8 @@ fn what_is_wrong_is_named() {
         ("demonstrations.coverage=0.0", "`demonstrations.coverage`"),
         ("resources.actors=0", "`resources.actors` must be at least 1, found 0"),
         ("resources.actors=65", "at most 64"),
+        ("resources.lease_timeout_ms=9223372036854775807", "at most a day"),
+        ("log.file_mib=9223372036854775807", "at most 1048576"),
         ("rollout.lag=2", "0 or 1"),
         ("rollout.lane_steps=64", "at least the longest episode, 100, found 64"),
         ("reward.samples=8", "0 or at least a batch"),

@@ -233,9 +233,14 @@ fn checkpoint() {
         path: "checkpoints/1".to_owned(),
         policy_sha256: "3".to_owned(),
         proximity_sha256: "4".to_owned(),
+        policy_file_sha256: "5".to_owned(),
+        learner_file_sha256: "6".to_owned(),
+        proximity_file_sha256: "7".to_owned(),
     };
     let theirs = by_schema(Topic::Checkpoint.schema(), &ours.encode_to_vec());
     assert_eq!(number(&theirs, "iteration"), 1.0);
     let named = ["path", "policy_sha256", "proximity_sha256"];
     assert_eq!(named.map(|field| text(&theirs, field)), ["checkpoints/1", "3", "4"]);
+    let named = ["policy_file_sha256", "learner_file_sha256", "proximity_file_sha256"];
+    assert_eq!(named.map(|field| text(&theirs, field)), ["5", "6", "7"]);
 }

@@ -8,12 +8,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 use protocol::config::RunConfig;
+use protocol::diagnostics::Diagnostics;
 use protocol::process::{self, Stop};
 use protocol::run::RunFolder;
 
 /// Learns the reward from demonstrations and agent experience, and answers for it.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-proximity-service", version)]
+#[command(name = "goalward-proximity-service", version = protocol::provenance::version())]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -54,12 +55,23 @@ enum Command {
     },
 }
 
+impl Command {
+    /// A service writes a log file; what `goalward` starts for one piece of work speaks to its user.
+    fn diagnostics(&self) -> Diagnostics {
+        match self {
+            Command::Serve { .. } => Diagnostics::of_service(),
+            Command::Rescore { .. } | Command::Estimate { .. } => Diagnostics::ForPeople,
+        }
+    }
+}
+
 /// Runs the process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    process::run(|| match arguments.command {
-        Command::Serve { run } => crate::run(&RunFolder::new(run), &Stop::at_end_of_input()),
+    process::run(arguments.command.diagnostics(), || match arguments.command {
+        Command::Serve { run } => crate::run(&RunFolder::new(run), &Stop::at_end_of_input()?),
         Command::Rescore { run, log, config, model, out } => {
+            process::end_with_parent()?;
             let text = fs::read_to_string(&config).context("--config")?;
             let config = RunConfig::from_text(&text, &config.display().to_string())?;
             rescore(&RunFolder::new(run), &log, &config, model.map(RunFolder::new), &out)

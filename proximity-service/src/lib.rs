@@ -7,7 +7,9 @@
 pub mod cli;
 pub mod estimate;
 pub mod experience;
+mod intake;
 pub mod model;
+mod offline_file;
 pub mod rescore;
 pub mod reward;
 pub mod service;
@@ -16,6 +18,7 @@ pub mod target;
 mod tests;
 
 use anyhow::Result;
+use protocol::bus::{Bus, BusAddress, SERVICE_NAME};
 use protocol::config::{RewardModel as Model, RunConfig};
 use protocol::process::Stop;
 use protocol::run::RunFolder;
@@ -28,8 +31,10 @@ use crate::service::Service;
 /// Serves a run until the learner is gone and a stop is requested.
 pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
+    // It is on the bus before it has read its demonstrations, which may take long: who waits sees it.
+    let bus = Bus::open(&BusAddress::of_run(folder.path())?, SERVICE_NAME)?;
     let model = reward_model(folder, &config)?;
-    Service::open(folder, &config, model)?.serve(stop)
+    Service::open(folder, &config, bus, model)?.serve(stop)
 }
 
 fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {

@@ -5,13 +5,14 @@
 use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use protocol::checkpoint;
 use protocol::config::{RunConfig, UpdateOrder};
 use protocol::log::{Batches, Record, read_run};
 use protocol::messages::Score;
 use protocol::run::{PROXIMITY_FILE, RunFolder};
-use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use serde::Serialize;
 
@@ -71,7 +72,7 @@ pub fn rescore(
 ) -> Result<Comparison> {
     let mut model = reward_model(folder, config)?;
     match trained {
-        None => drop(model.pretrain()),
+        None => drop(model.pretrain(Duration::MAX)?),
         Some(other) => restore(&mut *model, other)?,
     }
     writeln!(lines, "iteration,lane,episode,steps,success,recorded_return,other_return")?;
@@ -86,7 +87,8 @@ pub fn rescore(
             }
             Record::PolicyUpdate(update) => {
                 let batch = batches.take(&update)?;
-                let again = score(&mut *model, update.iteration, &batch, config, trained.is_some());
+                let again =
+                    score(&mut *model, update.iteration, &batch, config, trained.is_some())?;
                 for (encoded, again) in batch.iter().zip(&again) {
                     let key = (encoded.key.lane, encoded.key.episode);
                     let recorded = scores.remove(&key).with_context(|| {
@@ -107,10 +109,12 @@ pub fn rescore(
 /// Makes a model the one in the newest checkpoint of another run.
 pub(crate) fn restore(model: &mut dyn RewardModel, other: &RunFolder) -> Result<()> {
     let shown = other.path().display();
-    let (_, checkpoint) = other
-        .newest_checkpoint()
-        .with_context(|| format!("{shown}: expected a checkpoint, found none"))?;
-    let tensors = Tensors::load(&checkpoint.join(PROXIMITY_FILE))?;
+    let found = checkpoint::newest(other, &[PROXIMITY_FILE])?;
+    found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
+    let newest = found
+        .newest
+        .with_context(|| format!("{shown}: expected a checkpoint that holds, found none"))?;
+    let tensors = newest.load(PROXIMITY_FILE)?;
     model.restore(&tensors).map_err(anyhow::Error::msg).with_context(|| format!("{shown}"))
 }
 
@@ -121,16 +125,16 @@ fn score(
     batch: &[Encoded],
     config: &RunConfig,
     stays: bool,
-) -> Vec<Score> {
+) -> Result<Vec<Score>> {
     let first = config.reward.order == UpdateOrder::ImproveFirst;
     if first && !stays {
-        model.improve(iteration, batch);
+        model.improve(iteration, batch)?;
     }
     let scores = model.score(iteration, batch);
     if !first && !stays {
-        model.improve(iteration, batch);
+        model.improve(iteration, batch)?;
     }
-    scores
+    Ok(scores)
 }
 
 fn compare(encoded: &Encoded, recorded: &Score, again: &Score) -> Result<Returns> {

@@ -1,42 +1,55 @@
 //! The one loop of the service: take trajectories in, answer requests in the order they come.
 //!
 //! Whatever a request changes is remembered with its iteration, so that a request repeated after a
-//! lost answer changes nothing more.
+//! lost answer changes nothing more. What cannot be used is refused or dropped; the service goes on.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail};
-use bytes::Bytes;
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress, Doorbell, Role, Server, SharedMemory, TrajectorySubscriber};
+use protocol::bus::{Bus, Doorbell, Published, Role, Server, SharedMemory, TrajectorySubscriber};
 use protocol::config::RunConfig;
+use protocol::dropped::Dropped;
 use protocol::messages::{
-    Answer, Ask, Batch, Begin, Missing, Query, RewardUpdate, Scores, ServiceReply, ServiceRequest,
+    Answer, Ask, Begin, Pretraining, Query, RewardUpdate, Saved, Score, Scores, ServiceReply,
+    ServiceRequest,
 };
-use protocol::process::Stop;
+use protocol::process::{Final, Stop};
 use protocol::run::RunFolder;
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, TrajectoryKey};
+use protocol::trajectory::TrajectoryKey;
 
-use crate::model::RewardModel;
+use crate::intake::Intake;
+use crate::model::{RewardModel, Slice};
+use crate::offline_file::OfflineFile;
+
+/// Messages taken from a port before the service looks at the other.
+const TAKEN_AT_ONCE: usize = 1024;
 
 /// Longest sleep.
 const TICK: Duration = Duration::from_millis(200);
+
+/// How long offline training goes on between two looks at requests.
+const SLICE: Duration = Duration::from_millis(100);
+
+/// Most bytes of trajectories kept that no batch has asked for yet. What is dropped beyond them the
+/// learner sends again.
+const MOST_RECEIVED_BYTES: usize = 256 << 20;
+
+/// Most observations in one query: each is expanded in every layer of every member.
+const MOST_QUERIED: usize = 4096;
 
 /// The service of a run.
 pub struct Service {
     spec: Spec,
     model: Box<dyn RewardModel>,
     fresh: Tensors,
-    /// Offline training is done once, however often the learner begins afresh.
-    pretrained: Option<(RewardUpdate, Tensors)>,
-    /// Encoded trajectories received and not yet part of a batch.
-    received: BTreeMap<TrajectoryKey, Bytes>,
-    batch: Vec<Encoded>,
-    batch_iteration: Option<u64>,
+    offline: OfflineTraining,
+    offline_file: OfflineFile,
+    intake: Intake,
+    dropped: Dropped,
     improved: Option<RewardUpdate>,
     bus: Bus,
     doorbell: Doorbell<SharedMemory>,
@@ -44,25 +57,38 @@ pub struct Service {
     requests: Server<SharedMemory>,
 }
 
+/// Offline training is done once, however often the learner begins afresh.
+enum OfflineTraining {
+    /// Nobody has asked for it.
+    Idle,
+    /// It goes on while nobody asks for anything else.
+    UnderWay(Pretraining),
+    /// Its figures, and the model behind it.
+    Done(RewardUpdate, Tensors),
+    /// It came to no end.
+    Diverged(Final),
+}
+
 impl Service {
     /// Opens the ports of a run's service.
     pub fn open(
         folder: &RunFolder,
         config: &RunConfig,
+        bus: Bus,
         model: Box<dyn RewardModel>,
     ) -> Result<Service> {
-        let bus = Bus::open(&BusAddress::of_run(folder.path())?, "proximity-service")?;
+        let fresh = model.save();
         Ok(Service {
             spec: config.task.spec(),
-            fresh: model.save(),
+            offline: OfflineTraining::Idle,
+            offline_file: OfflineFile::new(folder.offline_file(), &fresh),
+            fresh,
             model,
-            pretrained: None,
-            received: BTreeMap::new(),
-            batch: Vec::new(),
-            batch_iteration: None,
+            intake: Intake::new(config.task.spec()),
+            dropped: Dropped::new("trajectories from the bus"),
             improved: None,
             doorbell: bus.doorbell(Role::ProximityService)?,
-            trajectories: bus.trajectory_subscriber()?,
+            trajectories: bus.learning_subscriber()?,
             requests: bus.score_server()?,
             bus,
         })
@@ -71,133 +97,171 @@ impl Service {
     /// Serves until a stop is requested and the learner, which may still save, is gone.
     pub fn serve(&mut self, stop: &Stop) -> Result<()> {
         while !(stop.is_requested() && self.learner_is_gone()?) {
-            self.doorbell.wait(TICK)?;
+            let trains =
+                matches!(self.offline, OfflineTraining::UnderWay(_)) && !stop.is_requested();
+            self.doorbell.wait(if trains { Duration::ZERO } else { TICK })?;
             self.take_trajectories()?;
             while let Some(question) = self.requests.receive()? {
                 self.take_trajectories()?;
-                let answer = self.answer(question.bytes());
-                let answer = answer.unwrap_or_else(|error| {
-                    tracing::error!("refused: {error:#}");
-                    Answer::Refused(format!("{error:#}"))
-                });
-                question.reply(&ServiceReply { answer: Some(answer) }.encode_to_vec())?;
+                let answer = self.answer(question.bytes(), question.asker());
+                let answer = answer.unwrap_or_else(|error| refusal(&error));
+                let reply = ServiceReply { answer: Some(answer) }.encode_to_vec();
+                if let Err(error) = question.reply(&reply) {
+                    tracing::warn!("an answer found no place: {error}");
+                }
+            }
+            if trains {
+                self.train_offline(SLICE);
             }
         }
+        if let OfflineTraining::UnderWay(_) = self.offline {
+            self.offline_file.save(self.model.save());
+        }
         Ok(())
+    }
+
+    /// A slice of offline training.
+    fn train_offline(&mut self, time: Duration) {
+        self.offline = match self.model.pretrain(time) {
+            Ok(Slice::Done(update)) => OfflineTraining::Done(update, self.model.save()),
+            Ok(Slice::UnderWay(standing)) => OfflineTraining::UnderWay(standing),
+            Err(diverged) => OfflineTraining::Diverged(diverged),
+        };
+        if let OfflineTraining::UnderWay(_) = self.offline
+            && self.offline_file.is_due()
+        {
+            self.offline_file.save(self.model.save());
+        }
     }
 
     fn learner_is_gone(&self) -> Result<bool> {
         Ok(!self.bus.alive()?.iter().any(|name| name.starts_with("learner")))
     }
 
-    /// Keeps what actors publish until a batch asks for it. Bytes are checked when they are used.
+    /// Keeps what actors publish until a batch asks for it.
     fn take_trajectories(&mut self) -> Result<()> {
-        while let Some((header, bytes)) = self.trajectories.receive()? {
+        let mut kept = self.intake.received_bytes();
+        for _ in 0..TAKEN_AT_ONCE {
+            let Some(Published { header, bytes, process }) = self.trajectories.receive()? else {
+                break;
+            };
+            kept += bytes.len();
+            if kept > MOST_RECEIVED_BYTES {
+                kept -= bytes.len();
+                let most = MOST_RECEIVED_BYTES >> 20;
+                self.dropped
+                    .note(format!("process {process}: more than {most} MiB wait for a batch"));
+                continue;
+            }
             let key =
                 TrajectoryKey { lane: header.lane, episode: header.episode, hash: header.hash };
-            self.received.insert(key, bytes);
+            self.intake.receive(key, bytes);
         }
         Ok(())
     }
 
-    fn answer(&mut self, request: &[u8]) -> Result<Answer> {
+    fn answer(&mut self, request: &[u8], asker: Option<Role>) -> Result<Answer> {
         let request = ServiceRequest::decode(request).context("request")?;
-        match request.ask.context("expected a request, found none")? {
-            Ask::Begin(begin) => Ok(Answer::Updated(self.begin(&begin)?)),
-            Ask::Batch(batch) => Ok(Answer::Missing(self.take_batch(batch)?)),
+        let ask = request.ask.context("expected a request, found none")?;
+        if !matches!(ask, Ask::Query(_)) && asker != Some(Role::Learner) {
+            bail!("expected a query, for only the learner asks for more; found another request");
+        }
+        match ask {
+            Ask::Begin(begin) => self.begin(&begin),
+            Ask::Batch(batch) => Ok(Answer::Missing(self.intake.take(batch)?)),
             Ask::Score(request) => {
-                self.expect_batch(request.iteration)?;
-                let scores = self.model.score(request.iteration, &self.batch);
+                let batch = self.intake.batch(request.iteration)?;
+                let scores = self.model.score(request.iteration, batch);
+                scores.iter().try_for_each(expect_finite)?;
                 Ok(Answer::Scores(Scores { scores }))
             }
             Ask::Improve(request) => Ok(Answer::Updated(self.improve(request.iteration)?)),
             Ask::Save(save) => {
-                self.model.save().save(Path::new(&save.path))?;
-                Ok(Answer::Saved(self.model.sha256()))
+                let tensors = self.model.save();
+                let diverged = |message| Final(format!("the reward model diverged: {message}"));
+                tensors.expect_finite().map_err(diverged)?;
+                let file_sha256 = tensors.save(Path::new(&save.path))?;
+                Ok(Answer::Saved(Saved { weights_sha256: self.model.sha256(), file_sha256 }))
             }
             Ask::Query(query) => self.estimate(&query),
         }
     }
 
-    fn begin(&mut self, begin: &Begin) -> Result<RewardUpdate> {
-        self.batch.clear();
-        self.batch_iteration = None;
+    fn begin(&mut self, begin: &Begin) -> Result<Answer> {
+        self.intake.begin_anew();
         self.improved = None;
-        let restored = |model: &mut Box<dyn RewardModel>, tensors: &Tensors| {
-            model.restore(tensors).map_err(|message| anyhow!(message))
-        };
         if !begin.checkpoint.is_empty() {
+            self.offline = OfflineTraining::Idle;
             let tensors = Tensors::load(Path::new(&begin.checkpoint))?;
-            restored(&mut self.model, &tensors)
+            restore(&mut *self.model, &tensors)
                 .with_context(|| format!("checkpoint {}", begin.checkpoint))?;
             let weights_sha256 = self.model.sha256();
             let iteration = begin.iteration;
-            return Ok(RewardUpdate { iteration, weights_sha256, ..RewardUpdate::default() });
+            let update = RewardUpdate { iteration, weights_sha256, ..RewardUpdate::default() };
+            return Ok(Answer::Updated(update));
         }
-        if let Some((update, tensors)) = &self.pretrained {
-            restored(&mut self.model, tensors)?;
-            return Ok(update.clone());
+        if let OfflineTraining::Idle = self.offline {
+            let kept = self.offline_file.load();
+            restore(&mut *self.model, kept.as_ref().unwrap_or(&self.fresh))?;
+            self.train_offline(Duration::ZERO);
         }
-        restored(&mut self.model, &self.fresh)?;
-        let update = self.model.pretrain();
-        self.pretrained = Some((update.clone(), self.model.save()));
-        Ok(update)
-    }
-
-    /// Puts a batch together from what was received and supplied; says what is missing.
-    fn take_batch(&mut self, batch: Batch) -> Result<Missing> {
-        for bytes in batch.supplied {
-            let encoded = Encoded::decode(bytes, &self.spec)?;
-            self.received.insert(encoded.key, encoded.bytes);
-        }
-        let lacks = |key: &&TrajectoryKey| !self.received.contains_key(*key);
-        if self.batch_iteration == Some(batch.iteration) {
-            return Ok(Missing::default());
-        }
-        if batch.keys.iter().any(|key| lacks(&key)) {
-            let positions = batch.keys.iter().enumerate().filter(|(_, key)| lacks(key));
-            return Ok(Missing { positions: positions.map(|(at, _)| at as u32).collect() });
-        }
-        self.batch.clear();
-        for key in &batch.keys {
-            let bytes = self.received.remove(key).context("a batch names a trajectory twice")?;
-            self.batch.push(Encoded::decode(bytes, &self.spec)?);
-        }
-        self.batch_iteration = Some(batch.iteration);
-        self.forget_copies();
-        Ok(Missing::default())
-    }
-
-    /// Drops what was received of lanes' pasts: copies of episodes that were run twice.
-    fn forget_copies(&mut self) {
-        let newest: BTreeMap<u64, u64> =
-            self.batch.iter().map(|encoded| (encoded.key.lane, encoded.key.episode)).collect();
-        let is_new = |key: &TrajectoryKey| {
-            newest.get(&key.lane).is_none_or(|&episode| key.episode > episode)
-        };
-        self.received.retain(|key, _| is_new(key));
-    }
-
-    fn expect_batch(&self, iteration: u64) -> Result<()> {
-        match self.batch_iteration {
-            Some(found) if found == iteration => Ok(()),
-            found => bail!("expected a request about iteration {found:?}, found {iteration}"),
+        match &self.offline {
+            OfflineTraining::Done(update, tensors) => {
+                restore(&mut *self.model, tensors)?;
+                Ok(Answer::Updated(update.clone()))
+            }
+            OfflineTraining::Diverged(diverged) => Err(diverged.clone().into()),
+            OfflineTraining::UnderWay(standing) => Ok(Answer::Pretraining(*standing)),
+            OfflineTraining::Idle => bail!("expected offline training to have begun"),
         }
     }
 
     fn improve(&mut self, iteration: u64) -> Result<RewardUpdate> {
-        self.expect_batch(iteration)?;
+        let batch = self.intake.batch(iteration)?;
         if let Some(update) = self.improved.as_ref().filter(|update| update.iteration == iteration)
         {
             return Ok(update.clone());
         }
-        let update = self.model.improve(iteration, &self.batch);
+        let improved = self.model.improve(iteration, batch);
+        let update = improved.with_context(|| format!("iteration {iteration}"))?;
         self.improved = Some(update.clone());
         Ok(update)
     }
 
     fn estimate(&self, query: &Query) -> Result<Answer> {
+        let count = query.observations.len() / self.spec.observation.bytes();
+        ensure!(
+            count <= MOST_QUERIED,
+            "expected at most {MOST_QUERIED} observations in a query, found {count}"
+        );
         self.spec.observation.check(&query.observations)?;
         Ok(Answer::Estimates(self.model.estimate(&query.observations)?))
+    }
+}
+
+fn restore(model: &mut dyn RewardModel, tensors: &Tensors) -> Result<()> {
+    model.restore(tensors).map_err(|message| anyhow!(message))
+}
+
+/// Refuses a score that nothing can be learned from.
+fn expect_finite(score: &Score) -> Result<(), Final> {
+    let Score { iteration, lane, episode, rewards, proximity, uncertainty, .. } = score;
+    if [rewards, proximity, uncertainty].into_iter().flatten().all(|number| number.is_finite()) {
+        return Ok(());
+    }
+    Err(Final(format!(
+        "the reward model diverged: iteration {iteration}, lane {lane} episode {episode}: expected \
+         finite rewards, proximity and uncertainty"
+    )))
+}
+
+/// The answer to a request that cannot be served.
+fn refusal(error: &anyhow::Error) -> Answer {
+    tracing::error!("refused: {error:#}");
+    let message = format!("{error:#}");
+    if error.chain().any(|cause| cause.is::<Final>()) {
+        Answer::Final(message)
+    } else {
+        Answer::Refused(message)
     }
 }

@@ -1,14 +1,17 @@
 //! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
 
+use std::time::Duration;
+
 use bytes::Bytes;
 use protocol::config::{
     Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
 };
 use protocol::learning_rate::LearningRate;
+use protocol::messages::RewardUpdate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
-use crate::model::{GoalProximity, Learned, Objective, RewardModel};
+use crate::model::{Discriminator, GoalProximity, Learned, Objective, Ranking, RewardModel, Slice};
 
 /// The paper's reward over small networks.
 pub(crate) fn config() -> RewardConfig {
@@ -38,7 +41,7 @@ pub(crate) fn config() -> RewardConfig {
 }
 
 /// A corridor: the observation is a place and a row, and the goal is place 1. An action is 0 or 1.
-const CORRIDOR: Spec = Spec {
+pub(crate) const CORRIDOR: Spec = Spec {
     task: Task::Navigation,
     observation: ObservationSpec::Vector { len: 2 },
     action: ActionSpec::Discrete { count: 2 },
@@ -58,6 +61,7 @@ pub(crate) fn walk(row: f32, source: Source) -> Trajectory {
         values: values.into(),
         discrete_actions: Bytes::from(vec![0; 10]),
         log_probs: vec![0; log_probs].into(),
+        environment_rewards: vec![0; 40].into(),
         success: true,
         steps_to_goal: 10,
         ..Trajectory::default()
@@ -78,17 +82,26 @@ pub(crate) fn learned<O: Objective>(config: &RewardConfig, threads: usize) -> Le
     Learned::new(&CORRIDOR, config, rate, 1, &[walk(0.0, Source::Demonstration)], threads)
 }
 
+/// Trains a model offline to the end.
+pub(crate) fn pretrained(model: &mut impl RewardModel) -> RewardUpdate {
+    match model.pretrain(Duration::MAX).unwrap() {
+        Slice::Done(update) => update,
+        Slice::UnderWay(standing) => panic!("expected the end, found {standing:?}"),
+    }
+}
+
 /// Whether two models of the same objective learn the same bits, one of them on three threads and
 /// from a checkpoint of the other's.
 pub(crate) fn assert_reproducible<O: Objective>(config: &RewardConfig) {
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
     let mut one: Learned<O> = learned(config, 1);
-    one.pretrain();
-    one.improve(0, &batch);
+    pretrained(&mut one);
+    one.improve(0, &batch).unwrap();
     let mut other: Learned<O> = learned(config, 3);
     other.restore(&one.save()).unwrap();
     for iteration in 1..4 {
-        let (of_one, of_other) = (one.improve(iteration, &batch), other.improve(iteration, &batch));
+        let (of_one, of_other) =
+            (one.improve(iteration, &batch).unwrap(), other.improve(iteration, &batch).unwrap());
         assert!(of_one.gradient_steps > 0);
         assert_eq!(of_one.weights_sha256, of_other.weights_sha256);
     }
@@ -108,7 +121,7 @@ pub(crate) fn place(place: f32, row: f32) -> Vec<u8> {
 #[test]
 fn offline_training_fits_the_labels_and_is_sure_only_where_it_was_shown() {
     let mut model = model(2);
-    let update = model.pretrain();
+    let update = pretrained(&mut model);
     assert_eq!(update.gradient_steps, 200);
     assert!(update.weights_sha256 == model.sha256() && update.model_version == 1);
     for tenths in [0, 3, 7, 10] {
@@ -124,13 +137,13 @@ fn offline_training_fits_the_labels_and_is_sure_only_where_it_was_shown() {
 #[test]
 fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
     let mut model = model(2);
-    model.pretrain();
+    pretrained(&mut model);
     let elsewhere = place(0.9, 1.0);
     let before = model.estimate(&elsewhere).unwrap().proximity[0];
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
     let mut last = None;
     for iteration in 0..80 {
-        last = Some(model.improve(iteration, &batch));
+        last = Some(model.improve(iteration, &batch).unwrap());
     }
     let after = model.estimate(&elsewhere).unwrap().proximity[0];
     assert!(before > 0.4 && after < 0.2, "before {before}, after {after}");
@@ -138,11 +151,27 @@ fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
     assert_eq!(last.unwrap().experience, 100);
 }
 
+/// `reward.samples` and `reward.batch` mean the same for every model: whole batches of what there is.
+#[test]
+fn every_model_trains_on_what_rows_there_are() {
+    fn steps<O: Objective>(samples: usize) -> u64 {
+        let config = RewardConfig { form: RewardForm::Airl, samples, batch: 2, ..config() };
+        // Ten steps, eleven observations.
+        let batch = [Encoded::encode(walk(1.0, Source::Training))];
+        learned::<O>(&config, 1).improve(0, &batch).unwrap().gradient_steps
+    }
+    for (samples, expected) in [(4, 2), (40, 5), (0, 0)] {
+        let found = [steps::<GoalProximity>, steps::<Ranking>, steps::<Discriminator>]
+            .map(|of| of(samples));
+        assert_eq!(found, [expected; 3], "{samples} samples");
+    }
+}
+
 #[test]
 fn online_training_ends_when_the_learning_rate_is_zero() {
     let mut model = model(1);
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
-    let (last, after) = (model.improve(99, &batch), model.improve(100, &batch));
+    let (last, after) = (model.improve(99, &batch).unwrap(), model.improve(100, &batch).unwrap());
     assert_eq!((last.gradient_steps, after.gradient_steps), (1, 0));
     assert_eq!(last.weights_sha256, after.weights_sha256);
 }
@@ -158,12 +187,12 @@ fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
 fn proximity_with_actions_depends_on_the_action_and_needs_one() {
     let config = RewardConfig { input: RewardInput::StateAction, uncertainty: 0.0, ..config() };
     let mut model: Learned<GoalProximity> = learned(&config, 2);
-    model.pretrain();
+    pretrained(&mut model);
     let right = walk(0.0, Source::Training);
     let wrong = Trajectory { discrete_actions: vec![1; 10].into(), ..right.clone() };
     let batch = [right, wrong].map(Encoded::encode);
     for iteration in 0..80 {
-        model.improve(iteration, &batch[1..]);
+        model.improve(iteration, &batch[1..]).unwrap();
     }
     let scores = model.score(80, &batch);
     assert_eq!((scores[0].proximity.len(), scores[0].rewards.len()), (11, 10));
@@ -179,4 +208,47 @@ fn a_foreign_checkpoint_is_refused_with_the_array_that_differs() {
     tensors.put_f32("member0.parameters", [1.0]);
     let message = model(1).restore(&tensors).unwrap_err();
     assert!(message.contains("member0.parameters") && message.contains("found 1"), "{message}");
+}
+
+/// Offline training in slices of one step, and from what was saved after each seventh.
+#[test]
+fn slices_of_offline_training_change_no_bit() {
+    let expected = pretrained(&mut model(1));
+    let mut model = model(2);
+    let mut steps = 0;
+    let update = loop {
+        match model.pretrain(Duration::from_nanos(1)).unwrap() {
+            Slice::Done(update) => break update,
+            Slice::UnderWay(standing) => {
+                assert!((standing.done, standing.total) >= (steps, 200), "{standing:?}");
+                steps = standing.done;
+            }
+        }
+        if steps % 7 == 0 {
+            let saved = model.save();
+            model = self::model(1);
+            model.restore(&saved).unwrap();
+        }
+    };
+    assert!(steps > 100, "expected it to be cut into slices");
+    let RewardUpdate { gradient_steps, demonstration_loss, ref weights_sha256, .. } = update;
+    assert_eq!(gradient_steps, expected.gradient_steps);
+    assert_eq!(demonstration_loss, expected.demonstration_loss);
+    assert_eq!(*weights_sha256, expected.weights_sha256);
+    assert!(!model.save().has("offline.done"), "a trained model has nothing left of it");
+}
+
+#[test]
+fn what_diverges_is_refused_with_its_minibatch() {
+    let config = RewardConfig { learning_rate: 1e30, ..config() };
+    let mut model: Learned<GoalProximity> = learned(&config, 2);
+    let message = model.pretrain(Duration::MAX).unwrap_err().to_string();
+    assert!(message.contains("reward model diverged: minibatch"), "{message}");
+    assert!(message.contains("member 0"), "{message}");
+    let mut model: Learned<GoalProximity> = learned(&config, 2);
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    let improved: Result<Vec<_>, _> =
+        (0..3).map(|iteration| model.improve(iteration, &batch)).collect();
+    let message = improved.unwrap_err().to_string();
+    assert!(message.contains("minibatch 1, member"), "{message}");
 }

@@ -75,6 +75,18 @@ pub const SMALL_PHYSICS: [&str; 16] = [
     "resources.actors=2",
 ];
 
+/// The settings that a method reads: others are refused.
+pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
+    let unread: &[&str] = match method {
+        "bc" | "bco" | "sqil" => &["ppo.", "reward."],
+        "environment-reward" => &["reward."],
+        "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" => &["reward.pretraining_epochs"],
+        _ => &[],
+    };
+    let is_read = |setting: &&str| !unread.iter().any(|start| setting.starts_with(start));
+    small.iter().copied().filter(is_read).collect()
+}
+
 /// Nothing a test waits for takes as long on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(240);
 
@@ -151,10 +163,13 @@ impl TestRun {
         self.train_task("navigation", &SMALL, settings)
     }
 
-    /// Starts `goalward train` on a new run of a task with `small` and then `settings`.
+    /// Starts `goalward train` on a new run of a task with `small`, as far as its method reads it, and
+    /// then `settings`.
     pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
         command.args(["train", task]);
+        let method = settings.iter().find_map(|setting| setting.strip_prefix("method="));
+        let small = read_by(method.unwrap_or("goal-proximity"), small);
         for setting in small.iter().chain(settings) {
             command.args(["--set", setting]);
         }
@@ -217,11 +232,14 @@ impl TestRun {
 
     /// Names of what the run has in shared memory.
     pub fn shared_memory(&self) -> Vec<String> {
-        let address = BusAddress::of_run(self.folder().path()).unwrap();
+        let Some(address) = BusAddress::if_started(self.folder().path()).unwrap() else {
+            return Vec::new();
+        };
         let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
         let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-        let root = address.root().file_name().unwrap().to_string_lossy().into_owned();
-        names.filter(|name| name.starts_with(address.prefix()) || *name == root).collect()
+        let objects = names.filter(|name| name.starts_with(address.prefix()));
+        let root = Some(address.root()).filter(|root| root.exists());
+        objects.chain(root.map(|root| root.display().to_string())).collect()
     }
 
     /// Every file of the test's folder but the programs, with its bytes: to see that nothing was
@@ -264,7 +282,7 @@ impl Drop for TestRun {
         for process in process::living(&self.path("bin")) {
             process.signal(Signal::Kill);
         }
-        if let Ok(address) = BusAddress::of_run(self.folder().path()) {
+        if let Ok(Some(address)) = BusAddress::if_started(self.folder().path()) {
             let removed = || address.remove().is_ok();
             let deadline = Instant::now() + Duration::from_secs(5);
             while !removed() && Instant::now() < deadline {

@@ -13,6 +13,10 @@ pub enum Signal {
     Kill,
     /// What Ctrl-C sends.
     Interrupt,
+    /// A polite end.
+    Terminate,
+    /// The end of the terminal.
+    Hangup,
     /// Holds a process.
     Stop,
     /// Lets a held process go on.
@@ -83,6 +87,8 @@ pub fn send(id: u32, signal: Signal) {
     let name = match signal {
         Signal::Kill => "KILL",
         Signal::Interrupt => "INT",
+        Signal::Terminate => "TERM",
+        Signal::Hangup => "HUP",
         Signal::Stop => "STOP",
         Signal::Continue => "CONT",
     };

@@ -2,6 +2,7 @@
 //!
 //! The actor does it; this only passes on what the user wants.
 
+use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -9,8 +10,9 @@ use protocol::config::DEFAULT_PRESET;
 use protocol::task::Task;
 
 use crate::demonstrations::Recording;
-use crate::refusal::wrong_usage;
-use crate::{programs, tasks};
+use crate::refusal::stopped;
+use crate::status_line::StatusLine;
+use crate::{destination, machine, programs, tasks};
 
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
@@ -32,17 +34,20 @@ pub(crate) struct Arguments {
     /// Seed of the starts and goals.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// MCAP file to write; it must not exist.
+    /// MCAP file to write.
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
+    /// Replaces a file that is there; never anything of a run.
+    #[arg(long)]
+    force: bool,
 }
 
 /// Records demonstrations; the exit code is that of the actor.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let &Arguments { task, episodes, coverage, noise, ref policy, seed, ref out } = arguments;
-    if out.exists() {
-        return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
-    }
+    let &Arguments { task, episodes, coverage, noise, ref policy, seed, ref out, force } =
+        arguments;
+    destination::file(out, force)?;
+    machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
     let mut config = tasks::configuration(task, DEFAULT_PRESET, &[])?;
     config.demonstrations.coverage = coverage;
     config.demonstrations.noise = noise;
@@ -50,6 +55,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     setting.check("demonstrations", &task.spec())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
-    let status = recording.actor()?.status().context("starting the expert")?;
-    programs::expect_success(status)
+    if force {
+        recording.remove_unfinished()?;
+        if out.exists() {
+            fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
+        }
+    }
+    match recording.record(&mut recording.actor()?, StatusLine::beside_data())? {
+        Some(status) => programs::expect_success(status),
+        None => Err(stopped()),
+    }
 }

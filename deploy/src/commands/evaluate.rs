@@ -8,9 +8,9 @@ use anyhow::Result;
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
-use crate::figures;
 use crate::programs::{self, Program};
 use crate::progress::print_line;
+use crate::{destination, figures, machine};
 
 /// Flags of `goalward evaluate`.
 #[derive(Debug, clap::Args)]
@@ -20,6 +20,9 @@ pub(crate) struct Arguments {
     /// Episodes to run; by default as many as at the end of training.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
+    /// Replaces the file of an earlier evaluation of this policy.
+    #[arg(long)]
+    force: bool,
 }
 
 /// What the actor says.
@@ -37,10 +40,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
+    machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
+    if let Some((version, _)) = folder.newest_checkpoint() {
+        destination::own_file(&folder.evaluation_file(version, episodes), arguments.force)?;
+    }
     let mut actor = Program::Actor.command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string()]);
-    print_line(table(&programs::figures(&mut actor)?).trim_end());
+    print_line(table(&programs::figures(&mut actor, "evaluating")?).trim_end());
     Ok(())
 }
 

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use crate::experiment::{Archive, execute, figure_of_plan, overview, queue, read_all};
-use crate::programs;
+use crate::experiment::{
+    Archive, execute, figure_of_plan, overview, queue, read_all, refuse_other_builds,
+};
 use crate::progress::print_line;
-use crate::refusal::{Refusal, STOPPED};
+use crate::refusal::stopped;
+use crate::{destination, programs};
 
 /// Flags of `goalward experiment`.
 #[derive(Debug, clap::Args)]
@@ -27,6 +29,10 @@ pub(crate) struct Arguments {
     /// one actor and one thread per process. Results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: Option<u16>,
+    /// Counts runs that another build of goalward has finished and continues those that it has
+    /// begun. Curves keep them apart.
+    #[arg(long)]
+    other_build: bool,
     /// Only say what is done and what is missing.
     #[arg(long)]
     dry_run: bool,
@@ -34,7 +40,7 @@ pub(crate) struct Arguments {
 
 /// Trains what is missing of plans.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { plans, quick, out, jobs, dry_run } = arguments;
+    let Arguments { plans, quick, out, jobs, other_build, dry_run } = arguments;
     let planned = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
     let runs = queue(&planned, &mut archive);
@@ -44,16 +50,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print_line(&format!("  {}", own_line(arguments)));
         return Ok(());
     }
+    destination::outside_runs(out)?;
+    if !other_build {
+        refuse_other_builds(&runs, &mut archive)?;
+    }
     programs::check_all()?;
     for folder in [archive.runs(), archive.demonstrations()] {
         fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     }
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
-    let ended = execute(&runs, &mut archive, jobs)?;
+    let ended = execute(&runs, &mut archive, jobs, *other_build)?;
     print_overview(arguments)?;
     if ended.is_stopped {
         print_line(&format!("stopped; go on with\n  {}", own_line(arguments)));
-        return Err(Refusal::Explained(STOPPED).into());
+        return Err(stopped());
     }
     if !ended.failed.is_empty() {
         let folder = archive.runs();
@@ -79,7 +89,7 @@ fn half_of_the_cores() -> usize {
 
 fn print_overview(arguments: &Arguments) -> Result<()> {
     for plan in &arguments.plans {
-        print_line(&overview(&figure_of_plan(plan, &arguments.out, arguments.quick)?)?);
+        print_line(&overview(&figure_of_plan(plan, &arguments.out, arguments.quick)?));
     }
     Ok(())
 }
@@ -88,13 +98,15 @@ fn print_overview(arguments: &Arguments) -> Result<()> {
 fn own_line(arguments: &Arguments) -> String {
     let out = arguments.out.display();
     let jobs = arguments.jobs.map_or(String::new(), |jobs| format!(" --jobs {jobs}"));
-    format!("{} experiment {}{jobs} --out {out}", programs::own_command(), plans(arguments))
+    let other_build = if arguments.other_build { " --other-build" } else { "" };
+    let (goalward, plans) = (programs::own_command(), plans(arguments));
+    format!("{goalward} experiment {plans}{jobs}{other_build} --out {out}")
 }
 
 /// The command that draws what is there.
 fn report_line(arguments: &Arguments) -> String {
     let (goalward, out) = (programs::own_command(), arguments.out.display());
-    format!("{goalward} report {} --experiments {out} --out {out}/report", plans(arguments))
+    format!("{goalward} report {} --experiments {out} --out {out}/report --force", plans(arguments))
 }
 
 fn plans(arguments: &Arguments) -> String {

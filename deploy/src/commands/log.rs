@@ -1,23 +1,23 @@
 //! `goalward log info`, `log repair` and `log restore`: what recorded files hold, sealing those that a
 //! crash left, and observations for those that have actions only.
 
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use protocol::bus::BusAddress;
-use protocol::log::{self, log_files};
+use protocol::log::{self, is_active, log_files};
 use protocol::run::RunFolder;
 
-use crate::figures;
 use crate::full_log::{self, Restored};
-use crate::plan;
 use crate::progress::print_line;
 use crate::refusal::{Refusal, wrong_usage};
+use crate::{destination, figures, plan};
 
 /// The verbs of `goalward log`.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Verb {
-    /// Say what files hold and whether they are whole; exit code 3 if one is damaged.
+    /// Say what files hold and whether they are whole; exit code 3 if one is not.
     Info(Arguments),
     /// Seal files that a crash or a bad disk left; exit code 3 if something in them is lost.
     Repair(Arguments),
@@ -28,6 +28,9 @@ pub(crate) enum Verb {
         /// Folder for the log.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
+        /// Replaces the log files of the folder; never anything of a run.
+        #[arg(long)]
+        force: bool,
     },
 }
 
@@ -44,7 +47,7 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Info(arguments) => each(arguments, info),
         Verb::Repair(arguments) => each(arguments, repair),
-        Verb::Restore { run, out } => restore(&RunFolder::new(run), out),
+        Verb::Restore { run, out, force } => restore(&RunFolder::new(run), out, *force),
     }
 }
 
@@ -64,27 +67,35 @@ fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<
 }
 
 fn info(file: &Path) -> Result<bool> {
-    let info = log::info(file).map_err(Refusal::usage)?;
+    let Some(info) = log::info(file).map_err(Refusal::usage)? else {
+        print_line(&format!("{}: ends before it says what it is", file.display()));
+        // The first thing that a writer does is to create its file.
+        return Ok(!is_active(file));
+    };
     print_line(&info.to_string());
     Ok(info.ending.lost())
 }
 
 fn repair(file: &Path) -> Result<bool> {
-    refuse_if_written(file)?;
+    // A link is not the file: that is sealed under its own name, where it lies.
+    let file = &fs::canonicalize(file)
+        .map_err(|error| wrong_usage(format!("{}: {error}", file.display())))?;
+    let _held = hold_run(file)?;
     let repair = log::repair(file).map_err(Refusal::usage)?;
     print_line(&repair.to_string());
     Ok(!repair.damage.is_empty())
 }
 
-fn restore(run: &RunFolder, out: &Path) -> Result<()> {
+fn restore(run: &RunFolder, out: &Path, force: bool) -> Result<()> {
     run.config()?;
-    if out.exists() {
-        return Err(wrong_usage(format!("{} exists and is not overwritten", out.display())));
+    destination::folder(out, force)?;
+    for file in log_files(out).unwrap_or_default() {
+        fs::remove_file(&file.path).with_context(|| format!("removing {}", file.path.display()))?;
     }
     let Restored { episodes, restored } = full_log::restore(run, out)?;
     let [episodes, restored] = [episodes, restored].map(figures::count);
     print_line(&format!("{}: {episodes} episodes, {restored} acted again", out.display()));
-    Ok(())
+    full_log::refuse_loss(run)
 }
 
 /// The files named, and those of the runs named.
@@ -109,25 +120,26 @@ fn files_of(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// A file that is being written must not be sealed under its writer's hands.
-fn refuse_if_written(file: &Path) -> Result<()> {
-    let run = file.parent().and_then(Path::parent).map(|path| match path.as_os_str() {
-        nothing if nothing.is_empty() => RunFolder::new("."),
-        _ => RunFolder::new(path),
-    });
-    let Some(folder) = run.filter(|folder| folder.config_file().exists()) else { return Ok(()) };
-    plan::lock(&folder)?;
-    if BusAddress::of_run(folder.path())?.is_anyone_alive()? {
+/// Keeps everybody from training the run that a file is of, for as long as what is returned lives: a
+/// file must not be sealed under its writer's hands. Nothing for a file of no run.
+fn hold_run(file: &Path) -> Result<Option<File>> {
+    // In the folder of a run, or in its log.
+    let folders = file.ancestors().skip(1).take(2).map(RunFolder::new);
+    let Some(folder) = folders.into_iter().find(|folder| folder.config_file().exists()) else {
+        return Ok(None);
+    };
+    let held = plan::lock(&folder)?;
+    if let Some(address) = BusAddress::if_started(folder.path())?
+        && address.is_anyone_alive()?
+    {
         let shown = folder.path().display();
         return Err(wrong_usage(format!("processes of the run in {shown} are still alive")));
     }
-    Ok(())
+    Ok(Some(held))
 }
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     #[test]

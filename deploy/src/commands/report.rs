@@ -8,7 +8,7 @@ use protocol::run::RunFolder;
 use crate::experiment::figure_of_plan;
 use crate::progress::print_line;
 use crate::refusal::wrong_usage;
-use crate::report;
+use crate::{destination, report};
 
 /// Flags of `goalward report`.
 #[derive(Debug, clap::Args)]
@@ -19,6 +19,9 @@ pub(crate) struct Arguments {
     /// Folder of the report.
     #[arg(long, value_name = "DIR", default_value = "report")]
     out: PathBuf,
+    /// Replaces the files of a report that is there; never anything of a run.
+    #[arg(long)]
+    force: bool,
     /// Takes the plans at the reduced size of their table `quick`.
     #[arg(long)]
     quick: bool,
@@ -29,12 +32,13 @@ pub(crate) struct Arguments {
 
 /// Writes a report.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { what, out, quick, experiments } = arguments;
+    let Arguments { what, out, force, quick, experiments } = arguments;
     let is_plan = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml");
     let (plans, folders): (Vec<_>, Vec<_>) = what.into_iter().partition(is_plan);
     if quick && plans.is_empty() {
         return Err(wrong_usage("--quick: expected a plan, found runs only"));
     }
+    destination::folder(&out, force)?;
     let figure = |plan: &PathBuf| figure_of_plan(plan, &experiments, quick);
     let mut figures = plans.iter().map(figure).collect::<Result<Vec<_>>>()?;
     if !folders.is_empty() {

@@ -6,6 +6,7 @@ use anyhow::Result;
 use protocol::bus::MAX_ACTORS;
 use protocol::run::RunFolder;
 
+use crate::machine::Machine;
 use crate::progress::print_line;
 use crate::refusal::wrong_usage;
 use crate::{plan, supervisor};
@@ -31,6 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             run.display()
         )));
     }
+    Machine::here().require_room_for_actors(*actors)?;
     supervisor::want_actors(&folder, *actors)?;
     print_line(&format!("actors: {actors}"));
     Ok(())

@@ -4,21 +4,23 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use prost::Message;
 use protocol::bus::{Bus, BusAddress, Role, SharedMemory};
+use protocol::checkpoint;
 use protocol::config::RunConfig;
 use protocol::log::{Contents, Record, read_contents};
 use protocol::messages::{Phase, PolicyUpdate, Progress};
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
+use protocol::run::{CHECKPOINT_FILES, RunFolder};
 
 use crate::figures;
-use crate::progress::print_line;
+use crate::plan;
+use crate::processes::Processes;
+use crate::progress::{offline, print_line, print_remark};
 use crate::summary;
 
-/// How long a live run is listened to; it publishes several times a second.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// How long a live run is listened to; it publishes every second at least.
+const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Flags of `goalward status`.
 #[derive(Debug, clap::Args)]
@@ -31,11 +33,15 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
-    let address = BusAddress::of_run(folder.path())?;
-    let table = if address.is_anyone_alive()? {
-        live(&address, &config)?
-    } else if let Some(summary) = Summary::of_run(&folder)? {
+    let address = BusAddress::if_started(folder.path())?;
+    let processes = address.as_ref().map(Processes::on).transpose()?;
+    let training = processes.filter(Processes::train);
+    let table = if let (Some(address), Some(processes)) = (address, training) {
+        live(&address, &config, &processes)?
+    } else if let Some(summary) = summary::of_finished(&folder, print_remark) {
         format!("finished\n{}", summary::table(&summary))
+    } else if plan::lock(&folder).is_err() {
+        beginning(&folder, &config)
     } else {
         stopped(&folder, &config)
     };
@@ -43,28 +49,53 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn live(address: &BusAddress, config: &RunConfig) -> Result<String> {
+fn live(address: &BusAddress, config: &RunConfig, processes: &Processes) -> Result<String> {
+    let progress = listen(address)?;
+    let silence =
+        || format!("no figures: its learner has said nothing for {} s", PATIENCE.as_secs());
+    let (headline, rows, heard) = match progress {
+        Some(progress) => {
+            ("training".to_owned(), live_rows(&progress, config), progress.actors_heard)
+        }
+        None => (silence(), common_rows(config), Vec::new()),
+    };
+    let headline = processes.trouble().unwrap_or(headline);
+    Ok(format!("{headline}\n{}{}", figures::table(&rows), processes.table(&heard)))
+}
+
+/// The newest progress of a run; none while its learner says nothing.
+fn listen(address: &BusAddress) -> Result<Option<Progress>> {
     let bus = Bus::<SharedMemory>::open(address, "status")?;
     let doorbell = bus.doorbell(Role::Supervisor)?;
     let subscriber = bus.progress_subscriber()?;
     let start = Instant::now();
     loop {
-        if let Some(bytes) = subscriber.receive()? {
-            let progress = Progress::decode(bytes).context("reading the progress of the run")?;
-            return Ok(format!("training\n{}", figures::table(&live_rows(&progress, config))));
+        // What is no progress is not the learner's.
+        if let Some(Ok(progress)) = subscriber.receive()?.map(Progress::decode) {
+            return Ok(Some(progress));
         }
         let left = PATIENCE.saturating_sub(start.elapsed());
         if left.is_zero() {
-            let rows = common_rows(config);
-            return Ok(format!("starting, no figures yet\n{}", figures::table(&rows)));
+            return Ok(None);
         }
         doorbell.wait(left)?;
     }
 }
 
+/// Somebody has the run, but none of its processes is on the bus.
+fn beginning(folder: &RunFolder, config: &RunConfig) -> String {
+    let records = config.imitates()
+        && config.demonstrations.file.is_none()
+        && !folder.demonstrations_file().exists();
+    let doing =
+        if records { "recording its demonstrations" } else { "its processes are not there yet" };
+    format!("starting: {doing}\n{}", figures::table(&common_rows(config)))
+}
+
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
+    let offline = offline(progress);
     let doing = match Phase::try_from(progress.phase) {
-        Ok(Phase::Pretraining) => "training the reward model offline",
+        Ok(Phase::Pretraining) => offline.as_str(),
         Ok(Phase::Training) | Err(_) => "rolling out and learning",
         Ok(Phase::Evaluating) => "evaluating the policy",
         Ok(Phase::Finished) => "ending",
@@ -75,10 +106,14 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     let done = progress.update.as_ref().map_or(0, |update| update.environment_steps);
     rows.push(("environment steps", steps(done, progress.steps_wanted)));
     rows.extend(progress.update.iter().flat_map(update_rows));
-    if let Some(update) = &progress.reward_update {
+    // A fixed reward has no versions, and one just read from a checkpoint has no figures yet.
+    let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
+    if let Some(update) = learned {
         let losses = [update.demonstration_loss, update.agent_loss].map(figures::number);
         let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
         rows.push(("reward loss", losses));
+        let steps = figures::count(update.gradient_steps);
+        rows.push(("reward model", format!("{steps} gradient steps in its last update")));
     }
     let (actors, leases) = (progress.actors, progress.leases);
     rows.push(("actors", format!("{actors}, {leases} leases handed out")));
@@ -89,21 +124,24 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
 
 fn stopped(folder: &RunFolder, config: &RunConfig) -> String {
     let mut rows = common_rows(config);
-    let newest = folder.newest_checkpoint();
-    let place = newest.as_ref().map_or_else(
+    let found = checkpoint::newest(folder, &CHECKPOINT_FILES).unwrap_or_default();
+    let place = found.newest.as_ref().map_or_else(
         || "none: it begins anew".to_owned(),
-        |(iteration, path)| {
-            format!("after iteration {}, {}", figures::count(*iteration), path.display())
+        |newest| {
+            let iteration = figures::count(newest.iteration);
+            format!("after iteration {iteration}, {}", newest.folder.display())
         },
     );
     rows.push(("newest checkpoint", place));
-    if let Some((iteration, _)) = newest
-        && let Some(update) = last_update_before(folder, iteration)
+    rows.extend(found.damaged.iter().map(|(_, error)| ("damaged", error.to_string())));
+    if let Some(newest) = found.newest
+        && let Some(update) = last_update_before(folder, newest.iteration)
     {
         rows.push(("environment steps", steps(update.environment_steps, config.steps)));
         rows.extend(update_rows(&update));
     }
-    format!("stopped, not finished\n{}", figures::table(&rows))
+    let heading = if folder.log().exists() { "stopped, not finished" } else { "never started" };
+    format!("{heading}\n{}", figures::table(&rows))
 }
 
 /// The newest update that the checkpoint after `iteration` iterations contains.
@@ -141,6 +179,7 @@ fn steps(done: u64, wanted: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use protocol::messages::{Pretraining, RewardUpdate};
     use protocol::task::Task;
 
     use super::*;
@@ -154,8 +193,17 @@ mod tests {
     fn a_stopped_run_tells_its_checkpoint() {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
-        assert!(stopped(&folder, &config()).contains("begins anew"));
-        std::fs::create_dir_all(folder.checkpoint_folder(1250)).unwrap();
+        let table = stopped(&folder, &config());
+        assert!(table.starts_with("never started") && table.contains("begins anew"), "{table}");
+        std::fs::create_dir(folder.log()).unwrap();
+        assert!(stopped(&folder, &config()).starts_with("stopped"));
+        let checkpoint = folder.checkpoint_folder(1250);
+        std::fs::create_dir_all(&checkpoint).unwrap();
+        let table = stopped(&folder, &config());
+        assert!(table.contains("begins anew") && table.contains("damaged"), "{table}");
+        for name in CHECKPOINT_FILES {
+            protocol::tensors::Tensors::default().save(&checkpoint.join(name)).unwrap();
+        }
         let table = stopped(&folder, &config());
         assert!(table.contains("after iteration 1,250"), "{table}");
     }
@@ -165,5 +213,12 @@ mod tests {
         let table = figures::table(&live_rows(&Progress::default(), &config()));
         assert!(table.contains("offline"), "{table}");
         assert!(table.contains("0 of 0 (0 %)"), "{table}");
+        let pretraining = Some(Pretraining { done: 30, total: 120 });
+        let reward_update =
+            Some(RewardUpdate { model_version: 2, gradient_steps: 64, ..RewardUpdate::default() });
+        let progress = Progress { pretraining, reward_update, ..Progress::default() };
+        let table = figures::table(&live_rows(&progress, &config()));
+        assert!(table.contains("30 of 120 gradient steps (25 %)"), "{table}");
+        assert!(table.contains("64 gradient steps in its last update"), "{table}");
     }
 }

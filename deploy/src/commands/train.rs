@@ -10,10 +10,12 @@ use protocol::run::RunFolder;
 use protocol::summary::Summary;
 use protocol::task::Task;
 
+use crate::machine::Machine;
 use crate::plan::{self, Plan, Wishes};
-use crate::progress::{ProgressView, print_line};
+use crate::progress::{ProgressView, print_line, print_remark};
+use crate::refusal::{Refusal, stopped};
 use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
-use crate::{demonstrations, figures, programs, summary};
+use crate::{demonstrations, figures, limits, programs, summary};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -63,6 +65,10 @@ pub(crate) struct Arguments {
     /// Continues the run in --run DIR from its newest checkpoint.
     #[arg(long)]
     resume: bool,
+    /// Continues a run that another build of goalward trained, though its result may then be that of
+    /// neither; the log and the summary name both.
+    #[arg(long, requires = "resume")]
+    other_build: bool,
 }
 
 impl Arguments {
@@ -86,48 +92,76 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
+    let other_build = arguments.other_build;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let plan = begin(arguments.wishes())?;
-    if let Some(summary) = Summary::of_run(&plan.folder)? {
+    if let Some(summary) = summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
         print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
         print_end(&plan.folder, &summary);
         return Ok(());
     }
-    check(&plan)?;
+    let remarks = check(&plan)?;
+    if plan.resumed && !other_build {
+        plan::refuse_other_build(&plan.folder)?;
+    }
     let _lock = plan.lay_out()?;
+    let place = plan.folder.place()?;
     print_start(&plan);
+    remarks.iter().for_each(|remark| print_line(remark));
 
     let mut view = ProgressView::new();
     let outcome = prepare_and_supervise(&plan, &mut view);
     view.finish();
+    if outcome.is_err() {
+        // Whatever failed first, this is why.
+        place.check()?;
+    }
     match outcome? {
         Outcome::Finished => {
             let summary = Summary::of_run(&plan.folder)?;
             print_end(&plan.folder, &summary.context("the learner left no summary")?);
         }
-        Outcome::Stopped | Outcome::EndOfLog => print_how_to_resume(&plan.folder),
+        Outcome::Stopped => {
+            print_how_to_resume(&plan.folder);
+            return Err(stopped());
+        }
+        Outcome::EndOfLog => {}
     }
     Ok(())
 }
 
-/// Everything that can be known to be wrong before the run has a folder.
-fn check(plan: &Plan) -> Result<()> {
+/// Everything that can be known to be wrong before the run has a folder. Gives what else is to be said.
+fn check(plan: &Plan) -> Result<Vec<String>> {
     programs::check_all()?;
+    let long = Machine::here().require_room_for(&plan.config)?;
     if let Some(file) = &plan.config.demonstrations.file {
         demonstrations::check(file, &plan.config)?;
     }
+    if plan.resumed && has_demonstrations(plan) {
+        let unchanged = protocol::origin::demonstrations_sha256(&plan.folder, &plan.config);
+        unchanged.map_err(Refusal::usage)?;
+    }
     require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;
-    Ok(check_shared_memory_room(SHARED_MEMORY_BYTES)?)
+    check_shared_memory_room(SHARED_MEMORY_BYTES)?;
+    limits::check(plan.config.resources.actors)?;
+    Ok(long.into_iter().chain(demonstrations::remark(&plan.config)?).collect())
+}
+
+/// Whether the run has the demonstrations it learns from: one that was stopped early may not.
+fn has_demonstrations(plan: &Plan) -> bool {
+    let Plan { folder, config, .. } = plan;
+    config.demonstrations.file.is_some() || folder.demonstrations_file().exists()
 }
 
 fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
-    let recorded = config.demonstrations.file.is_some() || folder.demonstrations_file().exists();
-    if config.imitates() && !recorded {
+    if config.imitates() && !has_demonstrations(plan) {
         let episodes = figures::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
-        demonstrations::record_for_run(folder, config)?;
+        if !demonstrations::record_for_run(folder, config)? {
+            return Ok(Outcome::Stopped);
+        }
     }
     block_on_supervision(folder, &Source::Environments(config.resources.actors), view)
 }
@@ -145,7 +179,8 @@ pub(crate) fn block_on_supervision(
 fn clean_up_after(folder: &RunFolder) -> Result<()> {
     // Without the lock its supervisor still lives, and does it.
     let Ok(_lock) = plan::lock(folder) else { return Ok(()) };
-    runtime()?.block_on(remove_from_bus(&BusAddress::of_run(folder.path())?))
+    let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(()) };
+    runtime()?.block_on(remove_from_bus(&address))
 }
 
 fn runtime() -> Result<tokio::runtime::Runtime> {
@@ -207,6 +242,7 @@ mod tests {
             run: None,
             settings: vec!["ppo.clip=0.3".to_owned()],
             resume: false,
+            other_build: false,
         };
         let settings = arguments.wishes().settings;
         let config = crate::tasks::configuration(Task::Navigation, "goalward", &settings).unwrap();

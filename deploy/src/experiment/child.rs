@@ -1,10 +1,9 @@
 //! Processes of an experiment: `goalward train` for a run, and before it an actor for its
 //! demonstrations, where nobody has recorded them yet.
 
-use std::fs;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, bail};
 use protocol::config::{ResourceConfig, RunConfig};
@@ -13,7 +12,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::archive::Archive;
 use super::plan::PlannedRun;
-use crate::demonstrations::Recording;
+use crate::demonstrations::{RECORDING, Recording};
+use crate::headway;
 use crate::output::Output;
 use crate::plan;
 use crate::progress::{Standing, read_line};
@@ -24,6 +24,8 @@ const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;
 /// A process that was started.
 pub(super) struct Running {
     child: Child,
+    /// Its end is the sign to stop, if the process takes one.
+    input: Option<ChildStdin>,
     output: Output,
 }
 
@@ -31,9 +33,11 @@ impl Running {
     fn start(command: &mut Command, output: Output) -> Result<Running> {
         let (stdout, stderr) = (output.open()?, output.open()?);
         // In a group of its own: Ctrl-C is for the experiment alone.
-        let command = command.process_group(0).stdin(Stdio::null()).env("NO_COLOR", "1");
-        let child = command.stdout(stdout).stderr(stderr).spawn().context("starting a process")?;
-        Ok(Running { child, output })
+        let command = command.process_group(0).env("NO_COLOR", "1");
+        let mut child =
+            command.stdout(stdout).stderr(stderr).spawn().context("starting a process")?;
+        let input = child.stdin.take();
+        Ok(Running { child, input, output })
     }
 
     /// How it ended, if it has.
@@ -42,7 +46,10 @@ impl Running {
     }
 
     /// Asks it to stop; if it has been asked before, it is to stop at once.
-    pub(super) fn interrupt(&self) {
+    pub(super) fn interrupt(&mut self) {
+        if self.input.take().is_some() {
+            return;
+        }
         // It may have ended by itself, which is as well.
         kill_process(Pid::from_child(&self.child), Signal::INT).ok();
     }
@@ -95,12 +102,12 @@ impl Training {
 
     /// Starts `goalward train`, or goes on with it where it has begun. Where others run beside it,
     /// each gets one core.
-    pub(super) fn start(&self, is_alone: bool) -> Result<Running> {
+    pub(super) fn start(&self, is_alone: bool, other_build: bool) -> Result<Running> {
         let goalward = std::env::current_exe().context("finding goalward itself")?;
         let mut command = Command::new(goalward);
-        command.arg("train");
+        command.arg("train").stdin(Stdio::null());
         if self.folder.config_file().exists() {
-            command.arg("--resume");
+            command.arg("--resume").args(other_build.then_some("--other-build"));
         } else {
             command.arg(self.run.config.task.name());
             for setting in &self.run.settings {
@@ -140,34 +147,36 @@ fn resources(config: &RunConfig, is_alone: bool) -> [String; 4] {
 pub(super) struct Recorder {
     /// The process.
     pub(super) running: Running,
-    /// Nobody takes it for whole while it has this name, nor writes the same one.
-    unfinished: PathBuf,
     file: PathBuf,
 }
 
 impl Recorder {
     /// Lets the expert begin.
     pub(super) fn start(config: &RunConfig, file: PathBuf) -> Result<Recorder> {
-        let unfinished = file.with_extension(format!("{}.mcap", std::process::id()));
         let output = Output::at(file.with_extension("txt"));
-        let mut actor = Recording::for_run(config, &unfinished).actor()?;
+        let mut actor = Recording::for_run(config, &file).actor()?;
         let running = Running::start(&mut actor, output)?;
-        Ok(Recorder { running, unfinished, file })
+        Ok(Recorder { running, file })
     }
 
-    /// Gives the demonstrations their name if the expert `ended` well.
+    /// What it is doing, with how far it is as far as it has said so.
+    pub(super) fn words(&self) -> String {
+        let end = self.running.output.end().unwrap_or_default();
+        match end.lines().rev().find_map(headway::read) {
+            Some(headway) => format!("{RECORDING} {} %", headway::percent(headway)),
+            None => RECORDING.to_owned(),
+        }
+    }
+
+    /// Checks that the expert `ended` well: the demonstrations have their name then.
     ///
     /// # Errors
     /// When it did not, with its last words.
     pub(super) fn end(self, ended: ExitStatus) -> Result<()> {
-        let shown = self.file.display();
         if ended.success() {
-            return fs::rename(&self.unfinished, &self.file)
-                .with_context(|| format!("naming {shown}"));
+            return Ok(());
         }
-        // Left where the expert was killed; whole files have no such name.
-        fs::remove_file(self.unfinished.with_extension("mcap.active")).ok();
-        let words = self.running.output().last_lines();
+        let (shown, words) = (self.file.display(), self.running.output().last_lines());
         bail!("recording {shown} failed ({ended}); {words}")
     }
 }

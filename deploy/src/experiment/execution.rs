@@ -9,6 +9,7 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use protocol::log::is_being_written;
 use protocol::summary::Summary;
 
 use super::archive::Archive;
@@ -17,6 +18,7 @@ use super::estimate::Estimate;
 use super::plan::PlannedRun;
 use crate::refusal::WRONG_USAGE;
 use crate::status_line::StatusLine;
+use crate::summary::of_finished;
 use crate::supervisor::Signals;
 use crate::{figures, progress};
 
@@ -34,13 +36,20 @@ pub(crate) struct Ended {
     pub(crate) elsewhere: Vec<String>,
 }
 
-/// Trains runs in their order, `jobs` at a time; those that are finished are skipped.
+/// Trains runs in their order, `jobs` at a time; those that are finished are skipped. Runs that
+/// another build has begun fail unless `other_build` continues them.
 ///
 /// # Errors
 /// When a process cannot start. A run that fails is no error.
-pub(crate) fn execute(runs: &[PlannedRun], archive: &mut Archive, jobs: usize) -> Result<Ended> {
+pub(crate) fn execute(
+    runs: &[PlannedRun],
+    archive: &mut Archive,
+    jobs: usize,
+    other_build: bool,
+) -> Result<Ended> {
     let mut execution = Execution {
         jobs,
+        other_build,
         runs: runs.len(),
         finished: 0,
         waiting: VecDeque::new(),
@@ -52,7 +61,7 @@ pub(crate) fn execute(runs: &[PlannedRun], archive: &mut Archive, jobs: usize) -
     };
     for run in runs {
         let training = Training::of(run, archive);
-        match Summary::of_run(&training.folder)? {
+        match of_finished(&training.folder, |remark| execution.line.note(remark)) {
             Some(summary) => execution.count(&training, &summary),
             None => execution.waiting.push_back(training),
         }
@@ -66,6 +75,7 @@ pub(crate) fn execute(runs: &[PlannedRun], archive: &mut Archive, jobs: usize) -
 
 struct Execution {
     jobs: usize,
+    other_build: bool,
     /// Of all plans, each once.
     runs: usize,
     finished: usize,
@@ -84,6 +94,8 @@ enum Begun {
     Recording(Recorder),
     /// Somebody else has trained it meanwhile, or does so now.
     Nothing,
+    /// Somebody else records its demonstrations.
+    Later,
 }
 
 impl Execution {
@@ -92,7 +104,8 @@ impl Execution {
         loop {
             let is_news = self.reap()?;
             let can_start_more = !self.ended.is_stopped && self.start_next();
-            if self.running.is_empty() && self.recorder.is_none() && !can_start_more {
+            let is_idle = self.running.is_empty() && self.recorder.is_none();
+            if is_idle && (self.waiting.is_empty() || self.ended.is_stopped) {
                 return Ok(());
             }
             self.show(is_news);
@@ -119,20 +132,27 @@ impl Execution {
                 self.waiting.push_front(training);
             }
             Ok(Begun::Nothing) => {}
+            Ok(Begun::Later) => {
+                self.waiting.push_back(training);
+                return false;
+            }
             Err(error) => self.fail(&training, &format!("cannot begin: {error:#}")),
         }
         true
     }
 
     fn begin(&mut self, training: &Training) -> Result<Begun> {
-        if let Some(summary) = Summary::of_run(&training.folder)? {
+        if let Some(summary) = finished(training) {
             self.count(training, &summary);
         } else if training.is_elsewhere() {
             self.leave_to_others(training);
         } else if let Some(file) = training.missing_demonstrations() {
+            if is_being_written(&file) {
+                return Ok(Begun::Later);
+            }
             return Recorder::start(&training.run.config, file).map(Begun::Recording);
         } else {
-            return training.start(self.jobs == 1).map(Begun::Training);
+            return training.start(self.jobs == 1, self.other_build).map(Begun::Training);
         }
         Ok(Begun::Nothing)
     }
@@ -160,15 +180,14 @@ impl Execution {
 
     fn settle(&mut self, training: &Training, running: &Running, status: ExitStatus) {
         let refused = status.code() == Some(i32::from(WRONG_USAGE));
-        match Summary::of_run(&training.folder) {
-            Ok(Some(summary)) => self.count(training, &summary),
-            Ok(None) if self.ended.is_stopped => {}
-            Ok(None) if refused && training.is_elsewhere() => self.leave_to_others(training),
-            Ok(None) => {
+        match finished(training) {
+            Some(summary) => self.count(training, &summary),
+            None if self.ended.is_stopped => {}
+            None if refused && training.is_elsewhere() => self.leave_to_others(training),
+            None => {
                 let words = running.output().last_lines();
                 self.fail(training, &format!("ended ({status}); {words}"));
             }
-            Err(error) => self.fail(training, &error.to_string()),
         }
     }
 
@@ -201,8 +220,8 @@ impl Execution {
         if !std::mem::replace(&mut self.ended.is_stopped, true) {
             self.line.note("stopping: every run writes a checkpoint (Ctrl-C again: at once)");
         }
-        let recording = self.recorder.iter().map(|recorder| &recorder.running);
-        let training = self.running.iter().map(|(_, running)| running);
+        let recording = self.recorder.iter_mut().map(|recorder| &mut recorder.running);
+        let training = self.running.iter_mut().map(|(_, running)| running);
         recording.chain(training).for_each(Running::interrupt);
     }
 
@@ -211,7 +230,7 @@ impl Execution {
             self.running.iter().map(|(training, running)| (training, running.standing())).collect();
         let mut doing: Vec<String> =
             standings.iter().map(|(training, standing)| words(training, *standing)).collect();
-        doing.extend(self.recorder.as_ref().map(|_| "recording demonstrations".to_owned()));
+        doing.extend(self.recorder.as_ref().map(Recorder::words));
         let seconds = |training: &Training| self.estimate.seconds(&training.run.config);
         let part = |percent: u64| 1.0 - percent as f64 / 100.0;
         let running_s = standings.iter().map(|(training, standing)| {
@@ -233,6 +252,11 @@ impl Execution {
         let tenth = figures::percent_done(self.finished as u64, self.runs as u64) / 10;
         self.line.show(&line, tenth, is_news);
     }
+}
+
+/// The summary of a run, if it is finished.
+fn finished(training: &Training) -> Option<Summary> {
+    Summary::of_run(&training.folder).unwrap_or(None)
 }
 
 /// A run that is under way.

@@ -4,10 +4,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
+use protocol::dropped::shortened;
 use protocol::task::Task;
 use serde::Deserialize;
 
 use crate::refusal::wrong_usage;
+
+/// Longest reason why a file is no plan, characters.
+pub(super) const REASON_CHARS: usize = 500;
 
 /// A plan.
 #[derive(Debug, Deserialize)]
@@ -89,7 +93,7 @@ impl PlanFile {
         toml::from_str(&text).map_err(|error| {
             let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
             let line = before.matches('\n').count() + 1;
-            let message = error.message().replace('\n', " ");
+            let message = shortened(&error.message().replace('\n', " "), REASON_CHARS);
             wrong_usage(format!("{shown}, line {line}: {message}"))
         })
     }

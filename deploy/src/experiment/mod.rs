@@ -5,6 +5,7 @@
 //! | `file` | a plan as its file has it |
 //! | `plan` | a plan, checked: figures, panels, curves, and every run's whole configuration |
 //! | `archive` | what lies where in an experiment's folder; a run is in it once |
+//! | `builds` | that all runs are of the build at work |
 //! | `execution` | which run is next, what became of it, Ctrl-C |
 //! | `child` | a `goalward train` for a run, or an expert for its demonstrations |
 //! | `estimate` | the time that is left |
@@ -14,6 +15,7 @@
 //! plan that was interrupted, extended or reordered runs only what is missing.
 
 mod archive;
+mod builds;
 mod child;
 mod estimate;
 mod execution;
@@ -28,6 +30,7 @@ use std::path::Path;
 use anyhow::Result;
 
 pub(crate) use archive::Archive;
+pub(crate) use builds::refuse_other_builds;
 pub(crate) use execution::execute;
 pub(crate) use overview::overview;
 pub(crate) use plan::{queue, read_all};
@@ -40,5 +43,5 @@ use plan::Plan;
 /// # Errors
 /// When the plan is not sound.
 pub(crate) fn figure_of_plan(path: &Path, out: &Path, quick: bool) -> Result<Figure> {
-    Ok(Plan::read(path, quick)?.figure(&mut Archive::open(out)))
+    Ok(Plan::read(path, quick)?.figure(&mut Archive::open(out)).apart())
 }

@@ -1,35 +1,33 @@
 //! What of a figure is done, what is missing, and how well the finished runs do.
 
-use anyhow::Result;
 use protocol::summary::Summary;
 
 use crate::figure::{Curve, Figure};
 use crate::figures;
+use crate::progress::print_remark;
+use crate::summary::of_finished;
 
 /// The curves of a figure as a table: finished runs, their mean success, the authors' curve.
-///
-/// # Errors
-/// When the summary of a run is damaged.
-pub(crate) fn overview(figure: &Figure) -> Result<String> {
+pub(crate) fn overview(figure: &Figure) -> String {
     let mut rows = vec![["panel", "curve", "seeds", "success", "authors"].map(str::to_owned)];
     for panel in &figure.panels {
         for curve in &panel.curves {
-            let [seeds, success] = finished(curve)?;
+            let [seeds, success] = finished(curve);
             let anchor = figures::percent(curve.anchor.unwrap_or(f64::NAN), 0);
             rows.push([panel.name.clone(), curve.name.clone(), seeds, success, anchor]);
         }
     }
-    Ok(format!("{}: {}\n{}", figure.name, figure.title, figures::columns(&rows)))
+    format!("{}: {}\n{}", figure.name, figure.title, figures::columns(&rows))
 }
 
 /// How many runs of a curve are finished, and their mean success.
-fn finished(curve: &Curve) -> Result<[String; 2]> {
+fn finished(curve: &Curve) -> [String; 2] {
     let mut rates = Vec::new();
     for run in &curve.runs {
-        rates.extend(Summary::of_run(run)?.as_ref().map(success));
+        rates.extend(of_finished(run, print_remark).as_ref().map(success));
     }
     let mean = rates.iter().sum::<f64>() / rates.len() as f64;
-    Ok([format!("{} of {}", rates.len(), curve.runs.len()), figures::percent(mean, 1)])
+    [format!("{} of {}", rates.len(), curve.runs.len()), figures::percent(mean, 1)]
 }
 
 /// Of the last training episodes, as in the paper's curves; of the evaluation, where a method has no

@@ -5,10 +5,11 @@ use std::path::Path;
 
 use anyhow::Result;
 use protocol::config::{DEFAULT_PRESET, RunConfig};
+use protocol::dropped::shortened;
 use protocol::task::Task;
 
 use super::archive::Archive;
-use super::file::{CurveEntry, PanelEntry, PlanFile, Quick};
+use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
 use crate::figure::{Curve, Figure, Panel};
 use crate::refusal::wrong_usage;
 use crate::{demonstrations, tasks};
@@ -80,7 +81,11 @@ impl Plan {
     /// Of wrong usage, in one line that names the file, the panel and the curve.
     pub(crate) fn read(path: &Path, quick: bool) -> Result<Plan> {
         let file = PlanFile::read(path)?;
-        let refused = |error: anyhow::Error| wrong_usage(format!("{}: {error:#}", path.display()));
+        let refused = |error: anyhow::Error| {
+            // Names in it are the file's.
+            let words = shortened(&format!("{error:#}"), REASON_CHARS);
+            wrong_usage(format!("{}: {words}", path.display()))
+        };
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Self::of(name, file, quick).map_err(refused)
     }
@@ -185,6 +190,7 @@ impl PlannedPanel {
 impl PlannedRun {
     fn of(task: Task, method: &str, seed: u64, settings: Vec<String>) -> Result<PlannedRun> {
         let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
+        let config = demonstrations::adopt(config, &settings)?;
         if (config.task, config.method.as_str(), config.seed) != (task, method, seed) {
             return Err(wrong_usage("its settings may change neither task nor method nor seed"));
         }

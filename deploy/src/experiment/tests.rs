@@ -4,8 +4,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+
 use super::*;
+use file::PlanFile;
 use plan::PlannedRun;
+
+/// Inputs damaged as those of every other reader of foreign bytes.
+#[path = "../../../tests/fuzz/damage.rs"]
+mod damage;
 
 /// A sound plan, to be spoilt.
 const PLAN: &str = r#"
@@ -172,4 +179,32 @@ fn all_quick_plans_together_are_small() {
     let runs = queue(&plans, &mut Archive::open(Path::new("e")));
     assert!((60..=100).contains(&runs.len()), "{} runs", runs.len());
     assert!(runs.iter().all(|run| run.config.steps <= 60_000));
+}
+
+/// Gives a reader of plans damaged ones; it accepts them, or says why not in one line.
+fn fuzz(cases: u32, read: impl Fn(&Path) -> anyhow::Result<()>) {
+    let directory = tempfile::tempdir().unwrap();
+    let stream = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
+    let config = Config { cases, failure_persistence: None, ..Config::default() };
+    let mut runner = TestRunner::new_with_rng(config, stream);
+    let tried = runner.run(&damage::inputs(vec![PLAN.as_bytes().to_vec()]), |bytes| {
+        let path = directory.path().join("figure.toml");
+        fs::write(&path, bytes).unwrap();
+        if let Err(error) = read(&path) {
+            let line = format!("{error:#}");
+            assert!(line.len() < 4_000 && !line.chars().any(char::is_control), "{line:?}");
+        }
+        Ok(())
+    });
+    if let Err(failure) = tried {
+        panic!("{failure}");
+    }
+}
+
+#[test]
+fn any_bytes_are_a_plan_or_a_line() {
+    let cases = std::env::var("GOALWARD_FUZZ_CASES").map_or(10_000, |cases| cases.parse().unwrap());
+    fuzz(cases, |path| PlanFile::read(path).map(drop));
+    // Every run of a plan is put together, which takes a while.
+    fuzz(cases / 50, |path| Plan::read(path, true).map(drop));
 }

@@ -47,7 +47,7 @@ pub(super) fn has_proximity(config: &RunConfig) -> bool {
 pub(super) fn ask(folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
     let mut service = Program::ProximityService.command()?;
     service.arg("estimate").arg("--run").arg(folder.path());
-    programs::figures_of(&mut service, observations)
+    programs::figures_of(&mut service, "asking", observations)
 }
 
 /// Episodes that the run's newest policy was evaluated in. If nobody has evaluated it, they are run
@@ -108,7 +108,7 @@ fn evaluate(folder: &RunFolder) -> Result<PathBuf> {
     let mut actor = Program::Actor.command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     let evaluation: Evaluation =
-        programs::figures(actor.args(["--episodes", &EPISODES.to_string()]))?;
+        programs::figures(actor.args(["--episodes", &EPISODES.to_string()]), "evaluating")?;
     Ok(evaluation.file)
 }
 

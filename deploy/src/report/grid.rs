@@ -17,6 +17,9 @@ mod class {
 /// Side of a cell, units.
 const CELL: usize = 10;
 
+/// Place in the colors of a number that is the same everywhere.
+const CONSTANT: f64 = 0.5;
+
 const WALL_COLOR: &str = "#555B66";
 const GOAL_COLOR: &str = "#009E73";
 const AGENT_COLOR: &str = "#D55E00";
@@ -72,7 +75,11 @@ impl Everywhere {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, &one)| {
                 (low.min(one), high.max(one))
             });
-        let shade = |number: f64| ((number - low) / (high - low).max(1e-12)).clamp(0.0, 1.0);
+        let ends = ends(low, high);
+        let shade = |number: f64| match ends {
+            Some(_) => ((number - low) / (high - low)).clamp(0.0, 1.0),
+            None => CONSTANT,
+        };
         let side = self.width * CELL;
         html! {
             g transform=(format!("translate({left} 24)")) shape-rendering="crispEdges" {
@@ -84,7 +91,7 @@ impl Everywhere {
                 @for &place in self.free.iter().filter(|&&place| self.cells[place] == class::GOAL) {
                     (ring(place % self.width, place / self.width))
                 }
-                (scale(side + 8, low, high))
+                (legend(side + 8, low, ends.as_ref()))
             }
         }
     }
@@ -130,19 +137,37 @@ fn ring(x: usize, y: usize) -> Markup {
     shape-rendering="auto" {} }
 }
 
-/// A bar of the colors with the numbers at its ends.
-fn scale(left: usize, low: f64, high: f64) -> Markup {
+/// The smallest and the largest number with as many digits as tell them apart; none where they are the
+/// same in all that are worth showing.
+fn ends(low: f64, high: f64) -> Option<[String; 2]> {
+    let short = [low, high].map(crate::figures::number);
+    let long = || (4..=6).map(|digits| [low, high].map(|number| format!("{number:.digits$}")));
+    std::iter::once(short).chain(long()).find(|[low, high]| low != high)
+}
+
+/// A bar of the colors with the numbers at its ends, or the one color with its number.
+fn legend(left: usize, low: f64, ends: Option<&[String; 2]>) -> Markup {
     let steps = 24;
     html! {
         g transform=(format!("translate({left} 0)")) {
-            @for step in 0..steps {
-                @let share = 1.0 - (step as f64 + 0.5) / f64::from(steps);
-                rect y=(step * 5) width="8" height="5" fill=(color(share)) {}
+            @if let Some([low, high]) = ends {
+                @for step in 0..steps {
+                    @let share = 1.0 - (step as f64 + 0.5) / f64::from(steps);
+                    rect y=(step * 5) width="8" height="5" fill=(color(share)) {}
+                }
+                (number(9, high))
+                (number(steps * 5, low))
+            } @else {
+                rect width="8" height="8" fill=(color(CONSTANT)) {}
+                (number(8, &crate::figures::number(low)))
+                (number(19, "constant"))
             }
-            text x="12" y="9" font-size="9" fill="#000000" { (crate::figures::number(high)) }
-            text x="12" y=(steps * 5) font-size="9" fill="#000000" { (crate::figures::number(low)) }
         }
     }
+}
+
+fn number(y: i32, text: &str) -> Markup {
+    html! { text x="12" y=(y) font-size="9" fill="#000000" { (text) } }
 }
 
 /// Viridis: the lighter, the larger.
@@ -171,5 +196,20 @@ mod tests {
             format!(r#"<rect x="0" y="10" width="10" height="10" fill="{}">"#, color(1.0));
         assert!(picture.contains(&lightest), "{picture}");
         assert!(!picture.contains("NaN"), "{picture}");
+    }
+
+    #[test]
+    fn numbers_that_are_the_same_everywhere_have_one_color_and_one_number() {
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        let picture = |proximity: Vec<f64>| {
+            let estimates = Estimates { proximity, uncertainty: vec![0.1, 0.2, 0.3] };
+            everywhere.picture(&estimates).into_string()
+        };
+        let constant = picture(vec![0.371, 0.9, 0.371_000_01]);
+        assert_eq!(constant.matches(">0.371<").count(), 1, "{constant}");
+        assert!(constant.contains(">constant<"), "{constant}");
+        // Those that differ by less than is usually shown are shown with more digits.
+        let close = picture(vec![0.3711, 0.9, 0.3713]);
+        assert!(close.contains(">0.3711<") && close.contains(">0.3713<"), "{close}");
     }
 }

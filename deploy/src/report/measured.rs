@@ -10,7 +10,9 @@ use protocol::summary::Summary;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::figures;
+use crate::progress::print_remark;
 use crate::refusal::{Refusal, wrong_usage};
+use crate::summary::of_finished;
 
 /// A figure with what its runs say.
 pub(super) type MeasuredFigure = Figure<MeasuredCurve>;
@@ -101,7 +103,7 @@ impl Measured {
     /// Of wrong usage when the folder holds no run, no log, or no policy update yet.
     pub(super) fn of(folder: RunFolder) -> Result<Measured> {
         let config = folder.config()?;
-        let summary = Summary::of_run(&folder)?;
+        let summary = of_finished(&folder, print_remark);
         let records = read_contents(&folder.log(), Contents::Updates)
             .map_err(Refusal::usage)
             .with_context(|| folder.path().display().to_string())?;

@@ -48,13 +48,14 @@ use crate::refusal::wrong_usage;
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
 pub(crate) fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
-    runs::figure(folders)
+    Ok(runs::figure(folders)?.apart())
 }
 
 /// Writes a report on figures into the folder `out`; gives the page's file.
 ///
 /// # Errors
-/// When two figures have the same name, or the files cannot be written.
+/// Of wrong usage, when two figures have the same name or no run has anything to show. When the
+/// files cannot be written.
 pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
     let mut names = BTreeSet::new();
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
@@ -62,6 +63,7 @@ pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
     }
     let measured = |figure: Figure| figure.map(MeasuredCurve::of);
     let figures: Vec<MeasuredFigure> = figures.into_iter().map(measured).collect();
+    refuse_nothing(&figures)?;
     let pictures = Pictures::of(&figures)?;
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let save = |name: &str, text: &str| -> Result<PathBuf> {
@@ -76,4 +78,20 @@ pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
     save("summary.csv", &csv::summary(&figures))?;
     let folder = out.canonicalize().with_context(|| out.display().to_string())?;
     save("index.html", &page::page(&figures, &pictures, &folder).into_string())
+}
+
+/// Plans whose runs are all to come have no report.
+fn refuse_nothing(figures: &[MeasuredFigure]) -> Result<()> {
+    let curves =
+        || figures.iter().flat_map(|figure| &figure.panels).flat_map(|panel| &panel.curves);
+    if curves().any(|curve| !curve.runs.is_empty()) {
+        return Ok(());
+    }
+    let missing: Vec<&String> = curves().flat_map(|curve| &curve.missing).collect();
+    let first = missing.first().map_or("no run is named", |first| first.as_str());
+    Err(wrong_usage(format!(
+        "nothing to report on: expected runs with policy updates, found {} without, such as {first} \
+         (`goalward experiment` trains the runs of a plan; --experiments DIR says where they lie)",
+        missing.len()
+    )))
 }

@@ -48,6 +48,31 @@ struct Actor {
     ended_well: bool,
     /// When it is started again, if it has ended.
     start_at: Option<Instant>,
+    /// Whether it is left alone until then, because it has died too often.
+    rests: bool,
+}
+
+impl Actor {
+    /// Notes a death, and when to start again; says what is to be said about it.
+    fn note_death(&mut self, how: &str) -> String {
+        let (now, name) = (Instant::now(), self.process.name());
+        let rest = self.deaths.note(now);
+        self.ended_well = false;
+        self.rests = rest.is_some();
+        self.start_at = Some(now + rest.unwrap_or_default());
+        match rest {
+            None => format!("{name} ended ({how}) and is started again"),
+            Some(rest) => format!(
+                "{name} ended ({how}) {}: the run goes on without it and tries again in {} s",
+                too_often(),
+                rest.as_secs()
+            ),
+        }
+    }
+}
+
+fn too_often() -> String {
+    format!("for the {MOST_DEATHS}th time within {} s", DEATH_WINDOW.as_secs())
 }
 
 impl Actors {
@@ -57,38 +82,35 @@ impl Actors {
         Actors { folder, source, working: Vec::new(), leaving: Vec::new(), named: 0 }
     }
 
-    /// Starts all of them.
-    pub(super) fn start(&mut self) -> Result<()> {
+    /// Takes on all of them.
+    pub(super) fn take_on(&mut self) {
         match self.source {
             Source::Environments(count) => self.scale(count),
             Source::Log { .. } => self.add(),
         }
     }
 
-    /// Starts actors, or asks the last ones to stop, until there are so many. The one actor of a log
+    /// Takes actors on, or asks the last ones to stop, until there are so many. The one actor of a log
     /// stays the only one.
-    pub(super) fn scale(&mut self, count: u64) -> Result<()> {
+    pub(super) fn scale(&mut self, count: u64) {
         if matches!(self.source, Source::Log { .. }) {
-            return Ok(());
+            return;
         }
         while (self.working.len() as u64) < count {
-            self.add()?;
+            self.add();
         }
         for mut actor in self.working.drain(count as usize..) {
             actor.process.ask_to_stop();
             self.leaving.push(actor.process);
         }
-        Ok(())
     }
 
-    fn add(&mut self) -> Result<()> {
+    fn add(&mut self) {
         let name = format!("actor-{}", self.named);
         self.named += 1;
-        let mut process = Process::new(&self.folder, Program::Actor, &name, self.arguments(&name));
-        process.start()?;
-        let deaths = ActorDeaths::default();
-        self.working.push(Actor { process, deaths, ended_well: false, start_at: None });
-        Ok(())
+        let process = Process::new(&self.folder, Program::Actor, &name, self.arguments(&name));
+        let (deaths, start_at) = (ActorDeaths::default(), Some(Instant::now()));
+        self.working.push(Actor { process, deaths, ended_well: false, start_at, rests: false });
     }
 
     fn arguments(&self, name: &str) -> Vec<OsString> {
@@ -107,42 +129,49 @@ impl Actors {
         arguments
     }
 
-    /// Starts actors again that have ended; returns whether one has come to the end of its log.
+    /// Starts actors that were taken on or have ended; returns whether one has come to the end of its
+    /// log.
     ///
     /// # Errors
-    /// When one of them dies too often.
+    /// When all of them die too often.
     pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<bool> {
-        let now = Instant::now();
         for process in &mut self.leaving {
             process.reap()?;
         }
         self.leaving.retain(Process::is_running);
-        for actor in &mut self.working {
+        let from_log = matches!(self.source, Source::Log { .. });
+        for place in 0..self.working.len() {
+            let actor = &mut self.working[place];
+            let mut failure = None;
             match actor.process.reap()? {
                 Some(status) if status.success() => {
-                    (actor.ended_well, actor.start_at) = (true, Some(now + COMEBACK));
+                    (actor.ended_well, actor.start_at) = (true, Some(Instant::now() + COMEBACK));
                 }
-                Some(status) if actor.deaths.allow_restart(now) => {
-                    let name = actor.process.name();
-                    view.note(&format!("{name} ended ({status}) and is started again"));
-                    (actor.ended_well, actor.start_at) = (false, Some(now));
-                }
-                Some(status) => {
-                    let seconds = DEATH_WINDOW.as_secs();
-                    let history = format!("for the {MOST_DEATHS}th time within {seconds} s");
-                    return Err(actor.process.give_up(status, &history));
-                }
+                Some(status) => failure = Some(status.to_string()),
                 None => {}
             }
-            if actor.start_at.is_some_and(|at| at <= now) {
-                actor.start_at = None;
-                if actor.ended_well && matches!(self.source, Source::Log { .. }) {
+            if actor.start_at.is_some_and(|at| at <= Instant::now()) {
+                if actor.ended_well && from_log {
                     return Ok(true);
                 }
-                actor.process.start()?;
+                (actor.start_at, actor.rests) = (None, false);
+                failure = actor.process.start().err().map(|error| format!("{error:#}"));
+            }
+            if let Some(how) = failure {
+                self.note_death(place, &how, view)?;
             }
         }
         Ok(false)
+    }
+
+    fn note_death(&mut self, place: usize, how: &str, view: &ProgressView) -> Result<()> {
+        let said = self.working[place].note_death(how);
+        if self.working.iter().all(|actor| actor.rests) {
+            let history = format!("{}, and no other actor works", too_often());
+            return Err(self.working[place].process.give_up(how, &history));
+        }
+        view.note(&said);
+        Ok(())
     }
 
     /// All processes, those included that are leaving.

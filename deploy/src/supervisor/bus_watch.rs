@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use prost::Message;
 use protocol::Error;
 use protocol::bus::{Bus, BusAddress, Role, SharedMemory};
+use protocol::dropped::Dropped;
 use protocol::messages::Progress;
 use protocol::process::Stop;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
@@ -67,13 +68,18 @@ fn watch(
     let bus = Bus::<SharedMemory>::open(address, "supervisor")?;
     let doorbell = bus.doorbell(Role::Supervisor)?;
     let progress = bus.progress_subscriber()?;
+    let mut dropped = Dropped::new("messages of progress");
     let mut cleaned = Instant::now();
     while !stop.is_requested() {
         doorbell.wait(CLEAN_UP_EVERY)?;
         while let Some(bytes) = progress.receive()? {
-            let progress = Progress::decode(bytes)
-                .map_err(|source| Error::Undecodable { what: "progress", source })?;
-            sender.try_send(Ok(progress)).ok();
+            match Progress::decode(bytes) {
+                // What comes while the view is busy is left out.
+                Ok(progress) => {
+                    sender.try_send(Ok(progress)).ok();
+                }
+                Err(why) => dropped.note(why),
+            }
         }
         if cleaned.elapsed() >= CLEAN_UP_EVERY {
             let dead = bus.clean_up();

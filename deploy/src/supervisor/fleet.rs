@@ -35,10 +35,11 @@ impl Fleet {
         }
     }
 
-    /// Starts every process.
+    /// Starts learner and service; the actors when they are looked after.
     pub(super) fn start(&mut self) -> Result<()> {
         self.start_core()?;
-        self.actors.start()
+        self.actors.take_on();
+        Ok(())
     }
 
     /// Starts proximity service and learner.

@@ -1,7 +1,7 @@
 //! Watches over a run: starts its processes, starts again what dies, shows progress, ends it all.
 //!
 //! An actor that dies is started again under its name; its leases are handed out again by the
-//! learner. Learner and proximity service hold one state between them, so if one dies both are
+//! learner. One that dies again and again is left alone for a while, as long as another works. Learner and proximity service hold one state between them, so if one dies both are
 //! started again, and continue from their last common checkpoint. Neither changes the result.
 
 mod actors;
@@ -15,10 +15,13 @@ mod wanted;
 use std::process::ExitStatus;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use protocol::bus::BusAddress;
-use protocol::run::RunFolder;
+use protocol::checkpoint;
+use protocol::process::FINAL_CODE;
+use protocol::run::{Place, RunFolder};
 
+use crate::limits;
 use crate::progress::ProgressView;
 pub(crate) use actors::Source;
 use bus_watch::BusWatch;
@@ -27,7 +30,7 @@ use fleet::Fleet;
 use restart::{CoreRestarts, MOST_RESTARTS};
 pub(crate) use signals::Signals;
 use wanted::ActorsWanted;
-pub(crate) use wanted::want_actors;
+pub(crate) use wanted::{actors_wanted, forget_actors_wanted, want_actors};
 
 /// How often the processes are looked after if no signal says so.
 const TICK: Duration = Duration::from_millis(250);
@@ -67,16 +70,19 @@ pub(crate) async fn supervise(
     view: &mut ProgressView,
 ) -> Result<Outcome> {
     let mut signals = Signals::listen()?;
-    let address = BusAddress::of_run(folder.path())?;
+    let place = folder.place()?;
+    let address = BusAddress::for_start(folder.path())?;
     if !await_predecessors(&address, &mut signals, view).await? {
         return Ok(Outcome::Stopped);
     }
     address.remove()?;
-    let wanted = ActorsWanted::fresh(folder)?;
+    settle_checkpoints(folder, view)?;
+    let wanted = ActorsWanted::new(folder);
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
-    let mut supervision = Supervision { folder, view, signals, watch, fleet, restarts, wanted };
+    let mut supervision =
+        Supervision { folder, place, view, signals, watch, fleet, restarts, wanted };
     let outcome = supervision.run().await;
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
@@ -99,6 +105,13 @@ pub(crate) async fn remove_from_bus(address: &BusAddress) -> Result<()> {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
     Ok(address.remove()?)
+}
+
+/// The iterations of the newest checkpoint that holds; what is passed over for it, the user is told.
+fn settle_checkpoints(folder: &RunFolder, view: &ProgressView) -> Result<Option<u64>> {
+    let found = checkpoint::settle(folder)?;
+    found.remarks().iter().for_each(|remark| view.note(remark));
+    Ok(found.newest.map(|newest| newest.iteration))
 }
 
 /// Waits for the processes of a supervisor that died; returns false if the user does not want to.
@@ -129,6 +142,7 @@ async fn await_predecessors(
 
 struct Supervision<'a> {
     folder: &'a RunFolder,
+    place: Place,
     view: &'a mut ProgressView,
     signals: Signals,
     watch: BusWatch,
@@ -141,6 +155,7 @@ impl Supervision<'_> {
     async fn run(&mut self) -> Result<Outcome> {
         self.view.activity("starting the processes");
         self.fleet.start()?;
+        self.fleet.actors.look_after(self.view)?;
         loop {
             tokio::select! {
                 () = self.signals.stop.next() => return self.stop().await,
@@ -156,6 +171,7 @@ impl Supervision<'_> {
 
     /// Notices deaths and starts again what died; returns how the run has ended, if it has.
     async fn look_after(&mut self) -> Result<Option<Outcome>> {
+        self.place.check()?;
         if let Some(status) = self.fleet.learner.reap()? {
             if status.success() && self.is_finished() {
                 return Ok(Some(Outcome::Finished));
@@ -165,9 +181,16 @@ impl Supervision<'_> {
         if let Some(status) = self.fleet.service.reap()? {
             return self.restart_core(Core::Service, status).await;
         }
-        if let Some(count) = self.wanted.changed()? {
-            self.view.note(&format!("actors: {count} from now on"));
-            self.fleet.actors.scale(count)?;
+        match self.wanted.changed() {
+            Ok(None) => {}
+            Ok(Some(count)) => match limits::check(count) {
+                Ok(()) => {
+                    self.view.note(&format!("actors: {count} from now on"));
+                    self.fleet.actors.scale(count);
+                }
+                Err(error) => self.view.note(&format!("the number of actors stays: {error}")),
+            },
+            Err(error) => self.view.note(&format!("the number of actors stays: {error:#}")),
         }
         if self.fleet.actors.look_after(self.view)? {
             self.end_learner().await?;
@@ -187,6 +210,10 @@ impl Supervision<'_> {
     /// Starts learner and proximity service again, one of which has died, unless the run is finished.
     async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<Option<Outcome>> {
         let Fleet { learner, service, .. } = &mut self.fleet;
+        if status.code() == Some(i32::from(FINAL_CODE)) {
+            let dead = if let Core::Learner = dead { learner } else { service };
+            return Err(dead.give_up(status, "and would come to the same again"));
+        }
         let (dead, survivor, patience) = match dead {
             Core::Learner => (learner, service, SURVIVOR_PATIENCE),
             // It waits for an answer that does not come, and does again what it has not recorded.
@@ -201,7 +228,7 @@ impl Supervision<'_> {
         if self.folder.summary_file().exists() {
             return Ok(Some(Outcome::Finished));
         }
-        let checkpoint = self.folder.newest_checkpoint().map(|(iteration, _)| iteration);
+        let checkpoint = settle_checkpoints(self.folder, self.view)?;
         if !self.restarts.allow_restart(checkpoint) {
             let history = format!("after {MOST_RESTARTS} restarts without a new checkpoint");
             return Err(dead.give_up(status, &history));
@@ -229,22 +256,27 @@ impl Supervision<'_> {
     }
 
     /// Ends the learner with a checkpoint. The other processes are needed for it, so they end later.
+    ///
+    /// # Errors
+    /// When it could not write the checkpoint; not when the user does not wait for it.
     async fn end_learner(&mut self) -> Result<()> {
         let learner = &mut self.fleet.learner;
         learner.ask_to_stop();
-        let status = tokio::select! {
-            status = learner.ended(&mut self.signals.child, CHECKPOINT_PATIENCE) => status?,
-            () = self.signals.stop.next() => None,
+        let (status, is_asked_again) = tokio::select! {
+            status = learner.ended(&mut self.signals.child, CHECKPOINT_PATIENCE) => (status?, false),
+            () = self.signals.stop.next() => (None, true),
         };
         match status {
-            Some(status) if status.success() => {}
-            Some(status) => self.view.note(&format!("learner ended ({status})")),
+            Some(status) if status.success() => Ok(()),
+            Some(status) => Err(learner.give_up(status, "without a checkpoint of its last work")),
             None => {
                 self.view.note("the learner is killed; what follows its last checkpoint is redone");
-                self.fleet.learner.kill().context("ending the learner")?;
+                learner.kill().context("ending the learner")?;
+                let seconds = CHECKPOINT_PATIENCE.as_secs();
+                ensure!(is_asked_again, "expected a checkpoint within {seconds} s, found none");
+                Ok(())
             }
         }
-        Ok(())
     }
 }
 

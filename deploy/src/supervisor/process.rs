@@ -1,6 +1,7 @@
 //! One process of a run, which can be started more than once under the same name.
 
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStdin, ExitStatus, Stdio};
 use std::time::Duration;
@@ -114,7 +115,7 @@ impl Process {
     }
 
     /// Words for the end of the whole run: why this process cannot go on.
-    pub(super) fn give_up(&self, status: ExitStatus, history: &str) -> anyhow::Error {
-        anyhow::anyhow!("{} ended ({status}) {history}; {}", self.name, self.output.last_lines())
+    pub(super) fn give_up(&self, how: impl Display, history: &str) -> anyhow::Error {
+        anyhow::anyhow!("{} ended ({how}) {history}; {}", self.name, self.output.last_lines())
     }
 }

@@ -1,29 +1,42 @@
-//! When a process that died is started again, and when the run is given up instead.
+//! When a process that died is started again, and when it is left alone, or the run given up, instead.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Deaths of one actor within [`DEATH_WINDOW`] that end the run.
+/// Deaths of one actor within [`DEATH_WINDOW`] after which it is left alone for a while.
 pub(super) const MOST_DEATHS: usize = 5;
 
 /// See [`MOST_DEATHS`].
 pub(super) const DEATH_WINDOW: Duration = Duration::from_secs(30);
 
+/// Longest time that an actor is left alone.
+const LONGEST_REST: Duration = Duration::from_secs(600);
+
 /// Restarts of learner and proximity service without a new checkpoint in between.
 pub(super) const MOST_RESTARTS: u32 = 3;
 
-/// When one actor died lately.
+/// When one actor died lately, and how often it was left alone because of it.
 #[derive(Debug, Default)]
-pub(super) struct ActorDeaths(VecDeque<Instant>);
+pub(super) struct ActorDeaths {
+    recent: VecDeque<Instant>,
+    rests: u32,
+}
 
 impl ActorDeaths {
-    /// Notes a death; returns whether the actor is to be started again.
-    pub(super) fn allow_restart(&mut self, now: Instant) -> bool {
-        self.0.push_back(now);
-        while self.0.front().is_some_and(|&death| now.duration_since(death) > DEATH_WINDOW) {
-            self.0.pop_front();
+    /// Notes a death; returns how long the actor is to be left alone if it has died too often, longer
+    /// every time. Otherwise it is started again at once.
+    pub(super) fn note(&mut self, now: Instant) -> Option<Duration> {
+        self.recent.push_back(now);
+        while self.recent.front().is_some_and(|&death| now.duration_since(death) > DEATH_WINDOW) {
+            self.recent.pop_front();
         }
-        self.0.len() < MOST_DEATHS
+        if self.recent.len() < MOST_DEATHS {
+            return None;
+        }
+        self.recent.clear();
+        let rest = DEATH_WINDOW.saturating_mul(1 << self.rests.min(16)).min(LONGEST_REST);
+        self.rests += 1;
+        Some(rest)
     }
 }
 
@@ -55,9 +68,14 @@ mod tests {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
         let mut deaths = ActorDeaths::default();
-        let answers = [0, 10, 20, 29, 31, 32].map(|second| deaths.allow_restart(at(second)));
+        let answers = [0, 10, 20, 29, 31, 32].map(|second| deaths.note(at(second)));
         // At 31 s the first death is forgotten; at 32 s there are five again.
-        assert_eq!(answers, [true, true, true, true, true, false]);
+        let rest = Some(Duration::from_secs(30));
+        assert_eq!(answers, [None, None, None, None, None, rest]);
+        let answers = [62, 62, 62, 62, 63].map(|second| deaths.note(at(second)));
+        assert_eq!(answers, [None, None, None, None, Some(Duration::from_secs(60))]);
+        let last = (0..100).filter_map(|_| deaths.note(at(200))).last();
+        assert_eq!(last, Some(LONGEST_REST));
     }
 
     #[test]

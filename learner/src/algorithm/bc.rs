@@ -49,7 +49,7 @@ impl Bc {
             training: pairs(&training, &spec, normalizer),
             held_out: pairs(&held_out, &spec, normalizer),
             best: Best {
-                loss: f64::INFINITY,
+                loss: f64::MAX,
                 parameters: vec![0.0; parameters],
                 age: 0,
                 finished: false,
@@ -101,7 +101,7 @@ impl PolicyLearner for Bc {
         let mut rows: Vec<u32> = (0..count as u32).collect();
         rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, 0));
         let parameters = &mut policy.parameters;
-        let mut figures = self.cloning.train(parameters, &self.training, &rows, learning_rate);
+        let mut figures = self.cloning.train(parameters, &self.training, &rows, learning_rate)?;
         let held_out = self.cloning.loss(parameters, &self.held_out);
         figures.held_out_loss = held_out.unwrap_or_default();
         let last = iteration + 1 == self.passes;

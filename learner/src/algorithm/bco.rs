@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
 use protocol::config::{CloningConfig, InverseDynamicsConfig};
 use protocol::messages::Score;
@@ -70,7 +70,7 @@ impl Bco {
     }
 
     /// Fits the inverse dynamics model to transitions drawn from the agent's.
-    fn improve_inverse(&mut self, schedule: &Schedule) {
+    fn improve_inverse(&mut self, schedule: &Schedule) -> Result<()> {
         let Schedule { run_seed, iteration, .. } = *schedule;
         let mut stream = seed::stream(run_seed, Purpose::InverseDynamicsBatches, iteration, 0);
         let count = self.config.samples.min(self.experience.len());
@@ -84,7 +84,9 @@ impl Bco {
         self.normalizer.normalize(&mut pairs.observations);
         let rows: Vec<u32> = (0..count as u32).collect();
         let rate = self.config.learning_rate;
-        self.inverse.train(&mut self.inverse_parameters, &pairs, &rows, rate);
+        let trained = self.inverse.train(&mut self.inverse_parameters, &pairs, &rows, rate);
+        trained.context("inverse dynamics model")?;
+        Ok(())
     }
 }
 
@@ -110,7 +112,7 @@ impl PolicyLearner for Bco {
         if self.experience.steps() < self.config.exploration_steps {
             return Ok(Figures::default());
         }
-        self.improve_inverse(schedule);
+        self.improve_inverse(schedule)?;
         self.pairs.actions = self.inverse.modes(&self.inverse_parameters, &self.transitions);
         let count = self.transitions.len() / self.inverse.row_bytes();
         let mut rows: Vec<u32> = (0..count as u32).collect();
@@ -118,7 +120,8 @@ impl PolicyLearner for Bco {
         for pass in 0..self.cloning_config.epochs {
             let Schedule { run_seed, iteration, learning_rate } = *schedule;
             rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, pass));
-            figures = self.policy.train(&mut policy.parameters, &self.pairs, &rows, learning_rate);
+            let parameters = &mut policy.parameters;
+            figures = self.policy.train(parameters, &self.pairs, &rows, learning_rate)?;
         }
         Ok(figures)
     }

@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use networks::{ActorCritic, Adam, Distribution};
+use protocol::process::Final;
 use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 
@@ -55,17 +56,20 @@ impl Cloning {
     }
 
     /// Trains on the pairs named by `rows`, in that order.
+    ///
+    /// # Errors
+    /// [`Final`] at the first minibatch with a loss or gradient that is no number.
     pub(crate) fn train(
         &mut self,
         parameters: &mut [f32],
         pairs: &Pairs,
         rows: &[u32],
         learning_rate: f64,
-    ) -> Figures {
+    ) -> Result<Figures, Final> {
         let mut figures = Figures::default();
         let minibatches = rows.chunks(self.settings.batch);
         let count = minibatches.len();
-        for minibatch in minibatches {
+        for (number, minibatch) in minibatches.enumerate() {
             let loss = Likelihood {
                 distribution: self.gradient.network().distribution(),
                 actions: &pairs.actions,
@@ -77,10 +81,11 @@ impl Cloning {
                 self.gradient.of(parameters, &pairs.observations, minibatch, &loss);
             let largest = self.settings.max_gradient_norm;
             own.gradient_norm = networks::clip_global_norm(gradient, largest);
+            own.expect_finite(format_args!("cloning, minibatch {} of {count}", number + 1))?;
             self.optimizer.update(parameters, gradient, learning_rate);
             figures.add(&own);
         }
-        figures.divided_by(count.max(1) as f64)
+        Ok(figures.divided_by(count.max(1) as f64))
     }
 
     /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.

@@ -8,12 +8,14 @@ pub mod ppo;
 mod replay;
 mod sqil;
 
+use std::fmt::Display;
 use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
 use protocol::config::{Learner, RunConfig};
 use protocol::messages::Score;
+use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
@@ -27,7 +29,8 @@ pub trait PolicyLearner {
     /// Improves the policy with the batch of an iteration and its scores.
     ///
     /// # Errors
-    /// When the scores are not those of the trajectories.
+    /// When the scores are not those of the trajectories, and [`Final`] when a loss or gradient is no
+    /// number any more; the policy is of no use then.
     fn update(
         &mut self,
         policy: &mut PolicyState,
@@ -151,6 +154,27 @@ pub struct Figures {
 }
 
 impl Figures {
+    /// Refuses a gradient step that is no number any more.
+    ///
+    /// # Errors
+    /// [`Final`], with the loss or norm and the place it came up.
+    pub fn expect_finite(&self, place: impl Display) -> Result<(), Final> {
+        let figures = [
+            ("policy loss", self.policy_loss),
+            ("value loss", self.value_loss),
+            ("entropy", self.entropy),
+            ("approximate KL", self.approximate_kl),
+            ("gradient norm", self.gradient_norm),
+        ];
+        match figures.into_iter().find(|(_, figure)| !figure.is_finite()) {
+            None => Ok(()),
+            Some((name, figure)) => {
+                let message = format!("expected finite figures, found {name} {figure}, {place}");
+                Err(Final(format!("the learner diverged: {message}")))
+            }
+        }
+    }
+
     /// Adds another minibatch's or shard's figures.
     pub fn add(&mut self, other: &Figures) {
         self.policy_loss += other.policy_loss;

@@ -5,7 +5,7 @@
 //!
 //! | service | from | to | kept when the reader is slow | doorbell |
 //! |---|---|---|---|---|
-//! | trajectories | actors | learner, proximity service, tools | everything; the actor waits | theirs |
+//! | trajectories | actors | learner, proximity service, tools | hundreds; the actor waits a moment for the first two | theirs |
 //! | weights | learner | actors | the newest two | actors |
 //! | leases | actors ask | learner answers | one answer per question | learner, then the asker |
 //! | scores | anyone asks | proximity service answers | one answer per question | likewise |
@@ -15,13 +15,15 @@
 //! bell; whoever is rung looks at everything it receives, until each port says that it is empty.
 //! Ports belong to the thread that made them.
 //!
-//! What no transport promises is settled above it: a trajectory whose reader was not connected yet
-//! is gone, so the learner hands its lease out again ([`TrajectoryPublisher::publish`]).
+//! What no transport promises is settled above it: a trajectory whose reader was not connected yet, or
+//! did not read for long, is gone, so the learner hands its lease out again ([`TrajectoryPublisher::publish`]).
 
 mod address;
 mod chatter;
 mod doorbell;
+mod member;
 mod newest;
+mod private;
 mod question;
 mod room;
 mod trajectories;
@@ -30,7 +32,6 @@ use std::fmt::Debug;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{
     CallbackProgression, Config, Node, NodeBuilder, NodeName, NodeState, ServiceName,
     SignalHandlingMode,
@@ -38,6 +39,7 @@ use iceoryx2::prelude::{
 
 use crate::Error;
 use doorbell::Ringers;
+use trajectories::Rule;
 
 pub use address::BusAddress;
 pub use doorbell::{Doorbell, Ringer, Role};
@@ -47,11 +49,13 @@ pub use iceoryx2::service::Service as Transport;
 pub use iceoryx2::service::ipc::Service as SharedMemory;
 /// Between threads of one process, for tests.
 pub use iceoryx2::service::local::Service as InProcess;
+pub use member::Member;
+use member::members;
 pub use newest::{NewestPublisher, NewestSubscriber};
 pub use question::{Client, Pending, Request, Server};
 pub use room::check_shared_memory_room;
 pub use trajectories::{
-    TRAJECTORY_BUFFER, TrajectoryHeader, TrajectoryPublisher, TrajectorySubscriber,
+    Published, TRAJECTORY_BUFFER, TrajectoryHeader, TrajectoryPublisher, TrajectorySubscriber,
 };
 
 /// Actors of one run; memory is reserved by these limits, and 64 fill the machines we know.
@@ -63,6 +67,9 @@ const MAX_NODES: usize = MAX_ACTORS + 16;
 
 /// A run has one learner and one proximity service; the second place is for the restarted one.
 const MAX_INCARNATIONS: usize = 2;
+
+/// The proximity service's name on the bus.
+pub const SERVICE_NAME: &str = "proximity-service";
 
 /// How long opening a service is tried: a neighbour that is cleaning up disturbs it for a moment.
 const OPEN_PATIENCE: Duration = Duration::from_secs(2);
@@ -78,10 +85,12 @@ impl<S: Transport> Bus<S> {
     /// Joins the bus at `address` under the process's `name`, such as `actor-3`.
     ///
     /// # Errors
-    /// When the name is longer than 128 bytes or the node cannot be created.
+    /// When the name is longer than 128 bytes, the bus folder is not this user's alone, or the node
+    /// cannot be created.
     pub fn open(address: &BusAddress, name: &str) -> Result<Self, Error> {
         let config = address.config()?;
         chatter::quieten();
+        address.enter()?;
         address.claim_defaults(&config)?;
         let node_name = NodeName::new(name).map_err(failed("naming of a node", name))?;
         let node = NodeBuilder::new()
@@ -90,6 +99,7 @@ impl<S: Transport> Bus<S> {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<S>()
             .map_err(failed("creation of a node", name))?;
+        address.close_to_others()?;
         Ok(Bus { node, ringers: Rc::new(Ringers::default()) })
     }
 
@@ -124,7 +134,18 @@ impl<S: Transport> Bus<S> {
         self.ringers.of(&self.node, role)
     }
 
-    /// Sends trajectories; `patience` is how long a full reader is waited for before sending fails.
+    /// Sends the trajectories of a rollout. Readers that learn are waited for while their queue is full,
+    /// each for so long, and then not until it has read again: they ask for what they miss. Nobody else
+    /// is waited for, so no tool can hold up training.
+    ///
+    /// # Errors
+    /// When the service cannot be opened.
+    pub fn rollout_publisher(&self, patience: Duration) -> Result<TrajectoryPublisher<S>, Error> {
+        TrajectoryPublisher::new(self, Rule::Learning, patience)
+    }
+
+    /// Sends trajectories to readers of which none is to miss any; `patience` is how long one whose queue
+    /// is full is waited for before sending fails.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -132,15 +153,23 @@ impl<S: Transport> Bus<S> {
         &self,
         patience: Duration,
     ) -> Result<TrajectoryPublisher<S>, Error> {
-        TrajectoryPublisher::new(self, patience)
+        TrajectoryPublisher::new(self, Rule::Everybody, patience)
     }
 
-    /// Receives trajectories; every publisher waits for it, so it must keep receiving.
+    /// Receives trajectories to learn from: the learner and the proximity service.
+    ///
+    /// # Errors
+    /// When the service cannot be opened.
+    pub fn learning_subscriber(&self) -> Result<TrajectorySubscriber<S>, Error> {
+        TrajectorySubscriber::new(self, true)
+    }
+
+    /// Receives trajectories, as far as it keeps up with the actors.
     ///
     /// # Errors
     /// When the service cannot be opened.
     pub fn trajectory_subscriber(&self) -> Result<TrajectorySubscriber<S>, Error> {
-        TrajectorySubscriber::new(self)
+        TrajectorySubscriber::new(self, false)
     }
 
     /// Sends weights of at most `max_bytes`.
@@ -209,21 +238,8 @@ impl<S: Transport> Bus<S> {
 }
 
 fn alive<S: Transport>(config: &Config) -> Result<Vec<String>, Error> {
-    let mut names = Vec::new();
-    Node::<S>::list(config, |state| {
-        match state {
-            NodeState::Alive(view) => {
-                names.extend(view.details().as_ref().map(|details| details.name().to_string()));
-            }
-            // Another user's process: not ours to judge, so it counts as alive.
-            NodeState::Inaccessible(id) => names.push(format!("inaccessible node {id}")),
-            NodeState::Dead(_) | NodeState::Undefined(_) => {}
-        }
-        CallbackProgression::Continue
-    })
-    .map_err(failed("listing of the nodes", "bus"))?;
-    names.sort();
-    Ok(names)
+    let living = members::<S>(config)?.into_iter().filter(|member| member.lives);
+    Ok(living.map(|member| member.name).collect())
 }
 
 /// Frees what dead processes left, for those who hold no node.

@@ -139,18 +139,20 @@ impl<S: Transport> Client<S> {
         Ok(Pending { pending, service: self.service })
     }
 
-    /// Asks until there is an answer: waits for a server to appear and asks again when it dies.
-    /// Sleeps on the asker's own `doorbell`, whose rings it takes, so afterwards the asker looks at
-    /// everything it receives.
+    /// Asks until there is an answer that can be read: waits for a server to appear and asks again
+    /// when it dies. Every server gets the question, and what one of them answers that `read` makes
+    /// nothing of is dropped. Sleeps on the asker's own `doorbell`, whose rings it takes, so
+    /// afterwards the asker looks at everything it receives.
     ///
     /// # Errors
     /// When there is no answer after `deadline`.
-    pub fn ask(
+    pub fn ask<T>(
         &self,
         bytes: &[u8],
         deadline: Duration,
         doorbell: &Doorbell<S>,
-    ) -> Result<Bytes, Error> {
+        read: impl Fn(Bytes) -> Option<T>,
+    ) -> Result<T, Error> {
         let start = Instant::now();
         let mut cleaned = Instant::now();
         let mut sent = self.send(bytes);
@@ -160,7 +162,12 @@ impl<S: Transport> Client<S> {
                 Err(error) => Err(self.error("asking", &error.to_string())),
             };
             if let Ok(Some(answer)) = result {
-                return Ok(answer);
+                match read(answer) {
+                    Some(answer) => return Ok(answer),
+                    // Another server's answer may be waiting already.
+                    None if start.elapsed() < deadline => continue,
+                    None => return Err(self.error("asking", "no answer that can be read")),
+                }
             }
             let left = deadline.saturating_sub(start.elapsed());
             if left.is_zero() {
@@ -263,6 +270,11 @@ impl<S: Transport> Request<S> {
     /// The question, in shared memory.
     pub fn bytes(&self) -> &[u8] {
         self.request.payload()
+    }
+
+    /// What the asker says it is.
+    pub fn asker(&self) -> Option<Role> {
+        Role::ALL.get(self.request.user_header().role as usize).copied()
     }
 
     /// Whether the asker still waits. One that keeps questions drops those whose asker does not.

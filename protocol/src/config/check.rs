@@ -17,6 +17,7 @@ impl RunConfig {
             ("policy.features", self.policy.features as u64),
             ("ppo.epochs", self.ppo.epochs),
             ("ppo.minibatches", self.ppo.minibatches),
+            ("reward.features", self.reward.features as u64),
             ("reward.batch", self.reward.batch as u64),
             ("reward.experience", self.reward.experience as u64),
             ("checkpoint.iterations", self.checkpoint.iterations),
@@ -28,13 +29,43 @@ impl RunConfig {
         for (key, number) in at_least_one {
             within(key, number >= 1, "at least 1", number)?;
         }
+        // Beyond these, sums and sizes in bytes would overflow.
+        let at_most = [
+            ("rollout.lane_steps", self.rollout.lane_steps, 1 << 40),
+            ("reward.experience", self.reward.experience as u64, 1 << 40),
+            ("log.file_mib", self.log.file_mib, 1 << 20),
+        ];
+        for (key, number, most) in at_most {
+            within(key, number <= most, &format!("at most {most}"), number)?;
+        }
         let spec = self.task.spec();
         self.environment.check("environment", &spec)?;
         self.demonstration_setting().check("demonstrations", &spec)?;
+        self.check_widths()?;
         self.check_limits()?;
         self.check_learner()?;
         self.check_reward()?;
         self.check_fractions()
+    }
+
+    /// A layer of no width has no outputs, and a network behind it nothing to see.
+    fn check_widths(&self) -> Result<(), Error> {
+        let (policy, reward) = (&self.policy, &self.reward);
+        let mut layers = vec![
+            ("policy.convolution_channels", &policy.convolution_channels[..]),
+            ("policy.hidden", &policy.hidden),
+            ("reward.convolution_channels", &reward.convolution_channels),
+            ("reward.hidden", &reward.hidden),
+        ];
+        if let Some(inverse) = &self.inverse_dynamics {
+            layers.push(("inverse_dynamics.convolution_channels", &inverse.convolution_channels));
+            layers.push(("inverse_dynamics.hidden", &inverse.hidden));
+        }
+        layers.extend(self.sqil.as_ref().map(|sqil| ("sqil.hidden", &sqil.hidden[..])));
+        for (key, widths) in layers {
+            within(key, !widths.contains(&0), "widths of at least 1", format!("{widths:?}"))?;
+        }
+        Ok(())
     }
 
     fn check_learner(&self) -> Result<(), Error> {
@@ -121,6 +152,10 @@ impl RunConfig {
         within("reward.normalize_observations", vector || !normalized, "false for a grid", true)?;
         let actors = self.resources.actors;
         within("resources.actors", actors <= 64, "at most 64", actors)?;
+        let (file_mib, timeout_ms) = (self.log.file_mib, self.resources.lease_timeout_ms);
+        within("log.file_mib", file_mib <= 1 << 20, "at most 1048576", file_mib)?;
+        let expected = "at most a day, 86400000";
+        within("resources.lease_timeout_ms", timeout_ms <= 86_400_000, expected, timeout_ms)?;
         let ensemble = self.reward.ensemble;
         within("reward.ensemble", (1..=32).contains(&ensemble), "1 to 32", ensemble)?;
         let needs_two = self.reward.uncertainty > 0.0;
@@ -190,6 +225,7 @@ impl CloningConfig {
 impl InverseDynamicsConfig {
     fn check(&self) -> Result<(), Error> {
         positive("inverse_dynamics.learning_rate", self.learning_rate)?;
+        within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;
         let (batch, samples) = (self.batch, self.samples);
         within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
         within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;

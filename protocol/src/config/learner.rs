@@ -16,6 +16,18 @@ pub enum Learner {
     Sqil,
 }
 
+impl Learner {
+    /// Its name in a configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            Learner::Ppo => "ppo",
+            Learner::Bc => "bc",
+            Learner::Bco => "bco",
+            Learner::Sqil => "sqil",
+        }
+    }
+}
+
 /// Proximal policy optimization.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -5,22 +5,30 @@
 //! [`RunConfig::assemble`] reads checked values only.
 
 mod check;
+mod estimate;
 mod learner;
+mod learning;
+mod parameters;
 mod reward;
+mod unread;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::Error;
-use crate::error::out_of_range;
+use crate::dropped::shortened;
+use crate::error::{MESSAGE_CHARS, out_of_range};
 use crate::setting::Setting;
 use crate::table::{flat, merge, parse_setting};
 use crate::task::Task;
 
+pub use estimate::Estimate;
 pub use learner::{CloningConfig, InverseDynamicsConfig, Learner, PpoConfig, SqilConfig};
+pub use parameters::NetworkSize;
 pub use reward::{Discounting, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder};
 
 /// The preset a task's file holds without a table of its own.
@@ -28,6 +36,9 @@ pub const DEFAULT_PRESET: &str = "goalward";
 
 /// The parts of a configuration that change no result.
 pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
+
+/// What chooses the values that settings change, and the words that choose it.
+const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
 
 /// The effective configuration of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -132,6 +143,13 @@ pub struct PolicyConfig {
     pub shared_trunk: bool,
     /// Whether observations are shifted and scaled by their running moments, for vector tasks.
     pub normalize_observations: bool,
+}
+
+impl PolicyConfig {
+    /// Whether continuous actions are squashed.
+    pub fn is_squashed(&self) -> bool {
+        self.distribution == ActionDistribution::SquashedGaussian
+    }
 }
 
 /// What follows the hidden layers of a policy.
@@ -243,15 +261,25 @@ impl RunConfig {
         let of_task = of_tasks.get(task).and_then(Value::as_table).cloned();
         merge(&mut table, changes);
         merge(&mut table, of_task.unwrap_or_default());
-        merge(&mut table, settings);
-        Self::from_table(table)
+        Self::changed(table, settings)
     }
 
     /// This configuration with `key=value` settings laid over it.
     pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
-        let mut table = parse(&self.to_text(), "configuration")?;
-        merge(&mut table, merged(settings)?);
-        Self::from_table(table)
+        Self::changed(parse(&self.to_text(), "configuration")?, merged(settings)?)
+    }
+
+    /// A configuration that is to be trained: every setting means something, and it can learn.
+    fn changed(mut table: Table, settings: Table) -> Result<Self, Error> {
+        let (before, set) = (flat(&table), flat(&settings));
+        merge(&mut table, settings);
+        if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
+            unread::check_tables(learner, &set)?;
+        }
+        let config = Self::from_table(table)?;
+        config.check_all_is_read(&set, &before)?;
+        config.check_learning()?;
+        Ok(config)
     }
 
     /// Reads a complete configuration, as a run's `config.toml` holds it.
@@ -264,7 +292,7 @@ impl RunConfig {
             Value::Table(table).try_into().map_err(|error: toml::de::Error| {
                 Error::ConfigurationText {
                     origin: "values".to_owned(),
-                    message: error.to_string().trim().replace('\n', " "),
+                    message: line_of(&error.to_string()),
                 }
             })?;
         config.check()?;
@@ -313,7 +341,7 @@ impl RunConfig {
 
     /// Environment steps of one iteration, on average.
     pub fn iteration_steps(&self) -> u64 {
-        self.rollout.lanes * self.rollout.lane_steps
+        self.rollout.lanes.saturating_mul(self.rollout.lane_steps)
     }
 
     /// Iterations the run takes, at most: behavioral cloning has one for each pass.
@@ -345,18 +373,44 @@ impl RunConfig {
 fn parse(text: &str, origin: &str) -> Result<Table, Error> {
     text.parse::<Table>().map_err(|error| Error::ConfigurationText {
         origin: origin.to_owned(),
-        message: error.to_string().trim().to_owned(),
+        message: format!("{}: {}", place(text, error.span()), line_of(error.message())),
     })
+}
+
+/// The keys that settings name, and the values they give them.
+///
+/// # Errors
+/// [`Error::ConfigurationText`] if one is no `key=value`.
+pub(crate) fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
+    Ok(flat(&merged(settings)?))
+}
+
+/// Where in a text something is, for an error.
+fn place(text: &str, span: Option<Range<usize>>) -> String {
+    let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
+    format!("line {}", before.matches('\n').count() + 1)
+}
+
+/// A parser's words in one line.
+fn line_of(words: &str) -> String {
+    shortened(&words.trim().replace('\n', " "), MESSAGE_CHARS)
 }
 
 /// Settings as one table, the later over the earlier.
 fn merged(settings: &[String]) -> Result<Table, Error> {
     let mut table = Table::new();
     for setting in settings {
-        let change = parse_setting(setting).map_err(|message| Error::ConfigurationText {
-            origin: format!("--set {setting}"),
-            message: message.trim().to_owned(),
-        })?;
+        let refused = |message: &str| Error::ConfigurationText {
+            origin: format!("--set {}", line_of(setting)),
+            message: line_of(message),
+        };
+        let change = parse_setting(setting).map_err(|message| refused(&message))?;
+        for (name, flag) in CHOICES {
+            if let Some(choice) = change.get(name) {
+                let choice = choice.as_str().unwrap_or("NAME");
+                return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
+            }
+        }
         merge(&mut table, change);
     }
     Ok(table)

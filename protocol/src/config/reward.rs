@@ -41,14 +41,28 @@ pub struct RewardConfig {
     pub decay_steps: u64,
     /// Passes over the demonstrations before training; 0 switches offline training off.
     pub pretraining_epochs: u64,
-    /// Observations of each kind in a batch.
+    /// Rows of each kind, demonstrations' and agent's, in a batch. Ranking has a pair for each of them,
+    /// and online as many pairs within demonstrations beside.
     pub batch: usize,
-    /// Observations of each kind drawn for an online update; 0 switches online training off.
+    /// Rows of each kind drawn for an online update, fewer where there are not as many yet; 0 switches
+    /// online training off.
     pub samples: usize,
     /// Agent observations kept, newest first.
     pub experience: usize,
     /// Order within an iteration.
     pub order: UpdateOrder,
+}
+
+impl RewardConfig {
+    /// Proximity label of a demonstration's observation so many steps from the goal, in [0, 1] (Eq. 1);
+    /// that at the goal has 1.
+    pub fn label(&self, steps_to_goal: u32) -> f64 {
+        let steps = f64::from(steps_to_goal);
+        match self.discounting {
+            Discounting::Linear => (1.0 - self.delta * steps).max(0.0),
+            Discounting::Exponential => libm::pow(self.delta, steps),
+        }
+    }
 }
 
 /// What a reward model learns.
@@ -68,6 +82,17 @@ pub enum RewardModel {
 }
 
 impl RewardModel {
+    /// Its name in a configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            RewardModel::Proximity => "proximity",
+            RewardModel::Ranking => "ranking",
+            RewardModel::Discriminator => "discriminator",
+            RewardModel::Environment => "environment",
+            RewardModel::None => "none",
+        }
+    }
+
     /// Whether it learns from demonstrations.
     pub fn learns(self) -> bool {
         !matches!(self, RewardModel::Environment | RewardModel::None)

@@ -15,12 +15,13 @@ use mcap::write::NoSeek;
 use mcap::{Compression, McapError, WriteOptions};
 
 use super::folder::{ACTIVE, sync_folder_of, with_ending};
-use super::metadata::Metadata;
+use super::metadata::{Kind, Metadata};
+use super::reader::FileReader;
 use super::scan::LONGEST_RECORD;
 use super::topic::Topic;
 use super::write_error;
-use crate::Error;
 use crate::trajectory::Encoded;
+use crate::{Error, durable};
 
 /// Uncompressed bytes after which a chunk is closed; what a crash can lose, about.
 pub const CHUNK_BYTES: u64 = 1 << 20;
@@ -29,12 +30,14 @@ pub const LONGEST_MESSAGE: usize = LONGEST_RECORD / 2;
 
 /// Writes one file: a run's through [`LogWriter`](super::LogWriter), demonstrations directly.
 ///
-/// **Errors.** A message handed over is never lost by an error: it is in memory already. An error
-/// says that the disk did not take some finished chunk. The owner then writes no more, calls
+/// **Errors.** [`Error::LogWrite`] says that the disk did not take some finished chunk. Nothing is
+/// lost by it: what was handed over is in memory. The owner writes no more, calls
 /// [`flush`](Self::flush) until it succeeds, and goes on; nothing is missing or twice in the file.
+/// [`Error::LogRefused`] says that a message is not in the file and will not be.
 ///
 /// **Names.** The file is `PATH.active` until [`seal`](Self::seal). A writer dropped unsealed
-/// flushes and leaves `PATH.active`, which reads well and which [`repair`](super::repair()) seals.
+/// flushes and leaves `PATH.active`, which reads well and which [`repair`](super::repair()) seals. The
+/// file is locked for as long as its writer lives.
 pub struct FileWriter {
     path: PathBuf,
     active: PathBuf,
@@ -63,16 +66,29 @@ impl FileWriter {
     /// Creates `path` (`path.active` until it is sealed) for messages of `topics`, with `metadata`
     /// as its first record. Never overwrites a file.
     pub fn create(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
-        let active = with_ending(path, ACTIVE);
         if path.exists() {
             let exists = io::Error::from(io::ErrorKind::AlreadyExists);
             return Err(write_error(path, "create the file", &exists));
         }
+        Self::open(path, metadata, topics)
+    }
+
+    /// The same in the place of a file that is there, which stays until this one is sealed. What a
+    /// writer of the same kind left that died is removed.
+    pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
+        remove_abandoned(&with_ending(path, ACTIVE), metadata.kind)?;
+        Self::open(path, metadata, topics)
+    }
+
+    fn open(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
+        let active = with_ending(path, ACTIVE);
         let file = OpenOptions::new().write(true).create_new(true).open(&active);
         let file = file.map_err(|cause| write_error(&active, "create the file", &cause))?;
+        // So that nobody seals it meanwhile. Where files cannot be locked, a run's own lock must do.
+        file.try_lock().ok();
         let mut writer = Self::begin(path, Box::new(file), metadata, topics)
             .map_err(|cause| failed(&active, cause))?;
-        if let Err(error) = writer.drain() {
+        if let Err(error) = writer.drain().and_then(|()| sync_folder_of(&active)) {
             // Nobody has the writer to try again, and its number must be free for who does.
             writer.state = State::Sealed;
             fs::remove_file(&writer.active).ok();
@@ -121,9 +137,9 @@ impl FileWriter {
     /// Appends an encoded message. Its log time is not before that of the message before it.
     ///
     /// # Errors
-    /// [`Error::LogWrite`]: for a full or failing disk see [`FileWriter`]. A message longer than
+    /// [`Error::LogWrite`] for a full or failing disk. [`Error::LogRefused`] for a message longer than
     /// [`LONGEST_MESSAGE`], of a topic that the file was not created for, or after the end of the
-    /// file is refused and not in the file.
+    /// file.
     pub fn message(&mut self, topic: Topic, log_time_ns: u64, bytes: &[u8]) -> Result<(), Error> {
         self.check(topic, bytes)?;
         let channel = self.channels.get_mut(&topic).expect("checked above");
@@ -151,7 +167,7 @@ impl FileWriter {
         } else {
             return Ok(());
         };
-        Err(Error::LogWrite { path: self.active.clone(), message })
+        Err(Error::LogRefused { path: self.active.clone(), message })
     }
 
     /// Closes the open chunk and hands everything to the operating system: what was appended
@@ -184,6 +200,15 @@ impl FileWriter {
         })?;
         self.state = State::Sealed;
         sync_folder_of(&self.path)
+    }
+
+    /// Gives the file up: nothing of it stays on the disk. A sealed file stays.
+    pub fn discard(&mut self) -> Result<(), Error> {
+        if self.state == State::Sealed {
+            return Ok(());
+        }
+        self.state = State::Sealed;
+        fs::remove_file(&self.active).map_err(|cause| write_error(&self.active, "remove", &cause))
     }
 
     /// Whether it takes messages still.
@@ -228,9 +253,22 @@ impl Drop for FileWriter {
     }
 }
 
+/// Removes a file that nobody writes any more, if it is of this kind or has not come as far as to say
+/// so.
+fn remove_abandoned(active: &Path, kind: Kind) -> Result<(), Error> {
+    if !active.exists() || durable::is_locked(active) {
+        return Ok(());
+    }
+    if FileReader::open_begun(active)?.is_some_and(|reader| reader.metadata().kind != kind) {
+        return Ok(());
+    }
+    fs::remove_file(active)
+        .map_err(|cause| write_error(active, "remove the abandoned file", &cause))
+}
+
 /// mcap refusing to lay out a message: not the disk's fault, and not expected.
 fn failed(path: &Path, cause: McapError) -> Error {
-    Error::LogWrite { path: path.to_owned(), message: format!("cannot lay out: {cause}") }
+    Error::LogRefused { path: path.to_owned(), message: format!("cannot lay out: {cause}") }
 }
 
 /// What a file is written to.
@@ -269,7 +307,7 @@ impl Write for Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::{Ending, FileReader, Kind, Record};
+    use crate::log::{Ending, Record};
 
     /// A disk with so much room left.
     #[derive(Clone, Default)]
@@ -317,6 +355,7 @@ mod tests {
         let error = loop {
             written += 1;
             if let Err(error) = writer.message(Topic::Trajectory, written, &noise(written)) {
+                assert!(matches!(error, Error::LogWrite { .. }), "{error:?}");
                 break error.to_string();
             }
             assert!(written < 1000, "the disk took more than it has room for");
@@ -328,8 +367,9 @@ mod tests {
         for _ in 0..3 {
             assert!(writer.flush().is_err() && writer.sync().is_err() && writer.seal().is_err());
         }
-        let error = writer.message(Topic::Trajectory, 0, b"").unwrap_err().to_string();
-        assert!(error.contains("has been ended"), "{error}");
+        let error = writer.message(Topic::Trajectory, 0, b"").unwrap_err();
+        assert!(matches!(error, Error::LogRefused { .. }), "{error:?}");
+        assert!(error.to_string().contains("has been ended"), "{error}");
         disk.0.lock().unwrap().0 = usize::MAX;
         fs::write(&writer.active, b"").unwrap();
         writer.seal().unwrap();

@@ -3,12 +3,12 @@
 //! Files are `trajectories-00000.mcap`, `updates-00000.mcap` and so on, `.active` at the end while
 //! they are written. A number is used once, whatever became of the file.
 
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::topic::Contents;
 use super::{read_error, write_error};
-use crate::Error;
+use crate::{Error, durable};
 
 /// Ending of a sealed file's name.
 pub(super) const SEALED: &str = "mcap";
@@ -52,6 +52,16 @@ pub(super) fn next_number(folder: &Path, contents: Contents) -> Result<u32, Erro
     Ok(last.map_or(0, |last| last + 1))
 }
 
+/// Whether a file's name says that it is not sealed.
+pub fn is_active(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == ACTIVE)
+}
+
+/// Whether a writer that lives has a file that is to be `path` when it is sealed.
+pub fn is_being_written(path: &Path) -> bool {
+    durable::is_locked(&with_ending(path, ACTIVE))
+}
+
 /// The sealed name of a file.
 pub(super) fn path(folder: &Path, contents: Contents, number: u32) -> PathBuf {
     folder.join(format!("{}-{number:05}.{SEALED}", contents.name()))
@@ -60,7 +70,7 @@ pub(super) fn path(folder: &Path, contents: Contents, number: u32) -> PathBuf {
 /// Where a file is now that was at `path` a moment ago: its writer may have sealed it since.
 pub(super) fn followed(path: PathBuf) -> PathBuf {
     let sealed = path.with_extension("");
-    let moved = path.extension().is_some_and(|ending| ending == ACTIVE) && !path.exists();
+    let moved = is_active(&path) && !path.exists();
     if moved && sealed.exists() { sealed } else { path }
 }
 
@@ -74,12 +84,8 @@ pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
 
 /// Makes renames and new files of a folder outlive the machine's death.
 pub(super) fn sync_folder_of(path: &Path) -> Result<(), Error> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let synced = File::open(folder).and_then(|folder| folder.sync_all());
-    synced.map_err(|cause| write_error(folder, "sync the folder", &cause))
+    let folder = durable::folder_of(path);
+    durable::sync_folder_of(path).map_err(|cause| write_error(folder, "sync the folder", &cause))
 }
 
 /// Refuses a folder whose disk has less than `bytes` free.

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use super::folder::ACTIVE;
-use super::metadata::Metadata;
+use super::folder::is_active;
+use super::metadata::{Kind, Metadata};
 use super::read_error;
 use super::reader::{Ending, FileReader};
 use super::topic::Topic;
@@ -32,12 +32,12 @@ pub struct FileInfo {
     pub file_bytes: u64,
 }
 
-/// Reads all of a file and says what it holds.
+/// Reads all of a file and says what it holds; none if it ends before it says what it is.
 ///
 /// # Errors
 /// As [`FileReader::open`]. A damaged file is no error: see [`FileInfo::ending`].
-pub fn info(path: &Path) -> Result<FileInfo, Error> {
-    let mut reader = FileReader::open(path)?;
+pub fn info(path: &Path) -> Result<Option<FileInfo>, Error> {
+    let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(None) };
     let file = path.metadata().map_err(|cause| read_error(path, cause.to_string()))?;
     let (mut messages, mut raw_bytes) = (BTreeMap::new(), 0);
     let mut span_ns: Option<(u64, u64)> = None;
@@ -48,16 +48,16 @@ pub fn info(path: &Path) -> Result<FileInfo, Error> {
         let (first, last) = span_ns.unwrap_or((time, time));
         span_ns = Some((first.min(time), last.max(time)));
     }
-    Ok(FileInfo {
+    Ok(Some(FileInfo {
         path: path.to_owned(),
-        active: path.extension().is_some_and(|ending| ending == ACTIVE),
+        active: is_active(path),
         ending: reader.ending().cloned().unwrap_or(Ending::Unsealed),
         metadata: reader.metadata().clone(),
         messages,
         span_ns,
         raw_bytes,
         file_bytes: file.len(),
-    })
+    }))
 }
 
 impl FileInfo {
@@ -70,6 +70,17 @@ impl FileInfo {
             (Ending::Truncated { .. } | Ending::Corrupt { .. }, _) => "damaged",
         }
     }
+
+    /// The bytes of messages and file, with the part of them that compression leaves. A file of few
+    /// messages is mostly schemas and index, of which a part would say nothing.
+    fn sizes(&self) -> String {
+        let (raw, file) = (self.raw_bytes, self.file_bytes);
+        let part = match file < raw {
+            true => format!(" ({:.1} %)", 100.0 * file as f64 / raw as f64),
+            false => String::new(),
+        };
+        format!("{raw} bytes of messages in {file} bytes of file{part}")
+    }
 }
 
 /// Several lines of text; the first is the file and its state.
@@ -79,16 +90,17 @@ impl fmt::Display for FileInfo {
         let of = |name| self.metadata.get(name).unwrap_or("unknown");
         let kind = self.metadata.kind.name();
         writeln!(formatter, "  {kind}, task {}, seed {}", of("task"), of("seed"))?;
+        writeln!(formatter, "  by {}", self.metadata.build())?;
         for (topic, count) in &self.messages {
-            writeln!(formatter, "  {:<24}{count:>10} messages", topic.name())?;
+            let messages = if *count == 1 { "message" } else { "messages" };
+            writeln!(formatter, "  {:<24}{count:>10} {messages}", topic.name())?;
         }
-        if let Some((first, last)) = self.span_ns {
+        // Demonstrations are numbered where a run has times.
+        if let Some((first, last)) = self.span_ns.filter(|_| self.metadata.kind == Kind::Run) {
             let seconds = (last - first) as f64 / 1e9;
             writeln!(formatter, "  {seconds:.1} s from the first message to the last")?;
         }
-        let share = 100.0 * self.file_bytes as f64 / (self.raw_bytes as f64).max(1.0);
-        let (raw, file) = (self.raw_bytes, self.file_bytes);
-        writeln!(formatter, "  {raw} bytes of messages in {file} bytes of file ({share:.1} %)")?;
+        writeln!(formatter, "  {}", self.sizes())?;
         let checksums = if self.ending.lost() { "right up to the damage" } else { "right" };
         write!(formatter, "  checksums {checksums}; {}", self.ending)
     }

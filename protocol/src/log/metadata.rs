@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use crate::Error;
 use crate::config::RunConfig;
+use crate::provenance::Build;
 
 /// Newest layout of topics and metadata that this build reads, and the one it writes.
 pub const FORMAT_VERSION: u32 = 1;
@@ -34,8 +35,9 @@ impl Kind {
 
 /// What a file says of itself.
 ///
-/// Always there: `format_version`, `goalward_version`, `task`, `seed`. A run adds its whole
-/// effective configuration as `config`; demonstrations add `coverage`, `noise` and `episodes`.
+/// Always there: `format_version`, `goalward_version`, `build` as JSON, `task`, `seed`. A run adds its
+/// whole effective configuration as `config`; demonstrations add `episodes`, `expert` and `setting`,
+/// the last as JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Metadata {
     /// What the file is part of.
@@ -47,9 +49,11 @@ pub struct Metadata {
 impl Metadata {
     /// Metadata of a new file, with what every file has.
     pub fn new(kind: Kind, task: &str, seed: u64) -> Self {
+        let build = serde_json::to_string(Build::own()).expect("a build has only plain values");
         Metadata { kind, entries: BTreeMap::new() }
             .with("format_version", FORMAT_VERSION)
             .with("goalward_version", env!("CARGO_PKG_VERSION"))
+            .with("build", build)
             .with("task", task)
             .with("seed", seed)
     }
@@ -63,6 +67,12 @@ impl Metadata {
     /// The entry of that name.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.entries.get(name).map(String::as_str)
+    }
+
+    /// The build that wrote the file; the unknown one where it does not say so.
+    pub fn build(&self) -> Build {
+        let build = self.get("build").and_then(|text| serde_json::from_str(text).ok());
+        build.unwrap_or_default()
     }
 
     /// The configuration that the file was recorded under; none in a file of demonstrations.

@@ -12,6 +12,7 @@ use bytes::Bytes;
 use prost::DecodeError;
 use prost::Message as _;
 
+use super::folder::is_active;
 use super::metadata::Metadata;
 use super::read_error;
 use super::scan::{Block, Damage, Message, Scanner, Tail};
@@ -76,14 +77,14 @@ pub struct Entry {
 pub enum Ending {
     /// Sealed, every checksum right.
     Complete,
-    /// Not sealed, ends behind a whole chunk: being written, or its writer died. What the writer
-    /// had not flushed is missing.
+    /// Not sealed, as its name says: being written, or its writer died. What the writer had not
+    /// flushed is missing.
     Unsealed,
-    /// Cut off within a record.
+    /// It has lost its end.
     Truncated {
-        /// Where the record starts.
+        /// Where the first record starts that is not there as a whole.
         offset: u64,
-        /// Bytes of it that are there, and of no use.
+        /// Bytes of that record that are there, and of no use.
         lost_bytes: u64,
     },
     /// Not as it was written.
@@ -111,6 +112,9 @@ impl fmt::Display for Ending {
         match self {
             Ending::Complete => write!(formatter, "complete"),
             Ending::Unsealed => write!(formatter, "not sealed, undamaged"),
+            Ending::Truncated { offset, lost_bytes: 0 } => {
+                write!(formatter, "cut off at byte {offset}: its end is missing")
+            }
             Ending::Truncated { offset, lost_bytes } => {
                 write!(formatter, "cut off: the last {lost_bytes} bytes, from byte {offset}, ")?;
                 write!(formatter, "are part of a record")
@@ -194,8 +198,11 @@ impl FileReader {
 
     fn tail(&self) -> Ending {
         match self.scanner.tail().cloned() {
-            None | Some(Tail::Unsealed) => Ending::Unsealed,
             Some(Tail::Sealed) => Ending::Complete,
+            None | Some(Tail::Unsealed | Tail::Cut { .. }) if self.scanner.is_being_written() => {
+                Ending::Unsealed
+            }
+            None | Some(Tail::Unsealed) => cut_off(&self.path, self.scanner.length(), 0),
             Some(Tail::Cut { offset, bytes }) => Ending::Truncated { offset, lost_bytes: bytes },
             Some(Tail::Lost(damage)) => self.corrupt(damage),
         }
@@ -225,6 +232,15 @@ impl Iterator for FileReader {
         self.failed = matches!(entry, Some(Err(_)));
         entry
     }
+}
+
+/// The ending of a file whose last `bytes` are of no use, or that has no end if there are none. It is
+/// no loss in a file whose name says that it was not sealed.
+pub(super) fn cut_off(path: &Path, length: u64, bytes: u64) -> Ending {
+    if is_active(path) {
+        return Ending::Unsealed;
+    }
+    Ending::Truncated { offset: length - bytes, lost_bytes: bytes }
 }
 
 /// Decodes a message of a file.

@@ -5,16 +5,18 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::file::FileWriter;
-use super::folder::{ACTIVE, sync_folder_of, with_ending};
+use super::folder::{ACTIVE, is_active, sync_folder_of, with_ending};
 use super::reader::{Ending, FileReader};
-use super::scan::{Block, Scanner, Tail};
+use super::scan::{Block, Damage, Scanner, Tail};
 use super::topic::Topic;
 use super::{read_error, write_error};
-use crate::Error;
+use crate::{Error, durable};
 
 /// What the original has behind its name if something in it is lost.
 const DAMAGED: &str = "damaged";
@@ -38,6 +40,12 @@ pub struct Repair {
     pub damaged: Option<PathBuf>,
 }
 
+impl Repair {
+    fn note(&mut self, Damage { offset, reason }: Damage) {
+        self.damage.push(format!("byte {offset}: {reason}"));
+    }
+}
+
 impl fmt::Display for Repair {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let messages: u64 = self.kept.values().sum();
@@ -58,19 +66,17 @@ impl fmt::Display for Repair {
     }
 }
 
-/// Seals a file. A file that is sealed and intact stays as it is.
+/// Seals a file. A file that is sealed and intact stays as it is. `PATH.active` becomes `PATH`.
 ///
-/// Nobody may be writing it. `PATH.active` becomes `PATH`.
+/// A repair that died can be done again: the original is there until the new file has its place, and
+/// what is there of both is recognised.
 ///
 /// # Errors
-/// [`Error::LogRead`] as [`FileReader::open`], or if the sealed name is taken; [`Error::LogWrite`]
-/// if the new file cannot be written. The original is then as it was.
+/// [`Error::LogRead`] as [`FileReader::open`], if the file is being written, or if another file has the
+/// sealed name; [`Error::LogWrite`] if the new file cannot be written. The original is then as it was.
 pub fn repair(path: &Path) -> Result<Repair, Error> {
+    let _held = hold(path)?;
     let target = sealed_path(path);
-    if target != path && target.exists() {
-        let target = target.display();
-        return Err(read_error(path, format!("expected to seal it as {target}, which exists")));
-    }
     let mut repair = Repair {
         original: path.to_owned(),
         sealed: None,
@@ -79,6 +85,11 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
         lost: 0,
         damaged: None,
     };
+    if target != path && target.exists() {
+        finish(path, &target, &mut repair)?;
+        repair.sealed = Some(target);
+        return Ok(repair);
+    }
     let Some(topics) = inspect(path, &mut repair)? else {
         repair.damage.push("it ends before its metadata".to_owned());
         repair.damaged = Some(set_aside(path)?);
@@ -87,12 +98,24 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
     if !topics.is_empty() {
         write_anew(path, &target, &topics, &mut repair)?;
     } else if target != path {
-        fs::rename(path, &target)
+        durable::rename(path, &target)
             .map_err(|cause| write_error(path, "rename the sealed file", &cause))?;
-        sync_folder_of(&target)?;
     }
     repair.sealed = Some(target);
     Ok(repair)
+}
+
+/// Keeps other repairs away, and refuses a file that its writer still holds.
+fn hold(path: &Path) -> Result<File, Error> {
+    let file =
+        File::open(path).map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(read_error(path, "expected a file that nobody writes, found it being written"))
+        }
+        // Where files cannot be locked, a run's own lock must do.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
 }
 
 /// Reads a file. Gives the topics to repair it with, none of them if it is intact and sealed, and
@@ -136,9 +159,7 @@ fn write_anew(
 fn copy(scanner: &mut Scanner, writer: &mut FileWriter, repair: &mut Repair) -> Result<(), Error> {
     while let Some(block) = scanner.next_block()? {
         match block {
-            Block::Damage(damage) => {
-                repair.damage.push(format!("byte {}: {}", damage.offset, damage.reason));
-            }
+            Block::Damage(damage) => repair.note(damage),
             Block::Messages(messages) => {
                 for message in messages {
                     writer.message(message.topic, message.log_time_ns, &message.bytes)?;
@@ -147,17 +168,25 @@ fn copy(scanner: &mut Scanner, writer: &mut FileWriter, repair: &mut Repair) -> 
             }
         }
     }
+    note_tail(scanner, repair);
+    Ok(())
+}
+
+/// Notes what is missing at the end.
+fn note_tail(scanner: &Scanner, repair: &mut Repair) {
     repair.lost = scanner.missing();
     match scanner.tail() {
         Some(Tail::Cut { offset, bytes }) => {
             repair.damage.push(format!("byte {offset}: cut off, the last {bytes} bytes are lost"));
         }
         Some(Tail::Lost(damage)) => {
-            repair.damage.push(format!("byte {}: {}", damage.offset, damage.reason));
+            repair.note(damage.clone());
+        }
+        Some(Tail::Unsealed) if !is_active(&repair.original) => {
+            repair.damage.push(format!("byte {}: its end is missing", scanner.length()));
         }
         Some(Tail::Sealed | Tail::Unsealed) | None => {}
     }
-    Ok(())
 }
 
 /// Reads the new file back.
@@ -181,41 +210,94 @@ fn verify(draft: &Path, repair: &Repair) -> Result<(), Error> {
 
 /// Puts the new file in the original's place. At no moment is there neither.
 fn replace(path: &Path, target: &Path, draft: &Path, repair: &mut Repair) -> Result<(), Error> {
-    let intact = repair.damage.is_empty();
-    if !intact {
-        let aside = free_name(path);
-        fs::hard_link(path, &aside)
-            .or_else(|_| fs::copy(path, &aside).map(drop))
-            .map_err(|cause| write_error(&aside, "keep the damaged file", &cause))?;
-        repair.damaged = Some(aside);
+    if path == target && !repair.damage.is_empty() {
+        repair.damaged = Some(link_aside(path)?);
     }
-    fs::rename(draft, target)
+    durable::rename(draft, target)
         .map_err(|cause| write_error(target, "name the repaired file", &cause))?;
-    if path != target {
-        fs::remove_file(path)
-            .map_err(|cause| write_error(path, "remove the unsealed file", &cause))?;
-    }
-    sync_folder_of(target)
+    if path == target { Ok(()) } else { put_away(path, repair) }
 }
 
-fn set_aside(path: &Path) -> Result<PathBuf, Error> {
-    let aside = free_name(path);
-    fs::rename(path, &aside).map_err(|cause| write_error(path, "put the file aside", &cause))?;
+/// Puts an original away whose repaired file has its place.
+fn put_away(path: &Path, repair: &mut Repair) -> Result<(), Error> {
+    if !repair.damage.is_empty() {
+        repair.damaged = Some(set_aside(path)?);
+        return Ok(());
+    }
+    fs::remove_file(path).map_err(|cause| write_error(path, "remove the unsealed file", &cause))?;
+    sync_folder_of(path)
+}
+
+/// Ends a repair that died when the new file had its place and the original was still there.
+fn finish(path: &Path, target: &Path, repair: &mut Repair) -> Result<(), Error> {
+    let differs = || {
+        let target = target.display();
+        read_error(path, format!("expected to seal it as {target}, which has something else"))
+    };
+    let mut sealed = FileReader::open(target)?;
+    if let Some(mut scanner) = Scanner::open(path)? {
+        while let Some(block) = scanner.next_block()? {
+            match block {
+                Block::Damage(damage) => repair.note(damage),
+                Block::Messages(messages) => {
+                    for message in messages {
+                        let found = sealed.next_message()?;
+                        if found.as_ref() != Some(&message) {
+                            return Err(differs());
+                        }
+                        *repair.kept.entry(message.topic).or_insert(0) += 1;
+                    }
+                }
+            }
+        }
+        note_tail(&scanner, repair);
+    }
+    if sealed.next_message()?.is_some() || sealed.ending() != Some(&Ending::Complete) {
+        return Err(differs());
+    }
+    put_away(path, repair)
+}
+
+/// Gives a file that stays in its place a second name.
+fn link_aside(path: &Path) -> Result<PathBuf, Error> {
+    let failed = |cause| write_error(path, "keep the damaged file", &cause);
+    let mut names = names_aside(path);
+    // A repair that died may have linked it already.
+    let is_free = |name: &PathBuf| !name.exists() || is_same_file(name, path);
+    let aside = names.find(is_free).expect("names do not end");
+    if !aside.exists() {
+        fs::hard_link(path, &aside).or_else(|_| copy_aside(path, &aside)).map_err(failed)?;
+    }
     sync_folder_of(&aside)?;
     Ok(aside)
 }
 
-/// A name for the damaged original that no file has.
-fn free_name(path: &Path) -> PathBuf {
-    let numbered = (1..).map(|number| with_ending(path, &format!("{DAMAGED}-{number}")));
-    let mut names = std::iter::once(with_ending(path, DAMAGED)).chain(numbered);
-    names.find(|name| !name.exists()).expect("names do not end")
+/// What a link is where there are no links.
+fn copy_aside(path: &Path, aside: &Path) -> io::Result<()> {
+    let unfinished = durable::unfinished(aside);
+    fs::copy(path, &unfinished)?;
+    File::open(&unfinished)?.sync_all()?;
+    durable::rename(&unfinished, aside)
+}
+
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().map(|file| (file.dev(), file.ino())).ok();
+    identity(one).is_some() && identity(one) == identity(other)
+}
+
+fn set_aside(path: &Path) -> Result<PathBuf, Error> {
+    let aside = names_aside(path).find(|name| !name.exists()).expect("names do not end");
+    durable::rename(path, &aside).map_err(|cause| write_error(path, "put it aside", &cause))?;
+    Ok(aside)
+}
+
+/// Names for the damaged original.
+fn names_aside(path: &Path) -> impl Iterator<Item = PathBuf> {
+    let numbered = (1..).map(move |number| with_ending(path, &format!("{DAMAGED}-{number}")));
+    std::iter::once(with_ending(path, DAMAGED)).chain(numbered)
 }
 
 /// `path` without `.active`.
 fn sealed_path(path: &Path) -> PathBuf {
-    match path.extension() {
-        Some(ending) if ending == ACTIVE => path.with_extension(""),
-        _ => path.to_owned(),
-    }
+    if is_active(path) { path.with_extension("") } else { path.to_owned() }
 }

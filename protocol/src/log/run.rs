@@ -11,12 +11,13 @@ use prost::Message as _;
 
 use super::folder::{LogFile, followed, log_files};
 use super::metadata::Metadata;
-use super::reader::{Ending, Entry, FileReader, decode};
+use super::reader::{Ending, Entry, FileReader, cut_off, decode};
 use super::scan::Message;
 use super::topic::{Contents, Topic};
 use super::{Kind, read_error};
 use crate::Error;
 use crate::config::RunConfig;
+use crate::provenance::Build;
 
 /// Reads all that a run's log folder holds: trajectories, scores, updates and checkpoints merged
 /// by log time. A policy update comes behind the trajectories it learned from.
@@ -56,7 +57,11 @@ impl RunReader {
             let found = log_files(folder)?;
             for file in found.into_iter().filter(|file| file.contents == contents) {
                 let path = followed(file.path);
-                let Some(mut reader) = FileReader::open_begun(&path)? else { continue };
+                let Some(mut reader) = FileReader::open_begun(&path)? else {
+                    let bytes = path.metadata().map_or(0, |file| file.len());
+                    endings.push((path.clone(), cut_off(&path, bytes, bytes)));
+                    continue;
+                };
                 let first = metadata.get_or_insert_with(|| reader.metadata().clone());
                 same_run(&path, first, reader.metadata())?;
                 repeated += last_of_each_name(&path, &mut reader, files.len(), &mut last)?;
@@ -268,9 +273,34 @@ struct IterationName {
     #[prost(uint64, tag = "1")]
     iteration: u64,
 }
-/// The configurations that the files of a run's log were recorded under, as far as they can be read:
-/// a file may be cut off, or of an older build.
+
+/// What the files of a run's log say of themselves, oldest first, as far as they can be read: a file may
+/// be cut off, or of an older build.
+pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
+    let metadata = |file: LogFile| Some(FileReader::open(&file.path).ok()?.metadata().clone());
+    Ok(log_files(folder)?.into_iter().filter_map(metadata).collect())
+}
+
+/// The configurations that the files of a run's log were recorded under.
 pub fn recorded_configs(folder: &Path) -> Result<Vec<RunConfig>, Error> {
-    let config = |file: LogFile| FileReader::open(&file.path).ok()?.metadata().config()?.ok();
-    Ok(log_files(folder)?.into_iter().filter_map(config).collect())
+    let metadata = recorded_metadata(folder)?;
+    Ok(metadata.iter().filter_map(|metadata| metadata.config()?.ok()).collect())
+}
+
+/// The builds that a run was trained by, one after another, as far as the files of its log tell.
+///
+/// # Errors
+/// [`Error::LogRead`] if the folder cannot be listed.
+pub fn recorded_builds(folder: &Path) -> Result<Vec<Build>, Error> {
+    let mut builds = Vec::new();
+    // Whoever begins to write a log begins a file of each contents.
+    let is_of_updates = |file: &LogFile| file.contents == Contents::Updates;
+    for file in log_files(folder)?.into_iter().filter(is_of_updates) {
+        let Ok(Some(reader)) = FileReader::open_begun(&followed(file.path)) else { continue };
+        let build = reader.metadata().build();
+        if builds.last() != Some(&build) {
+            builds.push(build);
+        }
+    }
+    Ok(builds)
 }

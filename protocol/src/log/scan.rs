@@ -2,33 +2,36 @@
 //!
 //! An MCAP file is a sequence of records: kind, length, content. Messages are in chunks, which are
 //! records with a checksum of their own. So a damaged chunk costs that chunk: its length still says
-//! where the next record is. Memory is bounded by one chunk.
+//! where the next record is. Memory is bounded by one chunk, whose limits are in `chunk`.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::fs::{File, TryLockError};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use mcap::McapError;
 use mcap::records::{self, MessageHeader, op};
-use mcap::sans_io::{
-    LinearReadEvent, LinearReader, LinearReaderOptions, SummaryReadEvent, SummaryReader,
-    SummaryReaderOptions,
-};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::chunk::{Chunks, RECORD_HEADER, each};
 use super::metadata::{Metadata, not_ours};
-use super::read_error;
 use super::topic::Topic;
+use super::{read_error, record};
 use crate::Error;
 
 /// Longest record that is believed: what a damaged length can make a reader allocate.
 pub(super) const LONGEST_RECORD: usize = 64 << 20;
 
-/// Bytes before the content of a record: its kind and its length.
-const RECORD_HEADER: u64 = 1 + 8;
+/// Longest record that declares something. Ours have some thousand bytes; in memory they become
+/// several times as long.
+const LONGEST_DECLARATION: usize = 1 << 20;
+
+/// Letters of a foreign schema's name that are kept, for words about it.
+const LETTERS_KEPT: usize = 100;
 
 /// A message as recorded.
+#[derive(PartialEq)]
 pub(super) struct Message {
     pub(super) topic: Topic,
     pub(super) log_time_ns: u64,
@@ -68,9 +71,10 @@ pub(super) struct Scanner {
     path: PathBuf,
     metadata: Metadata,
     source: Source,
-    /// Takes chunks apart; apart from `source`, so that a damaged one does not stop it.
-    chunk: LinearReader,
+    chunks: Chunks,
     directory: Directory,
+    /// Whether the end of the file was looked at for channels that its beginning lacks.
+    summary_read: bool,
     /// A block found together with the damage before it.
     held: Option<Block>,
     tail: Option<Tail>,
@@ -97,7 +101,8 @@ impl Scanner {
             path: path.to_owned(),
             metadata: metadata.map_err(|message| read_error(path, message))?,
             source,
-            chunk: chunk_reader(),
+            chunks: Chunks::default(),
+            summary_read: false,
             directory: Directory::default(),
             held: None,
             tail: None,
@@ -125,12 +130,25 @@ impl Scanner {
 
     /// Messages that a sealed file says it has; none if the file is not sealed.
     pub(super) fn recorded_messages(&self) -> Option<u64> {
-        Some(summary(&self.path)?.stats?.message_count)
+        Summary::read(&self.path)?.messages
     }
 
     /// Length of the file.
     pub(super) fn length(&self) -> u64 {
         self.source.length
+    }
+
+    /// Whether a writer that lives has the file, or had it when this scanner had read all there was.
+    pub(super) fn is_being_written(&self) -> bool {
+        let file = self.source.file.get_ref();
+        let is_locked = match file.try_lock_shared() {
+            Ok(()) => {
+                file.unlock().ok();
+                false
+            }
+            Err(cause) => matches!(cause, TryLockError::WouldBlock),
+        };
+        is_locked || file.metadata().is_ok_and(|now| now.len() > self.source.length)
     }
 
     /// The next block; none at the end of what can be read.
@@ -143,7 +161,7 @@ impl Scanner {
             return Ok(Some(block));
         }
         while self.tail.is_none() {
-            let Scanner { path, source, chunk, directory, .. } = self;
+            let Scanner { path, source, chunks, directory, .. } = self;
             let (content, kind, offset) = match source.next(path)? {
                 Frame::Record { content, kind, offset } => (content, kind, offset),
                 Frame::End(tail) => {
@@ -153,19 +171,21 @@ impl Scanner {
             };
             let mut found = Found::default();
             let taken = match kind {
-                op::CHUNK => open_chunk(chunk, content, |kind, content| {
-                    directory.take(kind, content, &mut found)
-                }),
+                op::CHUNK => {
+                    chunks.open(content, |kind, content| directory.take(kind, content, &mut found))
+                }
                 _ => directory.take(kind, content, &mut found),
             };
             match taken {
                 Ok(()) => {}
-                Err(Trouble::Foreign(message)) => return Err(read_error(path, message)),
+                Err(Trouble::Foreign(message)) => {
+                    return Err(read_error(path, format!("byte {offset}: {message}")));
+                }
                 Err(Trouble::Damage(reason)) => {
-                    *chunk = chunk_reader();
                     directory.forgive();
-                    if directory.channels.is_empty() {
-                        directory.adopt(summary(path));
+                    if directory.channels.is_empty() && !self.summary_read {
+                        self.summary_read = true;
+                        directory.adopt(Summary::read(path));
                     }
                     return Ok(Some(Block::Damage(Damage { offset, reason })));
                 }
@@ -211,7 +231,8 @@ impl Source {
         let magic_bytes = mcap::MAGIC.len() as u64;
         file.by_ref().take(magic_bytes).read_to_end(&mut magic).map_err(failed)?;
         if !mcap::MAGIC.starts_with(&magic) {
-            let message = format!("expected an MCAP file, found one that begins with {magic:02x?}");
+            let found = magic.escape_ascii();
+            let message = format!("expected an MCAP file, found one that begins with `{found}`");
             return Err(read_error(path, message));
         }
         file.rewind().map_err(failed)?;
@@ -233,7 +254,7 @@ impl Source {
                 Some(Ok(LinearReadEvent::ReadRequest(wanted))) => self.fill(wanted, path)?,
                 Some(Ok(LinearReadEvent::Record { opcode, data })) => {
                     (self.kind, self.start) = (opcode, self.end);
-                    self.end += RECORD_HEADER + data.len() as u64;
+                    self.end += (RECORD_HEADER + data.len()) as u64;
                     self.content.clear();
                     self.content.extend_from_slice(data);
                     break;
@@ -273,7 +294,7 @@ impl Source {
 }
 
 /// What keeps a record from being taken.
-enum Trouble {
+pub(super) enum Trouble {
     /// It is not as it was written.
     Damage(String),
     /// It is as somebody else wrote it.
@@ -307,17 +328,23 @@ struct Channel {
 impl Directory {
     /// Takes a record that is no chunk.
     fn take(&mut self, kind: u8, content: &[u8], found: &mut Found) -> Result<(), Trouble> {
-        if kind == op::ATTACHMENT {
+        if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
         }
-        let record = mcap::parse_record(kind, content)
+        if kind != op::MESSAGE && content.len() > LONGEST_DECLARATION {
+            let found = content.len();
+            return Err(Trouble::Damage(format!(
+                "record of kind {kind:#04x}: expected up to {LONGEST_DECLARATION} bytes, found {found}"
+            )));
+        }
+        let record = record::parse(kind, content)
             .map_err(|cause| Trouble::Damage(format!("record of kind {kind:#04x}: {cause}")))?;
         match record {
             records::Record::Schema { header, .. } => {
                 let protobuf = header.encoding == "protobuf";
                 let name =
                     if protobuf { header.name } else { format!("{} schema", header.encoding) };
-                self.schemas.insert(header.id, name);
+                self.schemas.insert(header.id, name.chars().take(LETTERS_KEPT).collect());
                 Ok(())
             }
             records::Record::Channel(channel) => self.take_channel(channel),
@@ -365,14 +392,15 @@ impl Directory {
     }
 
     /// Takes the channels from the end of a sealed file, for a file whose beginning is damaged.
-    fn adopt(&mut self, summary: Option<mcap::Summary>) {
-        let channels = summary.map(|summary| summary.channels).unwrap_or_default();
-        let channels: BTreeMap<_, _> = channels.iter().collect();
-        for (&id, channel) in channels {
-            let schema = channel.schema.as_ref().map_or("none", |schema| schema.name.as_str());
-            let topic = Topic::named(&channel.topic).filter(|topic| topic.schema() == schema);
+    fn adopt(&mut self, summary: Option<Summary>) {
+        for (id, topic) in summary.into_iter().flat_map(|summary| summary.directory.topics()) {
             self.channels.insert(id, Channel { topic, next: 0, forgiven: true });
         }
+    }
+
+    /// The topic of each channel.
+    fn topics(self) -> impl Iterator<Item = (u16, Option<Topic>)> {
+        self.channels.into_iter().map(|(id, channel)| (id, channel.topic))
     }
 
     /// Damage has been reported; what it took is not reported again.
@@ -383,59 +411,52 @@ impl Directory {
     }
 }
 
-fn chunk_reader() -> LinearReader {
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LONGEST_RECORD);
-    LinearReader::new_with_options(options)
-}
-
-/// Gives the records of a chunk to `take`, after its checksum has been checked.
-fn open_chunk(
-    reader: &mut LinearReader,
-    content: &[u8],
-    mut take: impl FnMut(u8, &[u8]) -> Result<(), Trouble>,
-) -> Result<(), Trouble> {
-    let room = reader.insert(RECORD_HEADER as usize + content.len());
-    room[0] = op::CHUNK;
-    room[1..9].copy_from_slice(&(content.len() as u64).to_le_bytes());
-    room[9..].copy_from_slice(content);
-    reader.notify_read(RECORD_HEADER as usize + content.len());
-    loop {
-        match reader.next_event() {
-            Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
-            Some(Ok(LinearReadEvent::ReadRequest(_))) | None => return Ok(()),
-            Some(Err(cause)) => return Err(Trouble::Damage(cause.to_string())),
-        }
-    }
-}
-
 fn metadata(content: &[u8]) -> Result<Metadata, String> {
-    match mcap::parse_record(op::METADATA, content) {
+    if content.len() > LONGEST_DECLARATION {
+        return Err(not_ours(&format!("one of {} bytes", content.len())));
+    }
+    match record::parse(op::METADATA, content) {
         Ok(records::Record::Metadata(record)) => Metadata::check(&record.name, record.metadata),
         Ok(_) => Err(not_ours("another record")),
         Err(cause) => Err(not_ours(&format!("damage: {cause}"))),
     }
 }
 
-/// The end of a sealed file, which repeats the channels and counts the messages; none if it is not
-/// there or not readable.
-fn summary(path: &Path) -> Option<mcap::Summary> {
-    let mut file = File::open(path).ok()?;
-    let options = SummaryReaderOptions::default()
-        .with_file_size(file.metadata().ok()?.len())
-        .with_record_length_limit(LONGEST_RECORD);
-    let mut reader = SummaryReader::new_with_options(options);
-    while let Some(event) = reader.next_event() {
-        match event.ok()? {
-            SummaryReadEvent::ReadRequest(wanted) => {
-                let count = file.read(reader.insert(wanted)).ok()?;
-                reader.notify_read(count);
-            }
-            SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to).ok()?),
+/// The end of a sealed file, which repeats the channels and counts the messages.
+struct Summary {
+    directory: Directory,
+    messages: Option<u64>,
+}
+
+impl Summary {
+    /// Bytes of the last record, which says where the summary begins, and of the magic behind it.
+    const FOOTER: u64 = RECORD_HEADER as u64 + 20 + mcap::MAGIC.len() as u64;
+
+    /// Reads that of a file; none if it is not there or not readable.
+    fn read(path: &Path) -> Option<Summary> {
+        let mut file = File::open(path).ok()?;
+        let end = file.metadata().ok()?.len().checked_sub(Self::FOOTER)?;
+        file.seek(SeekFrom::Start(end)).ok()?;
+        let mut footer = [0; 17];
+        file.read_exact(&mut footer).ok()?;
+        let (header, begin) = footer.split_first_chunk::<RECORD_HEADER>()?;
+        let begin = u64::from_le_bytes(begin.try_into().ok()?);
+        let length = end.checked_sub(begin).filter(|&length| length <= LONGEST_RECORD as u64)?;
+        if header[0] != op::FOOTER || begin == 0 {
+            return None;
         }
+        file.seek(SeekFrom::Start(begin)).ok()?;
+        let mut bytes = Vec::new();
+        file.take(length).read_to_end(&mut bytes).ok()?;
+        let mut summary = Summary { directory: Directory::default(), messages: None };
+        each(&bytes, |kind, content| summary.take(kind, content)).ok()?;
+        Some(summary)
     }
-    reader.finish()
+
+    fn take(&mut self, kind: u8, content: &[u8]) -> Result<(), Trouble> {
+        if kind == op::STATISTICS {
+            self.messages = content.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+        }
+        self.directory.take(kind, content, &mut Found::default())
+    }
 }

@@ -4,7 +4,6 @@
 //! When one has grown enough the next number is opened and the old file sealed. Every sitting of a
 //! run (the first, and each resumption) opens new numbers; no file is ever appended to again.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -15,9 +14,9 @@ use super::folder::{next_number, path};
 use super::metadata::Metadata;
 use super::topic::{Contents, Topic};
 use super::write_error;
-use crate::Error;
 use crate::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
 use crate::trajectory::Encoded;
+use crate::{Error, durable};
 
 /// How a log is written.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +36,8 @@ impl Default for LogOptions {
 /// Writes a run's log. When a call has returned, the message is laid out in the open chunk; the
 /// owner calls [`flush`](Self::flush) about every second and [`sync`](Self::sync) at checkpoints.
 ///
-/// An [`Error::LogWrite`] of any call means that the disk refuses, not that the message is lost:
+/// An [`Error::LogRefused`] means that a message is not recorded and will not be. An
+/// [`Error::LogWrite`] of any call means that the disk refuses, not that the message is lost:
 /// pause, call [`flush`](Self::flush) until it succeeds, go on; do not append the message again.
 pub struct LogWriter {
     trajectories: Stream,
@@ -49,7 +49,7 @@ pub struct LogWriter {
 impl LogWriter {
     /// Opens the next file of both contents in `folder`, which is made if it is not there.
     pub fn create(folder: &Path, metadata: &Metadata, options: LogOptions) -> Result<Self, Error> {
-        fs::create_dir_all(folder)
+        durable::create_folder(folder)
             .map_err(|cause| write_error(folder, "make the folder", &cause))?;
         let stream = |contents| Stream::open(folder, contents, metadata, options);
         Ok(LogWriter {

@@ -3,16 +3,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod address;
 mod processes;
 
-use std::path::Path;
 use std::sync::Barrier;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use protocol::bus::{
-    Bus, BusAddress, InProcess, Role, SharedMemory, TRAJECTORY_BUFFER, TrajectoryHeader,
+    Bus, BusAddress, InProcess, Published, Role, SharedMemory, TRAJECTORY_BUFFER, TrajectoryHeader,
     TrajectorySubscriber, Transport, check_shared_memory_room,
 };
 
@@ -117,7 +117,9 @@ fn eight_actors_lose_nothing<S: Transport>(address: &BusAddress) {
                 ready.wait();
                 let mut next = [0; ACTORS as usize];
                 while next.iter().sum::<u64>() < ACTORS * TRAJECTORIES {
-                    let (header, bytes) = until(|| subscriber.receive().unwrap());
+                    let Published { header, bytes, process } =
+                        until(|| subscriber.receive().unwrap());
+                    assert_eq!(process, std::process::id());
                     let expected = trajectory(header.lane, next[header.lane as usize]);
                     assert_eq!((header, bytes.to_vec()), expected);
                     next[header.lane as usize] += 1;
@@ -156,11 +158,11 @@ fn unconnected_reader_is_not_counted<S: Transport>(address: &BusAddress) {
     // The reader has never received since this publisher exists, so the publisher does not wait.
     assert_eq!((publisher.publish(b"lost", header).unwrap(), publisher.reader_count()), (0, 1));
     for _ in 0..TRAJECTORY_BUFFER {
-        assert_eq!(subscriber.receive().unwrap().unwrap().1, b"queued"[..]);
+        assert_eq!(subscriber.receive().unwrap().unwrap().bytes, b"queued"[..]);
     }
     assert!(subscriber.receive().unwrap().is_none());
     assert_eq!(publisher.publish(b"connected", header).unwrap(), 1);
-    assert_eq!(subscriber.receive().unwrap().unwrap().1, b"connected"[..]);
+    assert_eq!(subscriber.receive().unwrap().unwrap().bytes, b"connected"[..]);
 }
 
 fn drain<S: Transport>(subscriber: &TrajectorySubscriber<S>) -> usize {
@@ -207,7 +209,7 @@ fn question_of_four_megabytes<S: Transport>(address: &BusAddress) {
         let doorbell = bus.doorbell(Role::Learner).unwrap();
         for round in 0..5_usize {
             let question: Vec<u8> = (0..4 << 20).map(|index| (index * 7 + round) as u8).collect();
-            let answer = client.ask(&question, LONG, &doorbell).unwrap();
+            let answer = client.ask(&question, LONG, &doorbell, Some).unwrap();
             let expected: Vec<u8> = question.iter().step_by(4).map(|byte| !byte).collect();
             assert!(answer == expected, "answer of round {round}");
         }
@@ -221,7 +223,7 @@ fn nobody_to_ask_is_an_error<S: Transport>(address: &BusAddress) {
     assert!(error.contains("leases") && error.contains("nobody there"), "{error}");
     let doorbell = bus.doorbell(Role::Actors).unwrap();
     let start = Instant::now();
-    let error = client.ask(b"leases?", SHORT, &doorbell).unwrap_err().to_string();
+    let error = client.ask(b"leases?", SHORT, &doorbell, Some).unwrap_err().to_string();
     assert!(error.contains("100ms") && error.contains("nobody there"), "{error}");
     assert!(start.elapsed() < Duration::from_secs(5));
 }
@@ -260,7 +262,7 @@ fn asking_waits_for_a_server<S: Transport>(address: &BusAddress) {
         let bus = open::<S>(address, "actor-0");
         let client = bus.lease_client(Role::Actors).unwrap();
         let doorbell = bus.doorbell(Role::Actors).unwrap();
-        assert_eq!(client.ask(b"?", LONG, &doorbell).unwrap(), b"here"[..]);
+        assert_eq!(client.ask(b"?", LONG, &doorbell, Some).unwrap(), b"here"[..]);
     });
 }
 
@@ -372,15 +374,4 @@ fn room_in_shared_memory_is_checked() {
     check_shared_memory_room(1 << 20).unwrap();
     let error = check_shared_memory_room(u64::MAX / 2).unwrap_err().to_string();
     assert!(error.contains("/dev/shm") && error.contains("MiB needed"), "{error}");
-}
-
-#[test]
-fn address_follows_from_the_run() {
-    let run = tempfile::tempdir().unwrap();
-    let address = BusAddress::of_run(run.path()).unwrap();
-    let detour = run.path().join("../").join(run.path().file_name().unwrap());
-    assert_eq!(BusAddress::of_run(&detour).unwrap(), address);
-    assert_ne!(BusAddress::unique_for_test(), BusAddress::unique_for_test());
-    let error = BusAddress::of_run(Path::new("/no/such/run")).unwrap_err().to_string();
-    assert!(error.contains("/no/such/run"), "{error}");
 }

@@ -34,6 +34,11 @@ impl Process {
         Process(child)
     }
 
+    fn signal(&self, signal: &str) {
+        let line = format!("kill -{signal} {}", self.0.id());
+        assert!(Command::new("sh").args(["-c", &line]).status().unwrap().success());
+    }
+
     fn kill(&mut self) {
         self.0.kill().unwrap();
         self.0.wait().unwrap();
@@ -61,6 +66,19 @@ fn child_process() {
             println!("ready");
             thread::sleep(WATCHDOG);
         }
+        "tool" | "learner" => {
+            let learns = role == "learner";
+            let role = if learns { Role::Learner } else { Role::Supervisor };
+            let _bell = bus.doorbell(role).unwrap();
+            let subscriber =
+                if learns { bus.learning_subscriber() } else { bus.trajectory_subscriber() };
+            let subscriber = subscriber.unwrap();
+            until(|| subscriber.receive().unwrap());
+            println!("ready");
+            loop {
+                until(|| subscriber.receive().unwrap());
+            }
+        }
         "stuck-server" => {
             let server = bus.lease_server().unwrap();
             println!("ready");
@@ -79,7 +97,7 @@ fn alive_is(bus: &Bus<SharedMemory>, names: &[&str]) -> Option<()> {
 fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
     watched(|_| {
         let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
+        let address = BusAddress::for_start(run.path()).unwrap();
         let bus = open::<SharedMemory>(&address, "actor-0");
         let publisher = bus.trajectory_publisher(LONG).unwrap();
         thread::scope(|scope| {
@@ -107,11 +125,72 @@ fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
     });
 }
 
+/// A process that reads what a rollout publishes, held (SIGSTOP) in the middle of it.
+fn with_held_reader(role: &str, body: fn(&Bus<SharedMemory>, &mut dyn FnMut() -> usize, &Process)) {
+    let run = tempfile::tempdir().unwrap();
+    let address = BusAddress::for_start(run.path()).unwrap();
+    let bus = open::<SharedMemory>(&address, "actor-0");
+    let publisher = bus.rollout_publisher(HELD_PATIENCE).unwrap();
+    let mut publish = || publisher.publish(&[0; 4_000], TrajectoryHeader::default()).unwrap();
+    let mut reader = thread::scope(|scope| {
+        let child = scope.spawn(|| Process::start(role, run.path()));
+        while !child.is_finished() {
+            publish();
+            thread::sleep(Duration::from_millis(20));
+        }
+        child.join().unwrap()
+    });
+    reader.signal("STOP");
+    body(&bus, &mut publish, &reader);
+    reader.kill();
+    until(|| alive_is(&bus, &["actor-0"]));
+    drop((publisher, bus));
+    address.remove().unwrap();
+}
+
+/// How long a reader that learns is waited for here.
+const HELD_PATIENCE: Duration = Duration::from_secs(4);
+
+#[test]
+fn a_held_tool_holds_up_nobody() {
+    watched(|_| {
+        with_held_reader("tool", |bus, publish, _| {
+            let learner = bus.learning_subscriber().unwrap();
+            let begun = Instant::now();
+            let mut read = 0;
+            for _ in 0..2 * TRAJECTORY_BUFFER {
+                publish();
+                read += usize::from(learner.receive().unwrap().is_some());
+            }
+            // Well under the time of one wait for it.
+            assert!(begun.elapsed() < HELD_PATIENCE, "blocked for {:?}", begun.elapsed());
+            assert_eq!(read, 2 * TRAJECTORY_BUFFER, "the others miss nothing");
+        });
+    });
+}
+
+#[test]
+fn a_held_learner_is_waited_for_once_until_it_reads_again() {
+    watched(|_| {
+        with_held_reader("learner", |_, publish, reader| {
+            let begun = Instant::now();
+            for _ in 0..2 * TRAJECTORY_BUFFER {
+                publish();
+            }
+            let blocked = begun.elapsed();
+            assert!(blocked >= HELD_PATIENCE && blocked < 4 * HELD_PATIENCE, "{blocked:?}");
+            assert_eq!(publish(), 0, "its queue is full");
+            reader.signal("CONT");
+            until(|| (publish() == 1).then_some(()));
+        });
+    });
+}
+
 #[test]
 fn killed_server_is_noticed_once_cleaned_away() {
     watched(|_| {
         let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
+        let address = BusAddress::for_start(run.path()).unwrap();
         let bus = open::<SharedMemory>(&address, "actor-0");
         let client = bus.lease_client(Role::Actors).unwrap();
         let doorbell = bus.doorbell(Role::Actors).unwrap();
@@ -135,7 +214,7 @@ fn killed_server_is_noticed_once_cleaned_away() {
                 until(|| server.receive().unwrap()).reply(b"next").unwrap();
                 thread::sleep(Duration::from_millis(200));
             });
-            assert_eq!(client.ask(b"?", LONG, &doorbell).unwrap(), b"next"[..]);
+            assert_eq!(client.ask(b"?", LONG, &doorbell, Some).unwrap(), b"next"[..]);
         });
         drop((pending, client, doorbell, bus));
         address.remove().unwrap();
@@ -154,7 +233,7 @@ fn removal_leaves_nothing_and_spares_others() {
         let other = open::<SharedMemory>(other_address, "other run");
         let other_server = other.score_server().unwrap();
         let run = tempfile::tempdir().unwrap();
-        let address = BusAddress::of_run(run.path()).unwrap();
+        let address = BusAddress::for_start(run.path()).unwrap();
         let mut reader = {
             let bus = open::<SharedMemory>(&address, "actor-0");
             let publisher = bus.trajectory_publisher(LONG).unwrap();

@@ -44,10 +44,8 @@ impl Objective for Discriminator {
         Vec::new()
     }
 
-    /// One pass over as many rows of each as there are, at most the samples wanted.
     fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
-        let samples = learning.config.samples.min(learning.demonstrations).min(agent);
-        learning.pairs(agent, samples, stream)
+        learning.pairs(agent, stream)
     }
 
     /// The mean over the expert's rows and the mean over the agent's; their sum is twice the mean
@@ -78,7 +76,7 @@ impl Objective for Discriminator {
 mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
-    use crate::tests::{assert_reproducible, config, learned, place, walk, walk_back};
+    use crate::tests::{assert_reproducible, config, learned, place, pretrained, walk, walk_back};
     use protocol::config::RewardForm;
     use protocol::trajectory::{Encoded, Source};
 
@@ -101,9 +99,9 @@ mod tests {
     fn rewards_of(config: &RewardConfig, agents: Trajectory) -> ([f32; 2], Learned<Discriminator>) {
         let batch = [agents, walk(0.0, Source::Training)].map(Encoded::encode);
         let mut model: Learned<Discriminator> = learned(config, 2);
-        assert_eq!(model.pretrain().gradient_steps, 0);
+        assert_eq!(pretrained(&mut model).gradient_steps, 0);
         for iteration in 0..100 {
-            let update = model.improve(iteration, &batch[..1]);
+            let update = model.improve(iteration, &batch[..1]).unwrap();
             assert_eq!(update.gradient_steps, 5);
         }
         let scores = model.score(100, &batch);

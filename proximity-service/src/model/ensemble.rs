@@ -64,6 +64,20 @@ pub struct Losses {
 }
 
 impl Losses {
+    /// What is no number among losses and their gradient.
+    fn problem(&self, gradient: &[f32]) -> Option<String> {
+        let losses =
+            [("loss on demonstrations", self.demonstrations), ("loss on the agent", self.agent)];
+        let lost = losses.into_iter().find(|(_, loss)| !loss.is_finite());
+        // Without an early end, so that it is vectorised.
+        let is_finite = gradient.iter().fold(true, |all, slope| all & slope.is_finite());
+        match lost {
+            Some((name, loss)) => Some(format!("expected a finite {name}, found {loss}")),
+            None if !is_finite => Some("expected a finite gradient, found none".to_owned()),
+            None => None,
+        }
+    }
+
     /// The mean of each term; zero if there are none.
     pub fn mean(losses: &[Losses]) -> Losses {
         let count = losses.len().max(1) as f64;
@@ -116,21 +130,39 @@ impl TrainedEnsemble {
 
     /// One optimizer step of every member. The loss takes the outputs of one member and gives their
     /// slopes. [`TrainedEnsemble::prepare`] has to follow before rows are scored.
+    ///
+    /// # Errors
+    /// When a loss or the gradient of a member is no number; which one.
     pub fn train(
         &mut self,
         minibatch: &Minibatch,
         loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses + Sync,
         learning_rate: f64,
-    ) -> Losses {
+    ) -> Result<Losses, String> {
         let network = &self.ensemble.network;
         let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
         let train = |(member, trainer): (&mut Vec<f32>, &mut Trainer)| {
             let losses = trainer.differentiate(network, member, minibatch, &loss);
+            let problem = losses.problem(&trainer.gradient);
             trainer.optimizer.update(member, &trainer.gradient, learning_rate);
-            losses
+            problem.map_or(Ok(losses), Err)
         };
-        let losses: Vec<Losses> = self.threads.install(|| members.map(train).collect());
-        Losses::mean(&losses)
+        let trained: Vec<_> = self.threads.install(|| members.map(train).collect());
+        let numbered = trained.into_iter().enumerate();
+        let losses: Result<Vec<Losses>, String> = numbered
+            .map(|(member, losses)| losses.map_err(|problem| format!("member {member}: {problem}")))
+            .collect();
+        losses.map(|losses| Losses::mean(&losses))
+    }
+
+    /// Refuses weights and optimizers that are no numbers any more.
+    ///
+    /// # Errors
+    /// Names the array.
+    pub fn expect_finite(&self) -> Result<(), String> {
+        let mut tensors = Tensors::default();
+        self.save(&mut tensors);
+        tensors.expect_finite()
     }
 
     /// Makes the trained weights those that rows are scored with.
@@ -171,7 +203,9 @@ impl TrainedEnsemble {
     /// # Errors
     /// When the arrays are not those of this ensemble.
     pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        self.normalizer = RunningNormalizer::from_numbers(&tensors.f64("moments")?);
+        let moments = self.normalizer.to_numbers().len();
+        let moments = tensors.exactly("moments", moments, Tensors::f64)?;
+        self.normalizer = RunningNormalizer::from_numbers(&moments);
         let members = self.ensemble.members.iter_mut().zip(&mut self.trainers).enumerate();
         for (number, (member, trainer)) in members {
             let name = format!("member{number}.parameters");

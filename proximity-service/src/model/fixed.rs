@@ -1,13 +1,16 @@
 //! Rewards that nothing is learned for: the environment's own, as recorded in the trajectories, and
 //! none, for policy learners that need no reward.
 
+use std::time::Duration;
+
 use anyhow::{Result, bail};
 use protocol::messages::{Estimates, RewardUpdate, Score};
+use protocol::process::Final;
 use protocol::task::floats;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 
-use super::RewardModel;
+use super::{RewardModel, Slice};
 
 /// A reward that stays as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,12 +22,14 @@ pub enum FixedReward {
 }
 
 impl RewardModel for FixedReward {
-    fn pretrain(&mut self) -> RewardUpdate {
-        RewardUpdate { weights_sha256: self.sha256(), ..RewardUpdate::default() }
+    fn pretrain(&mut self, _time: Duration) -> Result<Slice, Final> {
+        let weights_sha256 = self.sha256();
+        Ok(Slice::Done(RewardUpdate { weights_sha256, ..RewardUpdate::default() }))
     }
 
-    fn improve(&mut self, iteration: u64, _batch: &[Encoded]) -> RewardUpdate {
-        RewardUpdate { iteration, weights_sha256: self.sha256(), ..RewardUpdate::default() }
+    fn improve(&mut self, iteration: u64, _batch: &[Encoded]) -> Result<RewardUpdate, Final> {
+        let weights_sha256 = self.sha256();
+        Ok(RewardUpdate { iteration, weights_sha256, ..RewardUpdate::default() })
     }
 
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {

@@ -1,13 +1,14 @@
 //! A reward model that is learned: rows of demonstrations against rows of the agent, and an ensemble
 //! trained on both. Models differ in their [`Objective`] alone.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use networks::RunningNormalizer;
 use protocol::config::{RewardConfig, RewardInput};
 use protocol::learning_rate::LearningRate;
 use protocol::messages::{Estimates, RewardUpdate, Score};
+use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
@@ -18,6 +19,7 @@ use super::RewardModel;
 use super::ensemble::{Losses, Minibatch, TrainedEnsemble};
 use super::input::Input;
 use super::objective::{Drawn, Learning, Objective, Seen};
+use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
 use crate::experience::Experience;
 
@@ -33,6 +35,10 @@ pub struct Learned<O> {
     experience: Experience,
     ensemble: TrainedEnsemble,
     version: u64,
+    /// Until offline training is done.
+    offline: Option<Offline>,
+    /// How far a restored model has come in it.
+    resumed: Progress,
 }
 
 impl<O: Objective> Learned<O> {
@@ -65,6 +71,8 @@ impl<O: Objective> Learned<O> {
             experience: Experience::new(config.experience, input.row_bytes()),
             ensemble,
             version: 0,
+            offline: None,
+            resumed: Progress::default(),
         }
     }
 
@@ -88,30 +96,41 @@ impl<O: Objective> Learned<O> {
         Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
     }
 
-    /// One optimizer step of every member.
-    fn train(&mut self, minibatch: &Minibatch, learning_rate: f64) -> Losses {
+    /// One optimizer step of every member; `number` is the minibatch's.
+    fn train(
+        &mut self,
+        minibatch: &Minibatch,
+        number: usize,
+        learning_rate: f64,
+    ) -> Result<Losses, Final> {
         let objective = &self.objective;
         let losses = |minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]| {
             objective.losses(minibatch, outputs, slopes)
         };
-        self.ensemble.train(minibatch, losses, learning_rate)
+        let trained = self.ensemble.train(minibatch, losses, learning_rate);
+        trained.map_err(|message| diverged(&format!("minibatch {number}, {message}")))
     }
 
-    fn updated(&mut self, iteration: u64, losses: &[Losses], begun: Instant) -> RewardUpdate {
+    fn updated(&mut self, iteration: u64, taken: &Progress) -> Result<RewardUpdate, Final> {
         self.version += 1;
+        self.ensemble.expect_finite().map_err(|message| diverged(&message))?;
         self.ensemble.prepare();
-        let mean = Losses::mean(losses);
-        RewardUpdate {
+        let mean = taken.mean();
+        Ok(RewardUpdate {
             iteration,
             model_version: self.version,
-            gradient_steps: losses.len() as u64,
+            gradient_steps: taken.done as u64,
             demonstration_loss: mean.demonstrations,
             agent_loss: mean.agent,
             weights_sha256: self.sha256(),
             experience: self.experience.len() as u64,
-            seconds: begun.elapsed().as_secs_f64(),
-        }
+            seconds: taken.seconds,
+        })
     }
+}
+
+fn diverged(message: &str) -> Final {
+    Final(format!("the reward model diverged: {message}"))
 }
 
 /// What the ensemble's observations are normalized by.
@@ -131,18 +150,29 @@ fn normalizer(
 }
 
 impl<O: Objective> RewardModel for Learned<O> {
-    fn pretrain(&mut self) -> RewardUpdate {
+    fn pretrain(&mut self, time: Duration) -> Result<Slice, Final> {
         let begun = Instant::now();
-        let mut losses = Vec::new();
-        for drawn in self.objective.offline(&self.learning()) {
-            let minibatch = self.minibatch(drawn);
-            losses.push(self.train(&minibatch, self.learning_rate.first));
+        let mut offline = self.offline.take().unwrap_or_else(|| Offline {
+            minibatches: self.objective.offline(&self.learning()),
+            progress: self.resumed,
+        });
+        let before_s = offline.progress.seconds;
+        while let Some((number, drawn)) = offline.next() {
+            let minibatch = self.minibatch(drawn.clone());
+            let losses = self.train(&minibatch, number, self.learning_rate.first)?;
+            offline.progress.add(losses);
+            offline.progress.seconds = before_s + begun.elapsed().as_secs_f64();
+            if begun.elapsed() >= time && offline.next().is_some() {
+                let standing = offline.standing();
+                self.offline = Some(offline);
+                return Ok(Slice::UnderWay(standing));
+            }
         }
-        self.updated(0, &losses, begun)
+        Ok(Slice::Done(self.updated(0, &offline.progress)?))
     }
 
     /// Only what the agent saw up to the goal counts as its experience.
-    fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> RewardUpdate {
+    fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final> {
         let begun = Instant::now();
         for Encoded { trajectory, .. } in batch {
             let (observations, actions) = (trajectory.observations_to_goal(), trajectory.actions());
@@ -152,7 +182,7 @@ impl<O: Objective> RewardModel for Learned<O> {
             self.experience.push(&rows);
         }
         let learning_rate = self.learning_rate.at(iteration);
-        let mut losses = Vec::new();
+        let mut taken = Progress::default();
         if learning_rate > 0.0 && self.config.samples > 0 {
             let purpose = Purpose::ImprovementBatches;
             let mut stream = seed::stream(self.run_seed, purpose, iteration, 0);
@@ -165,10 +195,11 @@ impl<O: Objective> RewardModel for Learned<O> {
                     let penalty = GradientPenalty::between(rows, pairs, weight, &mut stream);
                     minibatch.penalty = Some(penalty);
                 }
-                losses.push(self.train(&minibatch, learning_rate));
+                taken.add(self.train(&minibatch, taken.done + 1, learning_rate)?);
             }
         }
-        self.updated(iteration, &losses, begun)
+        taken.seconds = begun.elapsed().as_secs_f64();
+        self.updated(iteration, &taken)
     }
 
     /// Each row is scored once: the state after one step is the state before the next.
@@ -225,6 +256,9 @@ impl<O: Objective> RewardModel for Learned<O> {
         tensors.put_u64("version", [self.version]);
         tensors.put_u8("experience", self.experience.to_bytes());
         self.ensemble.save(&mut tensors);
+        if let Some(offline) = &self.offline {
+            offline.progress.save(&mut tensors);
+        }
         tensors
     }
 
@@ -236,6 +270,7 @@ impl<O: Objective> RewardModel for Learned<O> {
         }
         self.experience = Experience::new(self.config.experience, self.input.row_bytes());
         self.experience.push(&bytes);
+        (self.offline, self.resumed) = (None, Progress::restored(tensors)?);
         self.ensemble.restore(tensors)
     }
 }

@@ -6,12 +6,16 @@ mod fixed;
 mod input;
 mod learned;
 mod objective;
+mod offline;
 mod penalty;
 mod proximity;
 mod ranking;
 
+use std::time::Duration;
+
 use anyhow::Result;
 use protocol::messages::{Estimates, RewardUpdate, Score};
+use protocol::process::Final;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 
@@ -21,17 +25,25 @@ pub use fixed::FixedReward;
 pub use input::{Input, Rows};
 pub use learned::Learned;
 pub use objective::{Drawn, Learning, Objective, Seen};
+pub use offline::Slice;
 pub use penalty::GradientPenalty;
 pub use proximity::GoalProximity;
 pub use ranking::Ranking;
 
 /// A reward model. With a policy learner it makes a method.
 pub trait RewardModel {
-    /// Trains on the demonstrations alone (Algorithm 1, lines 2 to 5).
-    fn pretrain(&mut self) -> RewardUpdate;
+    /// Goes on with training on the demonstrations alone (Algorithm 1, lines 2 to 5), for about as long
+    /// as said and at least one gradient step.
+    ///
+    /// # Errors
+    /// [`Final`] when a loss or gradient is no number any more; the model is of no use then.
+    fn pretrain(&mut self, time: Duration) -> Result<Slice, Final>;
 
     /// Trains on the demonstrations and a batch (Algorithm 1, line 10).
-    fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> RewardUpdate;
+    ///
+    /// # Errors
+    /// As [`RewardModel::pretrain`].
+    fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final>;
 
     /// Scores a batch (Algorithm 1, line 8). Depends on the batch and the model's version alone.
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score>;
@@ -45,7 +57,7 @@ pub trait RewardModel {
     /// Hash of all weights.
     fn sha256(&self) -> String;
 
-    /// Everything carried from one update to the next.
+    /// Everything carried from one update to the next, and from one slice of offline training.
     fn save(&self) -> Tensors;
 
     /// Takes over what [`RewardModel::save`] gave.

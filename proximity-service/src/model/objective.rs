@@ -70,8 +70,10 @@ pub struct Drawn {
 }
 
 impl Learning<'_> {
-    /// Minibatches of both kinds in equal number, from `samples` rows of each without repetition.
-    pub fn pairs(&self, agent: usize, samples: usize, stream: &mut Stream) -> Vec<Drawn> {
+    /// Minibatches of one online update, in whole batches of both kinds: from as many rows of each,
+    /// without repetition, as the configuration's samples, or as there are of the rarer kind.
+    pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+        let samples = self.config.samples.min(self.demonstrations).min(agent);
         let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
         let mut own = draw(self.demonstrations, stream).into_vec();
         let mut agent = draw(agent, stream).into_vec();

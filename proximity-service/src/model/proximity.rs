@@ -53,8 +53,7 @@ impl Objective for GoalProximity {
     }
 
     fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
-        let samples = learning.config.samples.min(learning.demonstrations);
-        if agent < samples { Vec::new() } else { learning.pairs(agent, samples, stream) }
+        learning.pairs(agent, stream)
     }
 
     /// Eq. 4; without rows of the agent Eq. 1. Each term is a mean over its own rows.

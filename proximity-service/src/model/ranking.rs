@@ -84,11 +84,7 @@ impl Objective for Ranking {
 
     /// Behind as many pairs within demonstrations come the expert's rows of pairs with the agent.
     fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
-        let samples = learning.config.samples.min(learning.demonstrations);
-        if agent < samples {
-            return Vec::new();
-        }
-        let mut minibatches = learning.pairs(agent, samples, stream);
+        let mut minibatches = learning.pairs(agent, stream);
         for minibatch in &mut minibatches {
             let mut within = self.draw(minibatch.agent.len(), stream);
             within.append(&mut minibatch.demonstrations);
@@ -129,7 +125,7 @@ impl Objective for Ranking {
 mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
-    use crate::tests::{assert_reproducible, config, learned, place, walk};
+    use crate::tests::{assert_reproducible, config, learned, place, pretrained, walk};
     use protocol::config::RewardInput;
     use protocol::trajectory::{Encoded, Source};
 
@@ -152,7 +148,7 @@ mod tests {
     #[test]
     fn states_are_ranked_by_their_place_and_above_those_of_the_agent() {
         let mut model: Learned<Ranking> = learned(&config(), 2);
-        assert_eq!(model.pretrain().gradient_steps, 200);
+        assert_eq!(pretrained(&mut model).gradient_steps, 200);
         let proximity = |model: &Learned<Ranking>, at: f32, row: f32| {
             model.estimate(&place(at, row)).unwrap().proximity[0]
         };
@@ -162,7 +158,7 @@ mod tests {
         let before = proximity(&model, 0.9, 1.0);
         let batch = [Encoded::encode(walk(1.0, Source::Training))];
         for iteration in 0..80 {
-            let update = model.improve(iteration, &batch);
+            let update = model.improve(iteration, &batch).unwrap();
             assert!(update.agent_loss > 0.0 && update.demonstration_loss > 0.0);
         }
         let after = [proximity(&model, 0.9, 0.0), proximity(&model, 0.9, 1.0)];

@@ -28,6 +28,9 @@ pub(crate) struct Arguments {
     /// or file for the rewards, by default RUN/rescored.csv.
     #[arg(long, value_name = "PATH", conflicts_with_all = ["verify", "publish"])]
     out: Option<PathBuf>,
+    /// Replaces rewards that were written there before; never anything of a run but those.
+    #[arg(long, conflicts_with_all = ["verify", "publish", "retrain"])]
+    force: bool,
 }
 
 /// What is done with the log, one of these.
@@ -63,5 +66,5 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     if arguments.what.retrain {
         return retrain::retrain(&folder, arguments.until, arguments.out);
     }
-    rescore::rescore(&folder, &arguments.what.with, arguments.out)
+    rescore::rescore(&folder, &arguments.what.with, arguments.out, arguments.force)
 }

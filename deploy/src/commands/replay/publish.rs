@@ -29,7 +29,7 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
     }
     // Nobody trains on this bus meanwhile.
     let _lock = plan::lock(folder)?;
-    let address = BusAddress::of_run(folder.path())?;
+    let address = BusAddress::for_start(folder.path())?;
     // Whoever listens already stays connected.
     if !address.is_anyone_alive()? {
         address.remove()?;

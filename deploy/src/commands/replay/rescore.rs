@@ -9,12 +9,11 @@ use protocol::run::RunFolder;
 use serde::Deserialize;
 
 use super::curves::{self, Point};
-use crate::figures;
 use crate::full_log::FullLog;
-use crate::plan;
 use crate::programs::{self, Program};
 use crate::progress::print_line;
 use crate::refusal::wrong_usage;
+use crate::{destination, figures, plan};
 
 /// What a change begins with that names a run whose trained model scores.
 const MODEL: &str = "model=";
@@ -34,7 +33,12 @@ struct Comparison {
 ///
 /// # Errors
 /// Of wrong usage when a change is not of the reward.
-pub(super) fn rescore(folder: &RunFolder, changes: &[String], out: Option<PathBuf>) -> Result<()> {
+pub(super) fn rescore(
+    folder: &RunFolder,
+    changes: &[String],
+    out: Option<PathBuf>,
+    force: bool,
+) -> Result<()> {
     let (models, settings): (Vec<_>, Vec<_>) =
         changes.iter().partition(|change| change.starts_with(MODEL));
     let model = match models[..] {
@@ -54,8 +58,7 @@ pub(super) fn rescore(folder: &RunFolder, changes: &[String], out: Option<PathBu
         )));
     }
     let config = plan::changed(&config, &settings)?;
-    let out = out.unwrap_or_else(|| folder.path().join("rescored.csv"));
-    let configuration = out.with_extension("toml");
+    let [out, configuration, picture] = files(folder, out, force)?;
     fs::write(&configuration, config.to_text())
         .with_context(|| configuration.display().to_string())?;
     let log = FullLog::of(folder)?;
@@ -65,11 +68,30 @@ pub(super) fn rescore(folder: &RunFolder, changes: &[String], out: Option<PathBu
     if let Some(model) = &model {
         service.arg("--model").arg(model.path());
     }
-    let comparison: Comparison = programs::figures(&mut service)?;
-    let picture = out.with_extension("svg");
+    let comparison: Comparison = programs::figures(&mut service, "scoring again")?;
     curves::draw(&comparison.curve, &picture)?;
     print_line(table(&comparison, &out, &picture).trim_end());
     Ok(())
+}
+
+/// Where the rewards, their configuration and their picture go.
+fn files(folder: &RunFolder, out: Option<PathBuf>, force: bool) -> Result<[PathBuf; 3]> {
+    type Check = fn(&Path, bool) -> Result<()>;
+    let (out, check): (_, Check) = match out {
+        Some(out) => (out, destination::file),
+        None => (folder.path().join("rescored.csv"), destination::own_file),
+    };
+    let files = ["toml", "svg"].map(|ending| out.with_extension(ending));
+    if files.contains(&out) {
+        let shown = out.display();
+        return Err(wrong_usage(format!(
+            "--out {shown}: expected a name such as rewards.csv; .toml and .svg are written beside it"
+        )));
+    }
+    let [configuration, picture] = files;
+    let files = [out, configuration, picture];
+    files.iter().try_for_each(|file| check(file, force))?;
+    Ok(files)
 }
 
 fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {

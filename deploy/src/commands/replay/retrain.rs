@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use protocol::config::RunConfig;
 use protocol::log::{Contents, Record, read_contents};
 use protocol::run::RunFolder;
 
 use crate::commands::train::block_on_supervision;
-use crate::figures;
-use crate::full_log::FullLog;
+use crate::full_log::{self, FullLog};
 use crate::plan::Plan;
 use crate::progress::{ProgressView, print_line};
-use crate::refusal::wrong_usage;
+use crate::refusal::{stopped, wrong_usage};
 use crate::supervisor::{Outcome, Source};
+use crate::{destination, figures};
 
 /// Hashes of the weights after every update, by what was updated.
 type Hashes = BTreeMap<(&'static str, u64), String>;
@@ -31,6 +31,9 @@ pub(super) fn retrain(
     out: Option<PathBuf>,
 ) -> Result<()> {
     let kept = out.is_some();
+    if let Some(out) = &out {
+        destination::folder(out, false)?;
+    }
     let folder = RunFolder::new(out.unwrap_or_else(|| recorded.path().join("retrained")));
     let plan = Plan::copy_of(configuration(recorded)?, folder)?;
     let expected = hashes(recorded)?;
@@ -43,14 +46,16 @@ pub(super) fn retrain(
     let outcome = block_on_supervision(&plan.folder, &source, &mut view);
     view.finish();
     if outcome? == Outcome::Stopped {
-        bail!("stopped; what was trained again is in {}", plan.folder.path().display());
+        let shown = plan.folder.path().display();
+        print_line(&format!("stopped; what was trained again is in {shown}"));
+        return Err(stopped());
     }
     compare(&expected, &hashes(&plan.folder)?)?;
     drop(lock);
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
     }
-    Ok(())
+    full_log::refuse_loss(recorded)
 }
 
 /// The configuration of the run that is trained again: the same, with the demonstrations where the

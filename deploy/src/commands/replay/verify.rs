@@ -1,7 +1,7 @@
 //! `goalward replay --verify`: the actor acts every recorded episode again and prints its figures as
 //! JSON; this shows them.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use protocol::run::RunFolder;
 use serde::Deserialize;
 
@@ -25,7 +25,7 @@ struct Verification {
 pub(super) fn verify(folder: &RunFolder) -> Result<()> {
     let mut actor = Program::Actor.command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
-    let verification: Verification = programs::figures(actor)?;
+    let verification: Verification = programs::figures(actor, "acting again")?;
     print_line(table(&verification).trim_end());
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
@@ -34,6 +34,7 @@ pub(super) fn verify(folder: &RunFolder) -> Result<()> {
     if !damaged.is_empty() {
         return Err(Refusal::DataLost(damaged.join("; ")).into());
     }
+    ensure!(episodes > 0, "{}: expected episodes to act again, found none", folder.log().display());
     Ok(())
 }
 

@@ -149,6 +149,7 @@ impl PolicyLearner for Sqil {
             let minibatch = self.draw(&mut stream);
             let parameters = &mut policy.parameters;
             let own = self.learner.update(parameters, &minibatch, &mut stream, learning_rate);
+            own.expect_finite(format_args!("update {}", self.updates + 1))?;
             figures.add(&own);
             self.updates += 1;
         }

@@ -1,11 +1,16 @@
 //! Proximal policy optimization with clipped ratios and values (Table 2; Algorithm 1, line 9).
 
+mod loss;
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, Adam, Distribution};
 use protocol::config::PpoConfig;
 use protocol::messages::Score;
+use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
@@ -15,6 +20,7 @@ use rayon::ThreadPool;
 
 use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::ppo::loss::Row;
 use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
 use crate::batch::Batch;
 use crate::reward_scale::RewardScale;
@@ -54,7 +60,7 @@ impl PolicyLearner for Ppo {
         }
         batch.normalize(&policy.normalizer);
         let optimizer = &mut self.optimizer;
-        let figures = self.update.update(&mut policy.parameters, optimizer, &batch, schedule);
+        let figures = self.update.update(&mut policy.parameters, optimizer, &batch, schedule)?;
         for encoded in trajectories {
             policy.normalizer.update(encoded.trajectory.observations());
         }
@@ -103,15 +109,19 @@ impl PpoUpdate {
 
     /// Improves the parameters with a batch: several epochs of minibatches, none after one that took
     /// the policy farther than `target_kl`.
+    ///
+    /// # Errors
+    /// [`Final`] at the first minibatch with a loss or gradient that is no number.
     pub fn update(
         &mut self,
         parameters: &mut [f32],
         optimizer: &mut Adam,
         batch: &Batch,
         schedule: &Schedule,
-    ) -> Figures {
+    ) -> Result<Figures, Final> {
         let targets = self.targets(parameters, batch);
-        let size = batch.len() / self.config.minibatches as usize;
+        // A batch of fewer rows than minibatches has one of each row.
+        let size = (batch.len() / self.config.minibatches as usize).max(1);
         let mut rows: Vec<u32> = (0..batch.len() as u32).collect();
         let mut figures = Figures::default();
         let mut epochs = 0;
@@ -122,7 +132,7 @@ impl PpoUpdate {
             let minibatches = rows.chunks_exact(size);
             let count = minibatches.len() as f64;
             let mut of_epoch = Figures::default();
-            for minibatch in minibatches {
+            for (number, minibatch) in minibatches.enumerate() {
                 let loss = Loss {
                     spec: &self.spec,
                     config: &self.config,
@@ -135,6 +145,7 @@ impl PpoUpdate {
                     self.gradient.of(parameters, &batch.observations, minibatch, &loss);
                 let largest = self.config.max_gradient_norm;
                 own.gradient_norm = networks::clip_global_norm(gradient, largest);
+                own.expect_finite(format_args!("epoch {}, minibatch {}", epoch + 1, number + 1))?;
                 optimizer.update(parameters, gradient, learning_rate);
                 of_epoch.add(&own);
             }
@@ -146,7 +157,7 @@ impl PpoUpdate {
                 break;
             }
         }
-        figures.divided_by(f64::from(epochs))
+        Ok(figures.divided_by(f64::from(epochs)))
     }
 
     /// Values under the current policy, and from them advantages and returns.
@@ -191,51 +202,14 @@ impl RowLoss for Loss<'_> {
     const OF_VALUES: bool = true;
 
     fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
-        let policy = self.policy(row, output.parameters, slopes);
-        let (value_loss, slope) = self.value(row, output.value);
-        (Figures { value_loss, ..policy }, slope)
-    }
-}
-
-impl Loss<'_> {
-    /// Clipped surrogate and entropy bonus of one row, and their slopes.
-    fn policy(&self, row: usize, parameters: &[f32], slopes: &mut [f32]) -> Figures {
-        let distribution = self.distribution;
         let bytes = self.spec.action.bytes();
-        let action = &self.batch.actions[row * bytes..(row + 1) * bytes];
-        let difference =
-            distribution.log_probability(parameters, action) - self.batch.log_probs[row];
-        let ratio = libm::expf(difference);
-        let clip = self.config.clip as f32;
-        let advantage = self.targets.advantages[row];
-        let clipped = ratio.clamp(1.0 - clip, 1.0 + clip) * advantage;
-        let free = ratio * advantage;
-        let log_prob_slope = if free <= clipped { -free * self.weight } else { 0.0 };
-        let entropy_slope = -(self.config.entropy_coefficient as f32) * self.weight;
-        distribution.gradient(parameters, action, log_prob_slope, entropy_slope, slopes);
-        let weight = f64::from(self.weight);
-        Figures {
-            policy_loss: -weight * f64::from(free.min(clipped)),
-            entropy: weight * f64::from(distribution.entropy(parameters)),
-            approximate_kl: weight * f64::from((ratio - 1.0) - difference),
-            clip_fraction: if (ratio - 1.0).abs() > clip { weight } else { 0.0 },
-            ..Figures::default()
-        }
-    }
-
-    /// Clipped value loss of one row, and its slope.
-    fn value(&self, row: usize, value: f32) -> (f64, f32) {
-        let (old, target) = (self.targets.values[row], self.targets.returns[row]);
-        let clip = if self.config.value_clip > 0.0 {
-            self.config.value_clip as f32
-        } else {
-            f32::INFINITY
+        let row = Row {
+            action: &self.batch.actions[row * bytes..(row + 1) * bytes],
+            log_probability: self.batch.log_probs[row],
+            advantage: self.targets.advantages[row],
+            old_value: self.targets.values[row],
+            target: self.targets.returns[row],
         };
-        let clipped = old + (value - old).clamp(-clip, clip);
-        let (free_error, clipped_error) = (value - target, clipped - target);
-        let (free, held) = (free_error * free_error, clipped_error * clipped_error);
-        let slope = if free >= held { free_error } else { 0.0 };
-        let coefficient = self.config.value_coefficient as f32 * self.weight;
-        (0.5 * f64::from(self.weight) * f64::from(free.max(held)), coefficient * slope)
+        row.loss(self.config, self.distribution, self.weight, output, slopes)
     }
 }

@@ -3,34 +3,45 @@
 //! It hands leases to actors, takes trajectories in, appends them to the log before anybody uses
 //! them, and publishes weights and progress, all while the trainer computes. Trainer and desk talk
 //! over two bounded channels: orders one way, complete batches the other.
+//!
+//! What comes over the bus is trusted with nothing: a message that cannot be used is dropped, with a
+//! line and a count, and the run goes on.
 
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::thread::JoinHandle;
+mod handle;
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, bail, ensure};
+use bytes::Bytes;
 use prost::Message;
 use protocol::Error;
 use protocol::bus::{
-    Bus, BusAddress, Doorbell, NewestPublisher, Request, Ringer, Role, Server, SharedMemory,
+    Bus, BusAddress, Doorbell, NewestPublisher, Published, Request, Role, Server, SharedMemory,
     TrajectorySubscriber,
 };
+use protocol::dropped::Dropped;
 use protocol::log::LogWriter;
 use protocol::messages::{
-    ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate, Progress,
-    RewardUpdate, Score,
+    ActorHeard, ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate,
+    Progress, RewardUpdate, Score,
 };
+use protocol::process::Stop;
+use protocol::run::Place;
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
 
-use crate::rollout::Rollout;
+use crate::rollout::{Rollout, Unusable};
 
-/// Orders that may wait; the trainer gives a handful per iteration.
-const ORDERS: usize = 64;
+pub use handle::DeskHandle;
 
 /// Longest sleep, so that weights are refreshed for late actors in time.
 const TICK: Duration = Duration::from_millis(20);
+
+/// Messages taken from a port before the desk looks at the others, however many there are.
+const TAKEN_AT_ONCE: usize = 1024;
 
 /// How often actors are looked after: the dead cleaned away, their leases opened again.
 const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
@@ -87,90 +98,23 @@ pub struct Setup {
     pub address: BusAddress,
     /// Shapes of the task.
     pub spec: Spec,
+    /// Seed of the run, which its trajectories name.
+    pub run_seed: u64,
     /// Longest encoded weights.
     pub weights_bytes: usize,
     /// A lease held longer is handed out again.
     pub lease_timeout: Duration,
     /// The run's log, open.
     pub log: LogWriter,
-}
-
-/// The trainer's end of the desk.
-pub struct DeskHandle {
-    orders: SyncSender<Order>,
-    batches: Receiver<Vec<Encoded>>,
-    ringer: std::rc::Rc<Ringer<SharedMemory>>,
-    thread: Option<JoinHandle<Result<DeskSeconds>>>,
-}
-
-impl DeskHandle {
-    /// Starts the desk; `bus` is the trainer's own, over which it rings the desk.
-    pub fn start(setup: Setup, bus: &Bus) -> Result<DeskHandle> {
-        let (orders, incoming) = sync_channel(ORDERS);
-        let (outgoing, batches) = sync_channel(1);
-        let (ready, opened) = sync_channel(1);
-        let body = move || {
-            let mut desk = Desk::open(setup, incoming, outgoing)?;
-            // The trainer may have gone; then the first order says so.
-            ready.send(()).ok();
-            desk.run()
-        };
-        let thread = std::thread::Builder::new().name("desk".to_owned()).spawn(body)?;
-        let ringer = bus.ringer(Role::Learner)?;
-        let mut handle = DeskHandle { orders, batches, ringer, thread: Some(thread) };
-        match opened.recv() {
-            Ok(()) => Ok(handle),
-            Err(_) => Err(handle.failure()),
-        }
-    }
-
-    /// Gives an order.
-    pub fn order(&mut self, order: Order) -> Result<()> {
-        if self.orders.send(order).is_err() {
-            return Err(self.failure());
-        }
-        Ok(self.ringer.ring()?)
-    }
-
-    /// The next complete batch, if it comes within `patience`.
-    pub fn batch(&mut self, patience: Duration) -> Result<Option<Vec<Encoded>>> {
-        use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
-        match self.batches.recv_timeout(patience) {
-            Ok(batch) => Ok(Some(batch)),
-            Err(Timeout) => Ok(None),
-            Err(Disconnected) => Err(self.failure()),
-        }
-    }
-
-    /// Returns when everything recorded so far is on the disk.
-    pub fn sync(&mut self) -> Result<()> {
-        let (done, synced) = sync_channel(1);
-        self.order(Order::Sync(done))?;
-        if synced.recv().is_err() {
-            return Err(self.failure());
-        }
-        Ok(())
-    }
-
-    /// Ends the desk and waits for it; says where the time went.
-    pub fn finish(mut self) -> Result<DeskSeconds> {
-        self.order(Order::Finish)?;
-        self.join()
-    }
-
-    fn failure(&mut self) -> anyhow::Error {
-        self.join().err().unwrap_or_else(|| anyhow!("the desk ended before the run"))
-    }
-
-    fn join(&mut self) -> Result<DeskSeconds> {
-        let Some(thread) = self.thread.take() else { return Ok(DeskSeconds::default()) };
-        // The panic itself has been printed by the thread.
-        thread.join().unwrap_or_else(|_| Err(anyhow!("the desk panicked")))
-    }
+    /// Where the run is: a log whose folder is gone is not waited for.
+    pub place: Place,
+    /// Whether the run is to stop: then a disk that refuses is not waited for.
+    pub stop: Stop,
 }
 
 struct Desk {
     spec: Spec,
+    run_seed: u64,
     lease_timeout: Duration,
     bus: Bus,
     doorbell: Doorbell<SharedMemory>,
@@ -179,13 +123,19 @@ struct Desk {
     weights: NewestPublisher<SharedMemory>,
     progress: NewestPublisher<SharedMemory>,
     log: LogWriter,
+    place: Place,
+    stop: Stop,
     orders: Receiver<Order>,
     batches: SyncSender<Vec<Encoded>>,
     rollout: Option<Rollout>,
     /// Actors that wait for leases; they are answered when there are some.
     waiting: Vec<(LeaseRequest, Request<SharedMemory>)>,
+    dropped_trajectories: Dropped,
+    dropped_questions: Dropped,
     told: Progress,
     alive: Vec<String>,
+    /// When each actor last asked or sent a trajectory.
+    heard: BTreeMap<String, Instant>,
     looked_after: Instant,
     flushed: Instant,
     finished: bool,
@@ -201,19 +151,25 @@ impl Desk {
         let bus = Bus::open(&setup.address, "learner")?;
         Ok(Desk {
             spec: setup.spec,
+            run_seed: setup.run_seed,
             lease_timeout: setup.lease_timeout,
             doorbell: bus.doorbell(Role::Learner)?,
-            trajectories: bus.trajectory_subscriber()?,
+            trajectories: bus.learning_subscriber()?,
             leases: bus.lease_server()?,
             weights: bus.weights_publisher(setup.weights_bytes)?,
             progress: bus.progress_publisher(PROGRESS_BYTES)?,
             log: setup.log,
+            place: setup.place,
+            stop: setup.stop,
             orders,
             batches,
             rollout: None,
             waiting: Vec::new(),
+            dropped_trajectories: Dropped::new("trajectories from the bus"),
+            dropped_questions: Dropped::new("questions for leases"),
             told: Progress::default(),
             alive: bus.alive()?,
+            heard: BTreeMap::new(),
             looked_after: Instant::now(),
             flushed: Instant::now(),
             finished: false,
@@ -243,32 +199,37 @@ impl Desk {
         Ok(self.seconds)
     }
 
-    /// Appends to the log, and counts the time it takes. When the disk refuses, the message is
-    /// kept in memory: the run pauses until it is written.
+    /// Appends to the log, timed. While the disk refuses, the message is kept and the run pauses.
     fn append(&mut self, append: impl FnOnce(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
         let begun = Instant::now();
         if let Err(error) = append(&mut self.log) {
-            self.wait_for_room(&error)?;
+            self.wait_for_room(error)?;
             self.complete(LogWriter::flush)?;
         }
         self.seconds.log += begun.elapsed().as_secs_f64();
         Ok(())
     }
 
-    /// Flushes, syncs or seals the log, however long the disk refuses.
+    /// Flushes, syncs or seals the log, however long the disk refuses, unless the run is to stop.
     fn complete(&mut self, write: impl Fn(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
         while let Err(error) = write(&mut self.log) {
-            self.wait_for_room(&error)?;
+            self.wait_for_room(error)?;
         }
         Ok(())
     }
 
-    fn wait_for_room(&mut self, error: &Error) -> Result<()> {
+    /// What is not on the disk when the run is to stop is done again after it is resumed.
+    fn wait_for_room(&mut self, error: Error) -> Result<()> {
+        let Error::LogWrite { .. } = &error else { return Err(error.into()) };
+        self.place.check()?;
+        if self.stop.is_requested() {
+            bail!("stopped while the log could not be written: {error}");
+        }
         tracing::error!("paused until the log can be written: {error}");
         let phase = std::mem::replace(&mut self.told.phase, Phase::DiskFull as i32);
         self.tell()?;
         self.told.phase = phase;
-        std::thread::sleep(DISK_PATIENCE);
+        self.stop.sleep(DISK_PATIENCE);
         Ok(())
     }
 
@@ -317,23 +278,58 @@ impl Desk {
 
     /// Appends what actors published, then takes it into the rollout.
     fn take_trajectories(&mut self) -> Result<()> {
-        while let Some((_, bytes)) = self.trajectories.receive()? {
-            let encoded = Encoded::decode(bytes, &self.spec).context("from an actor")?;
-            let Some(rollout) = &mut self.rollout else { continue };
-            if rollout.receive(encoded.clone())? {
-                self.append(|log| log.trajectory(&encoded))?;
+        for _ in 0..TAKEN_AT_ONCE {
+            let Some(published) = self.trajectories.receive()? else { break };
+            let Published { header, bytes, process } = published;
+            match self.admit(bytes, header.hash) {
+                Ok(None) => {}
+                Ok(Some(encoded)) => self.append(|log| log.trajectory(&encoded))?,
+                Err(why) => {
+                    let said = format!("process {process}: {why:#}");
+                    match why.downcast_ref() {
+                        Some(Unusable::Differs { .. }) => {
+                            self.dropped_trajectories.note_loudly(said)
+                        }
+                        _ => self.dropped_trajectories.note(said),
+                    }
+                }
             }
         }
         Ok(())
     }
 
+    /// Takes a trajectory into the rollout; gives it back if it is new there.
+    fn admit(&mut self, bytes: Bytes, announced: u64) -> Result<Option<Encoded>> {
+        let Some(rollout) = &mut self.rollout else { return Ok(None) };
+        let encoded = Encoded::decode(bytes, &self.spec)?;
+        let hash = encoded.key.hash;
+        ensure!(announced == hash, "trajectory: expected hash {announced:016x}, found {hash:016x}");
+        let (expected, found) = (self.run_seed, encoded.trajectory.run_seed);
+        ensure!(expected == found, "trajectory: expected run seed {expected}, found {found}");
+        if let Some(actor) = rollout.holder(encoded.key.lane) {
+            self.heard.insert(actor.to_owned(), Instant::now());
+        }
+        Ok(rollout.receive(encoded.clone())?.then_some(encoded))
+    }
+
     fn answer_actors(&mut self) -> Result<()> {
-        while let Some(question) = self.leases.receive()? {
+        for _ in 0..TAKEN_AT_ONCE {
+            // First, for a client that gives up questions faster than they are dropped gets no more.
+            self.waiting.retain(|(_, question)| question.is_awaited());
+            let question = match self.leases.receive() {
+                Ok(Some(question)) => question,
+                Ok(None) => break,
+                Err(why) => {
+                    self.dropped_questions.note(why);
+                    break;
+                }
+            };
             // Whatever the asker published before it asked is taken in before it is answered.
             self.take_trajectories()?;
-            let request = LeaseRequest::decode(question.bytes()).context("lease request")?;
-            self.hear(&request)?;
-            self.waiting.push((request, question));
+            match self.hear(question.bytes()) {
+                Ok(request) => self.waiting.push((request, question)),
+                Err(why) => self.dropped_questions.note(format!("{why:#}")),
+            }
         }
         self.waiting.retain(|(_, question)| question.is_awaited());
         while !self.waiting.is_empty() {
@@ -344,17 +340,24 @@ impl Desk {
             let (request, question) = self.waiting.remove(0);
             let leases = self.grant(&request);
             let reply = LeaseReply { leases, finished: self.finished };
-            question.reply(&reply.encode_to_vec())?;
+            if let Err(why) = question.reply(&reply.encode_to_vec()) {
+                self.dropped_questions.note(why);
+            }
         }
         Ok(())
     }
 
     /// Takes note of what an actor says of itself.
-    fn hear(&mut self, request: &LeaseRequest) -> Result<()> {
+    fn hear(&mut self, question: &[u8]) -> Result<LeaseRequest> {
+        let request = LeaseRequest::decode(question).context("undecodable question")?;
         if !self.alive.contains(&request.actor) {
             self.alive = self.bus.alive()?;
         }
-        if let Some(seconds) = request.seconds {
+        if !self.alive.contains(&request.actor) {
+            bail!("expected an actor of this bus, found `{}`", request.actor);
+        }
+        self.heard.insert(request.actor.clone(), Instant::now());
+        if let Some(seconds) = request.seconds.filter(ActorSeconds::is_possible) {
             self.seconds.actors.environment += seconds.environment;
             self.seconds.actors.inference += seconds.inference;
             self.seconds.actors.transport += seconds.transport;
@@ -364,7 +367,7 @@ impl Desk {
                 rollout.hand_back(&request.actor, lease);
             }
         }
-        Ok(())
+        Ok(request)
     }
 
     fn grant(&mut self, request: &LeaseRequest) -> Vec<Lease> {
@@ -389,6 +392,7 @@ impl Desk {
         self.looked_after = Instant::now();
         self.bus.clean_up();
         self.alive = self.bus.alive()?;
+        self.heard.retain(|actor, _| self.alive.contains(actor));
         let Some(rollout) = &mut self.rollout else { return Ok(()) };
         let reopened = rollout.reopen(&self.alive, self.lease_timeout, Instant::now());
         if reopened > 0 {
@@ -401,12 +405,22 @@ impl Desk {
         self.alive.iter().filter(|name| name.starts_with("actor")).count()
     }
 
+    fn actors_heard(&self) -> Vec<ActorHeard> {
+        let heard = self.heard.iter().map(|(name, at)| ActorHeard {
+            name: name.clone(),
+            leases: self.rollout.as_ref().map_or(0, |rollout| rollout.held_by(name)) as u32,
+            ago_s: at.elapsed().as_secs_f64(),
+        });
+        heard.collect()
+    }
+
     fn tell(&mut self) -> Result<()> {
         let rollout = self.rollout.as_ref();
         let mut progress = self.told.clone();
         progress.steps_received += rollout.map_or(0, Rollout::steps);
         progress.actors = self.actors() as u32;
         progress.leases = rollout.map_or(0, Rollout::held) as u32;
+        progress.actors_heard = self.actors_heard();
         progress.log_bytes = self.log.bytes_written();
         Ok(self.progress.publish(&progress.encode_to_vec())?)
     }

@@ -1,0 +1,169 @@
+//! Where a verb may write: one rule for everything that `goalward` writes for its user.
+//!
+//! What exists is not overwritten unless the user says `--force`. A run's folder is the run's own:
+//! nothing is written into it under a name that the user chose, `--force` or not, by whatever way
+//! the folder is reached.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use protocol::run::RunFolder;
+
+use crate::refusal::wrong_usage;
+
+/// Checks that a file may be written at `path`, a name that the user chose.
+///
+/// # Errors
+/// Of wrong usage, when it exists and is not to be replaced, lies inside a run, or has no folder.
+pub(crate) fn file(path: &Path, force: bool) -> Result<()> {
+    outside_runs(path)?;
+    let folder = path.parent().filter(|folder| *folder != Path::new(""));
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        let (shown, folder) = (path.display(), folder.display());
+        return Err(wrong_usage(format!("{shown}: expected the folder {folder}, found none")));
+    }
+    own_file(path, force)
+}
+
+/// Checks that a file may be written at `path`, a name of our own in the folder of a run.
+///
+/// # Errors
+/// Of wrong usage, when it exists and is not to be replaced.
+pub(crate) fn own_file(path: &Path, force: bool) -> Result<()> {
+    match fs::metadata(path) {
+        Ok(found) if found.is_dir() => {
+            Err(wrong_usage(format!("{}: expected a file, found a folder", path.display())))
+        }
+        Ok(_) if force => Ok(()),
+        Ok(_) => Err(taken(path)),
+        Err(error) => unless_missing(path, &error),
+    }
+}
+
+/// Checks that a folder may be filled at `path`, a name that the user chose; an empty one is free.
+///
+/// # Errors
+/// Of wrong usage, when files of it are not to be replaced, or it lies inside a run.
+pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
+    outside_runs(path)?;
+    match fs::read_dir(path) {
+        Ok(mut entries) => match entries.next() {
+            Some(_) if !force => Err(taken(path)),
+            _ => Ok(()),
+        },
+        Err(error) => unless_missing(path, &error),
+    }
+}
+
+/// Checks that `path` is neither a run's folder nor inside one.
+///
+/// # Errors
+/// Of wrong usage, naming the run.
+pub(crate) fn outside_runs(path: &Path) -> Result<()> {
+    let resolved = resolved(path)?;
+    let run = resolved.ancestors().find(|folder| RunFolder::new(*folder).is_run());
+    let Some(run) = run else { return Ok(()) };
+    let (shown, run) = (path.display(), run.display());
+    Err(wrong_usage(format!(
+        "{shown}: expected a place outside of runs, found the folder of the run {run}"
+    )))
+}
+
+/// The place that a path leads to, links followed; the end of it need not exist.
+///
+/// # Errors
+/// Of wrong usage, when nothing can be made there.
+pub(crate) fn resolved(path: &Path) -> Result<PathBuf> {
+    let refused = |error: &dyn std::fmt::Display| {
+        wrong_usage(format!("{}: expected a place to write to: {error}", path.display()))
+    };
+    let absolute = std::path::absolute(path).map_err(|error| refused(&error))?;
+    for existing in absolute.ancestors() {
+        match existing.canonicalize() {
+            Ok(canonical) => {
+                let rest = absolute.strip_prefix(existing).expect("it is one of its ancestors");
+                return Ok(canonical.join(rest));
+            }
+            Err(_) if existing.is_symlink() => return Err(refused(&"a link that leads nowhere")),
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(refused(&error)),
+        }
+    }
+    Ok(absolute)
+}
+
+fn unless_missing(path: &Path, error: &std::io::Error) -> Result<()> {
+    match error.kind() {
+        ErrorKind::NotFound => Ok(()),
+        _ => Err(wrong_usage(format!("{}: {error}", path.display()))),
+    }
+}
+
+fn taken(path: &Path) -> anyhow::Error {
+    let shown = path.display();
+    wrong_usage(format!("{shown} exists and is not overwritten (--force replaces it)"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+    use crate::tasks;
+    use protocol::config::DEFAULT_PRESET;
+    use protocol::task::Task;
+
+    fn said(result: Result<()>) -> String {
+        result.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_exists_needs_force() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        fs::write(at("taken"), "dear").unwrap();
+        file(&at("free"), false).unwrap();
+        assert!(said(file(&at("taken"), false)).contains("not overwritten"));
+        file(&at("taken"), true).unwrap();
+        assert!(said(file(directory.path(), true)).contains("found a folder"));
+        assert!(said(file(&at("missing/free"), true)).contains("expected the folder"));
+        assert!(said(file(&at("taken/free"), true)).contains("expected"));
+
+        assert!(said(folder(directory.path(), false)).contains("not overwritten"));
+        folder(directory.path(), true).unwrap();
+        folder(&at("free/deep"), false).unwrap();
+        fs::create_dir(at("empty")).unwrap();
+        folder(&at("empty"), false).unwrap();
+        assert!(folder(&at("taken"), true).is_err());
+    }
+
+    #[test]
+    fn a_run_is_never_written_into() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let run = RunFolder::new(at("run"));
+        fs::create_dir_all(run.log()).unwrap();
+        folder(run.path(), true).unwrap();
+        let config = tasks::configuration(Task::Navigation, DEFAULT_PRESET, &[]).unwrap();
+        fs::write(run.config_file(), config.to_text()).unwrap();
+        symlink(run.path(), at("link")).unwrap();
+        symlink(run.config_file(), at("file.csv")).unwrap();
+        symlink(at("run/new.csv"), at("dangling")).unwrap();
+        for inside in ["run/a.csv", "run/config.toml", "run/log/a.csv", "link/a.csv", "file.csv"] {
+            assert!(said(file(&at(inside), true)).contains("of the run"), "{inside}");
+        }
+        assert!(said(file(&at("dangling"), true)).contains("leads nowhere"));
+        assert!(said(file(&at("run/log/../a.csv"), true)).contains("of the run"));
+        for inside in ["run", "link", "run/deep/er", "link/log"] {
+            assert!(said(folder(&at(inside), true)).contains("of the run"), "{inside}");
+        }
+        file(&at("run.csv"), false).unwrap();
+
+        // Its configuration may be damaged; its log says what it is.
+        fs::write(run.config_file(), "?").unwrap();
+        fs::write(run.log().join("updates-00000.mcap"), "").unwrap();
+        assert!(said(file(&at("run/a.csv"), true)).contains("of the run"));
+    }
+}

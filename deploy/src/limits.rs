@@ -1,0 +1,38 @@
+//! The limits that the system puts on a process (`ulimit`), checked before a run meets them in its
+//! middle: a process that finds no more room or descriptors there may stall without a word.
+
+use anyhow::{Result, ensure};
+use rustix::process::{Resource, getrlimit};
+
+const MIB: u64 = 1 << 20;
+
+/// Address space of the largest process, the learner: of its own, and for what each actor shares with
+/// it. Most of it is never touched.
+const ADDRESS_SPACE: [u64; 2] = [2 << 30, 160 << 20];
+
+/// The same for open files; sockets and shared memory are files.
+const OPEN_FILES: [u64; 2] = [160, 12];
+
+/// Checks that processes of a run with so many actors stay within the limits.
+///
+/// # Errors
+/// For the first limit that is too low.
+pub(crate) fn check(actors: u64) -> Result<()> {
+    let needed = |[own, per_actor]: [u64; 2]| own + per_actor * actors;
+    let limit = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
+    let (needed_bytes, found) = (needed(ADDRESS_SPACE), limit(Resource::As));
+    ensure!(
+        found >= needed_bytes,
+        "expected {} MiB of address space for each process of a run with {actors} actors, found a \
+         limit of {} MiB (`ulimit -v unlimited` lifts it)",
+        needed_bytes / MIB,
+        found / MIB
+    );
+    let (needed, found) = (needed(OPEN_FILES), limit(Resource::Nofile));
+    ensure!(
+        found >= needed,
+        "expected {needed} open files for each process of a run with {actors} actors, found a limit of \
+         {found} (`ulimit -n {needed}` raises it)"
+    );
+    Ok(())
+}

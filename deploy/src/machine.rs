@@ -1,0 +1,215 @@
+//! The machine that a run is to be trained on, against what the run is foreseen to take: what cannot
+//! fit, or would not end, is refused before anything is laid out.
+
+use std::fs;
+
+use anyhow::Result;
+use protocol::config::{Estimate, RunConfig};
+
+use crate::figures;
+use crate::refusal::wrong_usage;
+
+/// Most threads of a process for each core. More only wait for each other.
+const THREADS_PER_CORE: usize = 4;
+
+/// Most actors for each core: some wait for leases while others act.
+const ACTORS_PER_CORE: u64 = 8;
+
+/// Most rows that pass through networks: weeks on two cores, at a few hundred thousand a second.
+const MOST_ROW_PASSES: f64 = 1e12;
+
+/// Most steps of environments: at 100,000 a second, eleven days.
+const MOST_ENVIRONMENT_STEPS: f64 = 1e11;
+
+/// Parts of the most from which on a run is called long.
+const LONG: f64 = 1e-2;
+
+/// What a machine has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Machine {
+    cores: usize,
+    /// Memory that can be taken, bytes; none where the system does not tell.
+    memory: Option<f64>,
+}
+
+impl Machine {
+    /// This one.
+    pub(crate) fn here() -> Machine {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let available = fs::read_to_string("/proc/meminfo").ok().and_then(|text| available(&text));
+        // A container may have less than the machine.
+        let granted = fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
+        let granted = granted.and_then(|text| text.trim().parse::<f64>().ok());
+        let memory = available.into_iter().chain(granted).reduce(f64::min);
+        Machine { cores, memory }
+    }
+
+    /// Refuses a number of actors that would only keep each other from working.
+    ///
+    /// # Errors
+    /// Of wrong usage, with what the machine has.
+    pub(crate) fn require_room_for_actors(&self, actors: u64) -> Result<()> {
+        let most = ACTORS_PER_CORE * self.cores as u64;
+        self.require("resources.actors", actors, most, ACTORS_PER_CORE)
+    }
+
+    /// Refuses what the machine cannot do. Gives what is to be said of a run that takes long.
+    ///
+    /// # Errors
+    /// Of wrong usage, with the figure and what the machine has.
+    pub(crate) fn require_room_for(&self, config: &RunConfig) -> Result<Option<String>> {
+        let resources = &config.resources;
+        self.require_room_for_actors(resources.actors)?;
+        for (key, threads) in [
+            ("resources.learner_threads", resources.learner_threads),
+            ("resources.service_threads", resources.service_threads),
+        ] {
+            let most = THREADS_PER_CORE * self.cores;
+            self.require(key, threads as u64, most as u64, THREADS_PER_CORE as u64)?;
+        }
+        let estimate = config.estimate(self.cores);
+        if let Some(memory) = self.memory.filter(|&memory| estimate.bytes() > memory) {
+            return Err(wrong_usage(words_of_memory(&estimate, memory)));
+        }
+        let Estimate { environment_steps, row_passes, .. } = estimate;
+        require_end(environment_steps, row_passes)?;
+        let is_long = environment_steps > LONG * MOST_ENVIRONMENT_STEPS
+            || row_passes > LONG * MOST_ROW_PASSES;
+        Ok(is_long.then(|| words_of_work(&estimate)))
+    }
+
+    fn require(&self, key: &str, found: u64, most: u64, each: u64) -> Result<()> {
+        if found <= most {
+            return Ok(());
+        }
+        let cores = self.cores;
+        let expected = format!("at most {most}, {each} for each core of {cores}");
+        Err(wrong_usage(format!("configuration: `{key}` must be {expected}, found {found}")))
+    }
+}
+
+/// Refuses what would never end.
+///
+/// # Errors
+/// Of wrong usage, with the figure.
+pub(crate) fn require_end(environment_steps: f64, row_passes: f64) -> Result<()> {
+    for (what, found, most) in [
+        ("steps of environments", environment_steps, MOST_ENVIRONMENT_STEPS),
+        ("rows to pass through networks", row_passes, MOST_ROW_PASSES),
+    ] {
+        if found > most {
+            return Err(wrong_usage(format!(
+                "this would never end: expected at most {most:e} {what}, found about {found:.1e}"
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn words_of_memory(estimate: &Estimate, memory: f64) -> String {
+    let Estimate { learner_bytes, service_bytes, actor_bytes, actors, .. } = *estimate;
+    let shown = |bytes: f64| figures::bytes(bytes as u64);
+    format!(
+        "no room in memory: the run would take about {} (learner {}, service {}, {actors} actors of \
+         {}), and {} are available",
+        shown(estimate.bytes()),
+        shown(learner_bytes),
+        shown(service_bytes),
+        shown(actor_bytes),
+        shown(memory)
+    )
+}
+
+fn words_of_work(estimate: &Estimate) -> String {
+    let count = |number: f64| figures::count(number as u64);
+    format!(
+        "this takes long: about {} steps of environments, {} optimizer steps, {} rows through networks",
+        count(estimate.environment_steps),
+        count(estimate.gradient_steps),
+        count(estimate.row_passes)
+    )
+}
+
+/// `MemAvailable` of `/proc/meminfo`, bytes.
+fn available(text: &str) -> Option<f64> {
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1024.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::task::Task;
+
+    use super::*;
+    use crate::tasks::configuration;
+
+    const SMALL: Machine = Machine { cores: 2, memory: Some(16e9) };
+
+    fn judged(task: Task, settings: &str) -> Result<Option<String>, String> {
+        let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
+        let config = configuration(task, "goalward", &settings).unwrap();
+        SMALL.require_room_for(&config).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn what_a_task_is_by_itself_fits() {
+        for task in Task::ALL {
+            for method in ["goal-proximity", "ranking", "gail", "bc", "bco", "sqil"] {
+                assert_eq!(judged(task, &format!("method={method}")), Ok(None), "{task} {method}");
+            }
+        }
+    }
+
+    /// The README has 481 MiB, measured with four actors.
+    #[test]
+    fn the_default_run_takes_about_what_was_measured() {
+        let config = configuration(Task::Navigation, "authors", &["resources.actors=4".to_owned()]);
+        let mib = config.unwrap().estimate(2).bytes() / f64::from(1 << 20);
+        assert!((350.0..650.0).contains(&mib), "{mib} MiB");
+    }
+
+    #[test]
+    fn what_the_machine_has_not_is_refused_with_the_figure() {
+        for (task, settings, words) in [
+            (Task::Navigation, "policy.features=1000000", &["GiB", "14.9 GiB are"][..]),
+            (Task::Navigation, "reward.hidden=[1000000,1000000]", &["TiB", "service"]),
+            (Task::FetchPush, "policy.hidden=[9000000000000000000,9000000000000000000]", &["TiB"]),
+            (Task::Navigation, "reward.experience=1000000000000", &["TiB", "service"]),
+            (Task::Navigation, "demonstrations.episodes=1000000000000", &["TiB"]),
+            (Task::Navigation, "rollout.lane_steps=1000000000000", &["TiB", "learner"]),
+            (Task::Navigation, "method=bco inverse_dynamics.features=1000000", &["learner"]),
+            (Task::FetchPush, "method=sqil sqil.hidden=[100000,100000]", &["learner"]),
+            (Task::Navigation, "reward.pretraining_epochs=1000000000", &["TiB", "service"]),
+            (Task::Navigation, "resources.learner_threads=100000", &["at most 8", "100000"]),
+            (Task::Navigation, "resources.service_threads=9", &["at most 8", "found 9"]),
+            (Task::Navigation, "resources.actors=17", &["`resources.actors`", "at most 16"]),
+            (Task::Navigation, "ppo.epochs=1000000000", &["never end", "1.5e15"]),
+            (Task::Navigation, "method=bc cloning.epochs=1000000000", &["never end", "rows"]),
+            (Task::Navigation, "evaluation.episodes=10000000000", &["never end", "1.0e12"]),
+            (Task::Navigation, "steps=9000000000000000000", &["never end"]),
+            (Task::FetchPush, "method=sqil sqil.updates_per_step=1e12", &["never end"]),
+        ] {
+            let said = judged(task, settings).expect_err(settings);
+            for word in words {
+                assert!(said.contains(word), "{settings}: expected `{word}` in {said}");
+            }
+            assert!(!said.contains('\n'), "{said}");
+        }
+    }
+
+    #[test]
+    fn what_takes_long_is_said() {
+        let said = judged(Task::Navigation, "evaluation.episodes=100000000").unwrap().unwrap();
+        assert!(said.contains("about 10,001,525,250 steps of environments"), "{said}");
+        let said = judged(Task::Navigation, "ppo.epochs=10000").unwrap().unwrap();
+        assert!(said.contains("rows through networks"), "{said}");
+    }
+
+    #[test]
+    fn available_memory_is_read() {
+        let text = "MemTotal:  24684532 kB\nMemFree: 1 kB\nMemAvailable:   2048 kB\n";
+        assert_eq!(available(text), Some(2048.0 * 1024.0));
+        assert_eq!(available("MemAvailable: many\n"), None);
+        assert!(Machine::here().cores >= 1);
+    }
+}

@@ -1,0 +1,291 @@
+//! The processes of a live run: who is on its bus, and what the system says of each. So one that is
+//! stopped, gone or stuck is named, with the number by which it can be reached.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use protocol::bus::{BusAddress, Member};
+use protocol::messages::ActorHeard;
+
+use crate::figures;
+
+const SUPERVISOR: &str = "supervisor";
+
+/// The processes every run has, besides its actors.
+const CORE: [&str; 3] = [SUPERVISOR, "learner", "proximity-service"];
+
+/// Processor time is measured over at least so long.
+const LEAST_SAMPLE: Duration = Duration::from_millis(250);
+
+/// What stands for what is not known.
+const UNKNOWN: &str = "-";
+
+/// What a process is doing, as far as the system knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum State {
+    /// It runs, or waits for something.
+    Running,
+    /// A signal holds it.
+    Stopped,
+    /// It is not there, or no more.
+    Gone,
+    /// It lives, but the system does not show it: it is another user's, or in another container.
+    Hidden,
+}
+
+/// A process of a run.
+#[derive(Debug)]
+struct Process {
+    /// Its name: supervisor, learner, proximity-service, actor-0 and so on.
+    name: String,
+    /// Its name on the bus.
+    full_name: String,
+    id: Option<u32>,
+    state: State,
+    begun: Option<Look>,
+}
+
+/// The processes of a run.
+#[derive(Debug)]
+pub(crate) struct Processes {
+    looked: Instant,
+    processes: Vec<Process>,
+}
+
+impl Processes {
+    /// Looks who is on a run's bus; this process does not count.
+    ///
+    /// # Errors
+    /// When the bus cannot be listed.
+    pub(crate) fn on(address: &BusAddress) -> Result<Processes> {
+        Ok(Processes::of(address.members()?))
+    }
+
+    fn of(members: Vec<Member>) -> Processes {
+        let mut known = BTreeSet::from([std::process::id()]);
+        let others = members.into_iter().filter(|member| match member.process {
+            // Some have two names; the first one is the process's own.
+            Some(id) => known.insert(id),
+            None => true,
+        });
+        let mut processes: Vec<Process> = others.map(Process::of).collect();
+        processes.sort_by_key(|process| {
+            let place = CORE.iter().position(|name| *name == process.name);
+            (place.unwrap_or(CORE.len()), process.name.len(), process.name.clone())
+        });
+        Processes { looked: Instant::now(), processes }
+    }
+
+    /// Whether processes of a training are among them, not only tools.
+    pub(crate) fn train(&self) -> bool {
+        let trains = |name: &str| CORE.contains(&name) || is_actor(name);
+        self.processes.iter().any(|process| trains(&process.name) && process.state != State::Gone)
+    }
+
+    /// In a phrase why the run does not go on as it should, if that can be seen.
+    pub(crate) fn trouble(&self) -> Option<String> {
+        let stopped = |name: &&str| self.state(name) == State::Stopped;
+        let gone = |name: &&str| self.state(name) == State::Gone;
+        if let Some(name) = CORE[1..].iter().copied().find(stopped) {
+            return Some(format!("standing still: {name} is stopped"));
+        }
+        if gone(&SUPERVISOR) {
+            return Some("ending: nobody watches over its processes any more".to_owned());
+        }
+        if let Some(name) = CORE[1..].iter().copied().find(gone) {
+            return Some(format!("starting or ending: {name} is not there"));
+        }
+        let actors = || self.processes.iter().filter(|process| is_actor(&process.name));
+        if actors().next().is_none() {
+            return Some("starting or ending: no actor is there".to_owned());
+        }
+        if actors().all(|actor| matches!(actor.state, State::Stopped | State::Gone)) {
+            return Some("standing still: no actor runs".to_owned());
+        }
+        stopped(&SUPERVISOR).then(|| "training, but its supervisor is stopped".to_owned())
+    }
+
+    fn state(&self, name: &str) -> State {
+        let found = self.processes.iter().find(|process| process.name == name);
+        found.map_or(State::Gone, |process| process.state)
+    }
+
+    /// A row for each process, and below it how those that are stopped are let go.
+    pub(crate) fn table(&self, heard: &[ActorHeard]) -> String {
+        std::thread::sleep(LEAST_SAMPLE.saturating_sub(self.looked.elapsed()));
+        let head = ["process", "id", "state", "processor", "up", "leases", "heard of"];
+        let rows = self.processes.iter().map(|process| {
+            let heard = heard.iter().find(|heard| heard.name == process.full_name);
+            process.row(self.looked.elapsed(), heard)
+        });
+        let rows: Vec<_> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
+        let stopped = self.processes.iter().filter(|process| process.state == State::Stopped);
+        let advice = stopped.filter_map(|process| {
+            let (name, id) = (&process.name, process.id?);
+            Some(format!("{name} is stopped by a signal: `kill -CONT {id}` lets it go on\n"))
+        });
+        figures::columns(&rows) + &advice.collect::<String>()
+    }
+}
+
+impl Process {
+    fn of(member: Member) -> Process {
+        let Member { name: full_name, process: id, lives } = member;
+        let suffix = id.map(|id| format!("-{id}")).unwrap_or_default();
+        let name = full_name.strip_suffix(&suffix).unwrap_or(&full_name).to_owned();
+        let begun = id.filter(|_| lives).and_then(Look::at);
+        let state = match begun {
+            Some(look) => look.state,
+            None if lives => State::Hidden,
+            None => State::Gone,
+        };
+        Process { name, full_name, id, state, begun }
+    }
+
+    fn row(&self, sample: Duration, heard: Option<&ActorHeard>) -> [String; 7] {
+        let unknown = || UNKNOWN.to_owned();
+        let state = match self.state {
+            State::Running => "running",
+            State::Stopped => "stopped",
+            State::Gone => "gone",
+            State::Hidden => "hidden",
+        };
+        let worked = self.id.and_then(Look::at).zip(self.begun);
+        let share =
+            worked.map(|(now, begun)| now.busy.saturating_sub(begun.busy).div_duration_f64(sample));
+        let up = self.begun.and_then(|look| Look::uptime()?.checked_sub(look.started));
+        [
+            self.name.clone(),
+            self.id.map_or_else(unknown, |id| id.to_string()),
+            state.to_owned(),
+            share.map_or_else(unknown, |share| figures::percent(share, 0)),
+            up.map_or_else(unknown, |up| figures::duration(up.as_secs_f64())),
+            heard.map_or_else(unknown, |heard| heard.leases.to_string()),
+            heard.map_or_else(unknown, |heard| format!("{} ago", figures::duration(heard.ago_s))),
+        ]
+    }
+}
+
+fn is_actor(name: &str) -> bool {
+    name.starts_with("actor")
+}
+
+/// What the system says of a process at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Look {
+    state: State,
+    /// Processor time so far, of all its threads.
+    busy: Duration,
+    /// When it was started, since the machine was.
+    started: Duration,
+}
+
+impl Look {
+    /// None if there is no such process.
+    fn at(id: u32) -> Option<Look> {
+        let ticks_per_second = rustix::param::clock_ticks_per_second();
+        Look::parse(&fs::read_to_string(format!("/proc/{id}/stat")).ok()?, ticks_per_second)
+    }
+
+    /// Reads a line of `/proc/ID/stat`, see proc_pid_stat(5).
+    fn parse(line: &str, ticks_per_second: u64) -> Option<Look> {
+        // The second field is the program's name in parentheses, in which there can be anything.
+        let (_, fields) = line.rsplit_once(") ")?;
+        let fields: Vec<&str> = fields.split_whitespace().collect();
+        let time = |field: usize| -> Option<Duration> {
+            let ticks: u64 = fields.get(field - 3)?.parse().ok()?;
+            Some(Duration::from_secs(ticks).div_f64(ticks_per_second as f64))
+        };
+        let state = match *fields.first()? {
+            "T" | "t" => State::Stopped,
+            "Z" | "X" => State::Gone,
+            _ => State::Running,
+        };
+        Some(Look { state, busy: time(14)? + time(15)?, started: time(22)? })
+    }
+
+    /// How long the machine has been running.
+    fn uptime() -> Option<Duration> {
+        let text = fs::read_to_string("/proc/uptime").ok()?;
+        Duration::try_from_secs_f64(text.split_whitespace().next()?.parse().ok()?).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_system_knows_this_process() {
+        let look = Look::at(std::process::id()).unwrap();
+        assert_eq!(look.state, State::Running);
+        assert!(Look::uptime().unwrap() >= look.started);
+        assert_eq!(Look::at(u32::MAX), None);
+    }
+
+    #[test]
+    fn a_line_of_the_system_is_read() {
+        let line = "7 (a) b) c) T 1 7 7 0 -1 4194304 9 0 0 0 150 50 0 0 20 0 3 0 1000 9 9";
+        let second = Duration::from_secs(1);
+        let look = Look { state: State::Stopped, busy: 2 * second, started: 10 * second };
+        assert_eq!(Look::parse(line, 100), Some(look));
+        assert_eq!(Look::parse("7 (a) T 1", 100), None);
+        assert_eq!(Look::parse("", 100), None);
+    }
+
+    fn process(name: &str, state: State) -> Process {
+        let name = name.to_owned();
+        Process { full_name: name.clone(), name, id: None, state, begun: None }
+    }
+
+    fn processes(states: &[(&str, State)]) -> Processes {
+        let processes = states.iter().map(|&(name, state)| process(name, state)).collect();
+        Processes { looked: Instant::now(), processes }
+    }
+
+    #[test]
+    fn trouble_is_named() {
+        use State::{Gone, Running, Stopped};
+        let all = |states: [State; 4]| {
+            let names = ["supervisor", "learner", "proximity-service", "actor-0"];
+            let states: Vec<_> = names.into_iter().zip(states).collect();
+            processes(&states).trouble()
+        };
+        assert_eq!(all([Running; 4]), None);
+        for (states, expected) in [
+            ([Running, Stopped, Running, Running], "standing still: learner is stopped"),
+            ([Running, Running, Stopped, Running], "standing still: proximity-service is stopped"),
+            ([Running, Running, Running, Stopped], "standing still: no actor runs"),
+            ([Stopped, Running, Running, Running], "training, but its supervisor is stopped"),
+            ([Running, Gone, Running, Running], "starting or ending: learner is not there"),
+            (
+                [Gone, Running, Running, Running],
+                "ending: nobody watches over its processes any more",
+            ),
+        ] {
+            assert_eq!(all(states).as_deref(), Some(expected));
+        }
+        assert!(!processes(&[("replay", Running)]).train());
+        assert!(processes(&[("actor-3", Running)]).train());
+    }
+
+    #[test]
+    fn a_process_with_two_names_has_one_row() {
+        let member = |name: &str, process| Member { name: name.into(), process, lives: true };
+        let first = u32::MAX - 1;
+        let found = Processes::of(vec![
+            member(&format!("actor-0-{first}"), Some(first)),
+            member("learner", Some(first - 1)),
+            member("learner-trainer", Some(first - 1)),
+            member("status", Some(std::process::id())),
+        ]);
+        let names: Vec<&str> = found.processes.iter().map(|process| &*process.name).collect();
+        assert_eq!(names, ["learner", "actor-0"]);
+        let heard = ActorHeard { name: format!("actor-0-{first}"), leases: 3, ago_s: 31.0 };
+        let table = found.table(&[heard]);
+        let row = table.lines().last().unwrap();
+        assert!(row.contains("hidden") && row.contains("3       31 s ago"), "{table}");
+    }
+}

@@ -1,0 +1,88 @@
+//! The trainer's end of the desk: orders one way, complete batches the other.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::{Result, anyhow};
+use protocol::bus::{Bus, Ringer, Role, SharedMemory};
+use protocol::trajectory::Encoded;
+
+use super::{Desk, DeskSeconds, Order, Setup};
+
+/// Orders that may wait; the trainer gives a handful per iteration.
+const ORDERS: usize = 64;
+
+/// The trainer's end of the desk.
+pub struct DeskHandle {
+    orders: SyncSender<Order>,
+    batches: Receiver<Vec<Encoded>>,
+    ringer: std::rc::Rc<Ringer<SharedMemory>>,
+    thread: Option<JoinHandle<Result<DeskSeconds>>>,
+}
+
+impl DeskHandle {
+    /// Starts the desk; `bus` is the trainer's own, over which it rings the desk.
+    pub fn start(setup: Setup, bus: &Bus) -> Result<DeskHandle> {
+        let (orders, incoming) = sync_channel(ORDERS);
+        let (outgoing, batches) = sync_channel(1);
+        let (ready, opened) = sync_channel(1);
+        let body = move || {
+            let mut desk = Desk::open(setup, incoming, outgoing)?;
+            // The trainer may have gone; then the first order says so.
+            ready.send(()).ok();
+            desk.run()
+        };
+        let thread = std::thread::Builder::new().name("desk".to_owned()).spawn(body)?;
+        let ringer = bus.ringer(Role::Learner)?;
+        let mut handle = DeskHandle { orders, batches, ringer, thread: Some(thread) };
+        match opened.recv() {
+            Ok(()) => Ok(handle),
+            Err(_) => Err(handle.failure()),
+        }
+    }
+
+    /// Gives an order.
+    pub fn order(&mut self, order: Order) -> Result<()> {
+        if self.orders.send(order).is_err() {
+            return Err(self.failure());
+        }
+        Ok(self.ringer.ring()?)
+    }
+
+    /// The next complete batch, if it comes within `patience`.
+    pub fn batch(&mut self, patience: Duration) -> Result<Option<Vec<Encoded>>> {
+        use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
+        match self.batches.recv_timeout(patience) {
+            Ok(batch) => Ok(Some(batch)),
+            Err(Timeout) => Ok(None),
+            Err(Disconnected) => Err(self.failure()),
+        }
+    }
+
+    /// Returns when everything recorded so far is on the disk.
+    pub fn sync(&mut self) -> Result<()> {
+        let (done, synced) = sync_channel(1);
+        self.order(Order::Sync(done))?;
+        if synced.recv().is_err() {
+            return Err(self.failure());
+        }
+        Ok(())
+    }
+
+    /// Ends the desk and waits for it; says where the time went.
+    pub fn finish(mut self) -> Result<DeskSeconds> {
+        self.order(Order::Finish)?;
+        self.join()
+    }
+
+    fn failure(&mut self) -> anyhow::Error {
+        self.join().err().unwrap_or_else(|| anyhow!("the desk ended before the run"))
+    }
+
+    fn join(&mut self) -> Result<DeskSeconds> {
+        let Some(thread) = self.thread.take() else { return Ok(DeskSeconds::default()) };
+        // The panic itself has been printed by the thread.
+        thread.join().unwrap_or_else(|_| Err(anyhow!("the desk panicked")))
+    }
+}

@@ -1,0 +1,41 @@
+//! The desk and its log: nothing is learned from that is not recorded.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::time::Duration;
+
+use learner::desk::{DeskHandle, Entry, Order, Setup};
+use protocol::bus::{Bus, BusAddress};
+use protocol::log::file::LONGEST_MESSAGE;
+use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
+use protocol::messages::PolicyUpdate;
+use protocol::process::Stop;
+use protocol::run::RunFolder;
+use protocol::task::Task;
+
+#[test]
+fn a_message_that_the_log_refuses_ends_the_run() {
+    let directory = tempfile::tempdir().unwrap();
+    let address = BusAddress::for_start(directory.path()).unwrap();
+    let bus = Bus::open(&address, "test").unwrap();
+    let metadata = Metadata::new(Kind::Run, "navigation", 1);
+    let folder = RunFolder::new(directory.path());
+    let log = LogWriter::create(&folder.log(), &metadata, LogOptions::default()).unwrap();
+    let setup = Setup {
+        address: address.clone(),
+        spec: Task::Navigation.spec(),
+        run_seed: 1,
+        weights_bytes: 1 << 10,
+        lease_timeout: Duration::from_secs(1),
+        log,
+        place: folder.place().unwrap(),
+        stop: Stop::default(),
+    };
+    let mut desk = DeskHandle::start(setup, &bus).unwrap();
+    let long =
+        PolicyUpdate { weights_sha256: "0".repeat(LONGEST_MESSAGE + 1), ..PolicyUpdate::default() };
+    desk.order(Order::Record(Entry::PolicyUpdate(long))).unwrap();
+    let error = format!("{:#}", desk.finish().unwrap_err());
+    assert!(error.contains("expected messages up to") && error.contains("refused"), "{error}");
+    drop(bus);
+    address.remove().unwrap();
+}

@@ -1,0 +1,95 @@
+//! What the configuration foresees of networks, against the networks themselves.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use networks::{
+    Activation, ActorCritic, CellsArchitecture, Head, Initialization, Network, NetworkShape,
+    PolicyArchitecture, RewardArchitecture,
+};
+use protocol::config::{RewardInput, RunConfig};
+use protocol::task::{ActionSpec, Task};
+
+const METHODS: &str = include_str!("../../deploy/methods.toml");
+
+fn config(task: Task, settings: &str) -> RunConfig {
+    let file = match task {
+        Task::Navigation => include_str!("../../deploy/tasks/navigation.toml"),
+        Task::FetchPick => include_str!("../../deploy/tasks/fetch_pick.toml"),
+        Task::FetchPush => include_str!("../../deploy/tasks/fetch_push.toml"),
+        Task::AntReach => include_str!("../../deploy/tasks/ant_reach.toml"),
+    };
+    let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
+    RunConfig::assemble(file, METHODS, "goalward", &settings).unwrap()
+}
+
+fn action_numbers(task: Task) -> usize {
+    match task.spec().action {
+        ActionSpec::Discrete { count } => count,
+        ActionSpec::Continuous { len } => len,
+    }
+}
+
+/// A member of the ensemble, as the proximity service makes it.
+fn member(config: &RunConfig) -> Network {
+    let (frames, beside) = match config.reward.input {
+        RewardInput::State => (1, 0),
+        RewardInput::Transition => (2, 0),
+        RewardInput::StateAction => (1, action_numbers(config.task)),
+    };
+    let architecture = RewardArchitecture::from(&config.reward);
+    Network::new(architecture.network_shape(config.task.spec().observation, frames, beside))
+}
+
+fn assert_foreseen(config: &RunConfig) {
+    let spec = config.task.spec();
+    let policy =
+        ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
+    let what = (config.task, &config.method);
+    assert_eq!(config.policy_size().parameters, policy.parameter_count() as f64, "{what:?} policy");
+    let member = member(config).parameter_count();
+    assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
+    if let (Some(size), Some(own)) = (config.inverse_dynamics_size(), &config.inverse_dynamics) {
+        let architecture = PolicyArchitecture {
+            cells: CellsArchitecture::new(&own.convolution_channels, own.features),
+            hidden: own.hidden.clone(),
+            frames: 2,
+            ..PolicyArchitecture::default()
+        };
+        let inverse = ActorCritic::new(spec.observation, spec.action, &architecture);
+        assert_eq!(size.parameters, inverse.parameter_count() as f64, "{what:?} inverse dynamics");
+    }
+    if let (Some(size), Some(own)) = (config.q_function_size(), &config.sqil) {
+        let q_function = Network::new(NetworkShape {
+            observation: spec.observation,
+            frames: 1,
+            beside: action_numbers(config.task),
+            cells: CellsArchitecture::default(),
+            hidden: own.hidden.clone(),
+            activation: Activation::Relu,
+            hidden_initialization: Initialization::FanIn,
+            heads: vec![Head { outputs: 1, initialization: Initialization::FanIn }],
+        });
+        assert_eq!(size.parameters, q_function.parameter_count() as f64, "{what:?} Q-function");
+    }
+}
+
+#[test]
+fn parameters_are_foreseen() {
+    let methods = ["goal-proximity", "gaifo", "gail", "bc", "bco", "sqil", "environment-reward"];
+    for (task, method) in Task::ALL.into_iter().flat_map(|task| methods.map(|name| (task, name))) {
+        assert_foreseen(&config(task, &format!("method={method}")));
+    }
+    for (task, settings) in [
+        (Task::Navigation, "policy.shared_trunk=false policy.features=7"),
+        (Task::Navigation, "policy.convolution_channels=[3,5,17] reward.hidden=[]"),
+        (Task::Navigation, "method=gail reward.hidden=[9,33] reward.features=5"),
+        (Task::Navigation, "method=bco inverse_dynamics.convolution_channels=[2,3,4]"),
+        (Task::FetchPick, "policy.hidden=[3] reward.hidden=[1,2,3]"),
+        (Task::FetchPush, "policy.hidden=[] policy.distribution=squashed-gaussian"),
+        (Task::AntReach, "method=sqil sqil.hidden=[3,4,5]"),
+        (Task::AntReach, "method=bco inverse_dynamics.hidden=[300]"),
+    ] {
+        assert_foreseen(&config(task, settings));
+    }
+    assert!(config(Task::FetchPush, "method=sqil").q_function_size().is_some());
+    assert!(config(Task::Navigation, "method=bco").inverse_dynamics_size().is_some());
+}

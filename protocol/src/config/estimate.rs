@@ -1,0 +1,216 @@
+//! What a run of a configuration takes of a machine, foreseen: bytes of memory and passes of rows
+//! through networks. Coarse on purpose, from above: demonstrations count as long as the longest
+//! episode. What it is for is to tell a run that fits from one that cannot.
+
+use super::{Learner, NetworkSize, RewardModel, RunConfig};
+
+/// Bytes of a process that has learned nothing yet: program, stacks, buffers, its part of the bus.
+const PROCESS_BYTES: f64 = 60e6;
+
+/// Bytes of a number in a network.
+const NUMBER_BYTES: f64 = 4.0;
+
+/// Versions of its parameters that the learner holds of a network beside its gradients: its own, two
+/// moments, two packed for the kernels, two to be published, and most of it again while a checkpoint is
+/// written. This and the next two are peaks of processes with networks that leave nothing else to see.
+const LEARNER_VERSIONS: f64 = 11.0;
+
+/// The same of a member of the ensemble, with its gradient and what rows are scored with.
+const MEMBER_VERSIONS: f64 = 18.0;
+
+/// The same of the policy in an actor: the newest two, each as it came and as it acts.
+const ACTOR_VERSIONS: f64 = 10.0;
+
+/// Rows that a gradient, or a score, is computed of at once.
+const SHARD_ROWS: f64 = 128.0;
+
+/// Bytes beside observation and action that a step has in a batch: rewards, values, advantages, names.
+const STEP_BYTES: f64 = 64.0;
+
+/// Bytes of a position among rows that are drawn.
+const POSITION_BYTES: f64 = 8.0;
+
+/// What a run takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Memory of the learner, bytes.
+    pub learner_bytes: f64,
+    /// Memory of the proximity service, bytes.
+    pub service_bytes: f64,
+    /// Memory of each actor, bytes.
+    pub actor_bytes: f64,
+    /// Actors.
+    pub actors: f64,
+    /// Steps of environments: of demonstrations, training and evaluation.
+    pub environment_steps: f64,
+    /// Optimizer steps of the policy and of every member of the ensemble.
+    pub gradient_steps: f64,
+    /// Rows that pass through a network, forwards or both ways.
+    pub row_passes: f64,
+}
+
+impl Estimate {
+    /// Memory of all processes, bytes.
+    pub fn bytes(&self) -> f64 {
+        self.learner_bytes + self.service_bytes + self.actors * self.actor_bytes
+    }
+}
+
+/// Steps of an optimizer and the rows that pass for them.
+#[derive(Clone, Copy, Default)]
+struct Work {
+    gradient_steps: f64,
+    row_passes: f64,
+}
+
+impl RunConfig {
+    /// What a run of this configuration takes on a machine with so many cores.
+    pub fn estimate(&self, cores: usize) -> Estimate {
+        let [policy, reward] = [self.policy_work(), self.reward_work()];
+        let horizon = f64::from(self.task.spec().horizon_steps);
+        let shown = if self.imitates() && self.demonstrations.file.is_none() {
+            self.demonstration_rows()
+        } else {
+            0.0
+        };
+        Estimate {
+            learner_bytes: self.learner_bytes(),
+            service_bytes: self.service_bytes(cores),
+            actor_bytes: PROCESS_BYTES
+                + ACTOR_VERSIONS * NUMBER_BYTES * self.policy_size().parameters,
+            actors: self.resources.actors as f64,
+            environment_steps: shown
+                + self.steps_wanted() as f64
+                + self.evaluation.episodes as f64 * horizon,
+            gradient_steps: policy.gradient_steps + reward.gradient_steps,
+            row_passes: policy.row_passes + reward.row_passes,
+        }
+    }
+
+    /// Observations of all demonstrations, at most.
+    fn demonstration_rows(&self) -> f64 {
+        self.demonstrations.episodes as f64 * (f64::from(self.task.spec().horizon_steps) + 1.0)
+    }
+
+    /// Bytes of the steps of a rollout that is learned from, or of two where actors run ahead.
+    fn rollout_bytes(&self) -> f64 {
+        let spec = self.task.spec();
+        let step = 2 * spec.observation.bytes() + spec.action.bytes();
+        let rollouts = 1.0 + self.rollout.lag as f64;
+        rollouts * self.iteration_steps() as f64 * (step as f64 + STEP_BYTES)
+    }
+
+    /// Bytes of a network that is trained on minibatches of so many rows, each shard of which has a
+    /// gradient and the numbers of its rows, forwards and backwards.
+    fn trained_bytes(size: NetworkSize, minibatch: f64) -> f64 {
+        let shards = (minibatch / SHARD_ROWS).ceil().max(2.0);
+        let rows = shards * SHARD_ROWS.min(minibatch);
+        NUMBER_BYTES
+            * (size.parameters * (LEARNER_VERSIONS + shards) + 2.0 * rows * size.row_numbers)
+    }
+
+    fn learner_bytes(&self) -> f64 {
+        let spec = self.task.spec();
+        let rows = self.demonstration_rows();
+        let observation = spec.observation.bytes() as f64;
+        let transition = observation + spec.action.bytes() as f64 + STEP_BYTES;
+        let cloned = self.cloning.as_ref().map_or(0.0, |cloning| (cloning.batch as f64).min(rows));
+        // Rows of a minibatch, copies of the demonstrations, and transitions to be drawn again.
+        let (minibatch, copies, kept) = match (self.learner, &self.inverse_dynamics, &self.sqil) {
+            (Learner::Bc, ..) => (cloned, 2.0, 0),
+            (Learner::Bco, Some(inverse), _) => (cloned, 4.0, inverse.experience),
+            (Learner::Sqil, _, Some(sqil)) => (2.0 * sqil.batch as f64, 1.0, sqil.experience),
+            _ => (self.iteration_steps() as f64 / self.ppo.minibatches as f64, 0.0, 0),
+        };
+        let kept = (kept as f64).min(self.steps as f64 + self.iteration_steps() as f64);
+        let mut bytes = Self::trained_bytes(self.policy_size(), minibatch);
+        if let (Some(size), Some(inverse)) = (self.inverse_dynamics_size(), &self.inverse_dynamics)
+        {
+            let drawn = inverse.samples.min(inverse.experience) as f64;
+            bytes += Self::trained_bytes(size, (inverse.batch as f64).min(drawn));
+            bytes += 2.0 * observation * drawn;
+        }
+        let q_functions = self.q_function_size();
+        bytes += q_functions.map_or(0.0, |size| 2.0 * Self::trained_bytes(size, minibatch));
+        bytes += copies * rows * observation + kept * transition;
+        PROCESS_BYTES + self.rollout_bytes() + bytes
+    }
+
+    fn service_bytes(&self, cores: usize) -> f64 {
+        let reward = &self.reward;
+        if !reward.model.learns() {
+            return PROCESS_BYTES;
+        }
+        let spec = self.task.spec();
+        let [frames, beside] = self.reward_row();
+        let row = (frames * spec.observation.bytes() + 4 * beside) as f64;
+        let (size, members) = (self.member_size(), reward.ensemble as f64);
+        let pairs = if reward.model == RewardModel::Ranking { 2.0 } else { 1.0 };
+        let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
+        // A member computes a minibatch at once.
+        let numbers = size.parameters * MEMBER_VERSIONS + 2.0 * minibatch * size.row_numbers;
+        let threads = match self.resources.service_threads {
+            0 => cores,
+            threads => threads,
+        };
+        let scored = threads as f64 * SHARD_ROWS * size.row_numbers;
+        let rows = self.demonstration_rows();
+        let drawn = reward.pretraining_epochs as f64 * rows * pairs * POSITION_BYTES;
+        PROCESS_BYTES
+            + self.rollout_bytes()
+            + NUMBER_BYTES * (members * numbers + scored)
+            + row * (reward.experience as f64 + 2.0 * rows)
+            + drawn
+    }
+
+    fn policy_work(&self) -> Work {
+        let rows = self.demonstration_rows();
+        let iterations = self.iterations() as f64;
+        let (steps, taken) = (self.steps_wanted() as f64, self.iteration_steps() as f64);
+        match (self.learner, &self.cloning, &self.inverse_dynamics, &self.sqil) {
+            (Learner::Bc, Some(cloning), ..) => Work {
+                gradient_steps: iterations * (rows / cloning.batch as f64).ceil(),
+                row_passes: iterations * rows,
+            },
+            (Learner::Bco, Some(cloning), Some(inverse), _) => {
+                let (samples, epochs) = (inverse.samples as f64, cloning.epochs as f64);
+                let inferred = (samples / inverse.batch as f64).ceil();
+                let cloned = epochs * (rows / cloning.batch as f64).ceil();
+                Work {
+                    gradient_steps: iterations * (inferred + cloned),
+                    row_passes: iterations * (samples + rows * (1.0 + epochs)),
+                }
+            }
+            (Learner::Sqil, .., Some(sqil)) => {
+                let updates = steps * sqil.updates_per_step;
+                // Forwards and both ways through two functions and the policy.
+                let rows = 2.0 * sqil.batch as f64 * 5.0;
+                Work { gradient_steps: updates * 3.0, row_passes: updates * rows }
+            }
+            _ => {
+                let epochs = self.ppo.epochs as f64;
+                Work {
+                    gradient_steps: iterations * epochs * self.ppo.minibatches as f64,
+                    row_passes: iterations * taken * (epochs + 1.0),
+                }
+            }
+        }
+    }
+
+    fn reward_work(&self) -> Work {
+        let reward = &self.reward;
+        if !reward.model.learns() {
+            return Work::default();
+        }
+        let (rows, iterations) = (self.demonstration_rows(), self.iterations() as f64);
+        let (members, batch) = (reward.ensemble as f64, reward.batch as f64);
+        let pairs = if reward.model == RewardModel::Ranking { 2.0 } else { 1.0 };
+        let offline = reward.pretraining_epochs as f64 * rows;
+        let online = iterations * (reward.samples as f64).min(rows);
+        let scored = iterations * self.iteration_steps() as f64;
+        Work {
+            gradient_steps: members * (offline + online) / batch,
+            row_passes: members * (pairs * (offline + 2.0 * online) + scored),
+        }
+    }
+}

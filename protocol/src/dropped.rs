@@ -1,0 +1,94 @@
+//! Messages that a process drops because it cannot use them.
+//!
+//! They are counted, and told at most once a second, so that whoever sends them can neither end the
+//! process nor fill the disk with its complaints.
+
+use std::fmt::Display;
+use std::time::{Duration, Instant};
+
+/// The least time between two lines.
+const QUIET: Duration = Duration::from_secs(1);
+
+/// Longest reason in a line, characters: parts of it may be the sender's words.
+const REASON_CHARS: usize = 300;
+
+/// What was dropped of one kind of message.
+#[derive(Clone, Debug)]
+pub struct Dropped {
+    what: &'static str,
+    count: u64,
+    told: Option<Instant>,
+}
+
+impl Dropped {
+    /// Nothing yet; `what` are the messages.
+    pub fn new(what: &'static str) -> Dropped {
+        Dropped { what, count: 0, told: None }
+    }
+
+    /// Messages dropped so far.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Counts a message that cannot be used.
+    pub fn note(&mut self, why: impl Display) {
+        if let Some(line) = self.line(why, Instant::now()) {
+            tracing::warn!("{line}");
+        }
+    }
+
+    /// Counts a message that shows a promise broken.
+    pub fn note_loudly(&mut self, why: impl Display) {
+        if let Some(line) = self.line(why, Instant::now()) {
+            tracing::error!("{line}");
+        }
+    }
+
+    /// The line to say now, if one is due.
+    fn line(&mut self, why: impl Display, now: Instant) -> Option<String> {
+        self.count += 1;
+        if self.told.is_some_and(|told| now.duration_since(told) < QUIET) {
+            return None;
+        }
+        self.told = Some(now);
+        let why = shortened(&why.to_string(), REASON_CHARS);
+        Some(format!("{} dropped so far: {}; the newest: {why}", self.what, self.count))
+    }
+}
+
+/// Words of somebody else, fit for a line: without control characters, and not longer than `most`
+/// characters.
+pub fn shortened(text: &str, most: usize) -> String {
+    let clean = |letter: char| if letter.is_control() { '\u{fffd}' } else { letter };
+    let mut short: String = text.chars().take(most).map(clean).collect();
+    if text.chars().nth(most).is_some() {
+        short.push_str("...");
+    }
+    short
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_is_counted_and_told_once_a_second() {
+        let start = Instant::now();
+        let mut dropped = Dropped::new("leases");
+        let first = dropped.line("no lane 7", start).unwrap();
+        assert_eq!(first, "leases dropped so far: 1; the newest: no lane 7");
+        for _ in 0..1_000 {
+            assert_eq!(dropped.line("again", start + QUIET / 2), None);
+        }
+        let second = dropped.line("again", start + QUIET).unwrap();
+        assert_eq!(second, "leases dropped so far: 1002; the newest: again");
+        assert_eq!(dropped.count(), 1_002);
+    }
+
+    #[test]
+    fn a_reason_is_one_short_line() {
+        let line = Dropped::new("words").line("a\nb".repeat(10_000), Instant::now()).unwrap();
+        assert!(line.len() < 2_000 && !line.contains('\n'), "{line}");
+    }
+}

@@ -1,0 +1,120 @@
+//! The file that offline training goes on from after a stop or a death. It is of use to this service
+//! alone, so it holds its own hash and the hash of what training began with: a file that is damaged, or
+//! of other beginnings, is as good as none.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use protocol::durable;
+use protocol::tensors::Tensors;
+
+/// Training that a death may cost.
+const SAVE_EVERY: Duration = Duration::from_secs(10);
+
+/// Name of the array that holds the hash of all others.
+const HASH: &str = "sha256";
+
+/// Name of the array that holds the hash of what training began with.
+const BEGINNING: &str = "beginning";
+
+/// Where offline training is kept while it is under way.
+pub(crate) struct OfflineFile {
+    path: PathBuf,
+    beginning: String,
+    saved: Instant,
+}
+
+impl OfflineFile {
+    /// The file at `path` for training that begins with a fresh model.
+    pub(crate) fn new(path: PathBuf, fresh: &Tensors) -> OfflineFile {
+        OfflineFile { path, beginning: fresh.sha256(), saved: Instant::now() }
+    }
+
+    /// The model as it was kept, if it was.
+    pub(crate) fn load(&self) -> Option<Tensors> {
+        if !self.path.exists() {
+            return None;
+        }
+        match self.checked() {
+            Ok(tensors) => Some(tensors),
+            Err(error) => {
+                tracing::warn!("offline training begins anew: {error:#}");
+                None
+            }
+        }
+    }
+
+    fn checked(&self) -> Result<Tensors> {
+        let mut tensors = Tensors::load(&self.path)?;
+        let hash = tensors.take_text(HASH).map_err(anyhow::Error::msg)?;
+        anyhow::ensure!(
+            hash == tensors.sha256(),
+            "{}: expected SHA-256 {hash}, found {}",
+            self.path.display(),
+            tensors.sha256()
+        );
+        let beginning = tensors.take_text(BEGINNING).map_err(anyhow::Error::msg)?;
+        anyhow::ensure!(
+            beginning == self.beginning,
+            "{}: expected training from {}, found from {beginning}",
+            self.path.display(),
+            self.beginning
+        );
+        Ok(tensors)
+    }
+
+    /// Whether it is time to keep it again.
+    pub(crate) fn is_due(&self) -> bool {
+        self.saved.elapsed() >= SAVE_EVERY
+    }
+
+    /// Keeps the model as it is. One that cannot be kept costs time after a death, nothing else.
+    pub(crate) fn save(&mut self, model: Tensors) {
+        self.saved = Instant::now();
+        if let Err(error) = self.write(model) {
+            tracing::warn!("offline training cannot be kept: {error:#}");
+        }
+    }
+
+    fn write(&self, mut model: Tensors) -> Result<()> {
+        model.put_u8(BEGINNING, self.beginning.bytes());
+        let hash = model.sha256();
+        model.put_u8(HASH, hash.bytes());
+        if let Some(folder) = self.path.parent() {
+            durable::create_folder(folder).with_context(|| folder.display().to_string())?;
+        }
+        model.save(&self.path)?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn what_was_kept_is_there_unless_it_is_damaged_or_of_another_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("checkpoints/offline.safetensors");
+        let [mut fresh, mut trained] = [(); 2].map(|()| Tensors::default());
+        fresh.put_f32("weights", [1.0]);
+        trained.put_f32("weights", [2.0]);
+        let mut file = OfflineFile::new(path.clone(), &fresh);
+        assert_eq!(file.load(), None);
+        file.save(trained.clone());
+        assert_eq!(file.load(), Some(trained.clone()));
+        assert_eq!(OfflineFile::new(path.clone(), &trained).load(), None);
+        let mut bytes = fs::read(&path).unwrap();
+        for at in [3, bytes.len() - 3, bytes.len() / 2] {
+            bytes[at] ^= 1;
+            fs::write(&path, &bytes).unwrap();
+            assert_eq!(file.load(), None, "byte {at}");
+            bytes[at] ^= 1;
+        }
+        fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        assert_eq!(file.load(), None);
+    }
+}

@@ -1,0 +1,179 @@
+//! What a run goes on from is what was saved: a checkpoint that is damaged is passed over for the one
+//! before it, offline training goes on from where it was stopped, and demonstrations that were swapped
+//! are refused. However it went, the hashes at the end are those of the undisturbed run.
+//!
+//! Method: a run of the real programs is stopped, what lies in its folder is damaged, and it is resumed.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+use prost::Message;
+use protocol::bus::{Bus, BusAddress};
+use protocol::messages::Progress;
+use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
+use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs};
+
+/// Forty iterations.
+const LONG: &str = "steps=16000";
+
+/// Offline training that lasts many seconds.
+const MUCH_OFFLINE: [&str; 2] = ["reward.pretraining_epochs=150", "steps=800"];
+
+/// What a stop may take on a machine that has much else to do; an idle one needs a second.
+const STOP_PATIENCE: Duration = Duration::from_secs(8);
+
+fn undisturbed(settings: &[&str]) -> Hashes {
+    TestRun::new(programs!()).finish(settings).hashes()
+}
+
+/// Damages a file of the newest checkpoint; gives the checkpoint's number.
+fn damage(run: &TestRun, name: &str, how: impl Fn(Vec<u8>) -> Vec<u8>) -> u64 {
+    let (iteration, folder) = run.folder().newest_checkpoint().unwrap();
+    let path = folder.join(name);
+    let bytes = fs::read(&path).unwrap();
+    fs::write(path, how(bytes)).unwrap();
+    iteration
+}
+
+fn flip(mut bytes: Vec<u8>) -> Vec<u8> {
+    let at = bytes.len() - 3;
+    bytes[at] ^= 1;
+    bytes
+}
+
+/// What becomes of the bytes of a file.
+type Damage = dyn Fn(Vec<u8>) -> Vec<u8>;
+
+#[test]
+fn a_damaged_checkpoint_is_passed_over() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[LONG]);
+    let put_nan = |mut bytes: Vec<u8>| {
+        let at = bytes.len() - 4;
+        bytes[at..].copy_from_slice(&f32::NAN.to_le_bytes());
+        bytes
+    };
+    let halve = |bytes: Vec<u8>| bytes[..bytes.len() / 2].to_vec();
+    let damages: [(u64, &str, &Damage); 3] =
+        [(8, LEARNER_FILE, &flip), (16, PROXIMITY_FILE, &put_nan), (24, POLICY_FILE, &halve)];
+    for (checkpoint, name, how) in damages {
+        training.await_checkpoint(checkpoint);
+        training.signal(Signal::Interrupt);
+        training.end();
+        let damaged = damage(&run, name, how);
+        let before = run.folder().checkpoint_folders().len();
+        training = run.resume();
+        let aside = run.folder().checkpoint_folder(damaged).with_extension("damaged");
+        await_some("the damaged checkpoint laid aside", PATIENCE, || aside.exists().then_some(()));
+        let shown = format!("{damaged:06}/{name}");
+        let is_said = || run.remarks().contains(&shown).then_some(());
+        await_some("a line about it", PATIENCE, is_said);
+        assert!(before > 1, "expected older checkpoints");
+    }
+    assert_eq!(training.finish().hashes(), undisturbed(&[LONG]));
+    assert!(!run.remarks().contains("ended"), "no process died: {}", run.remarks());
+}
+
+#[test]
+fn a_run_without_a_checkpoint_that_holds_begins_anew_and_no_damaged_policy_is_evaluated() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[LONG]);
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    training.end();
+    let evaluated = || {
+        let mut evaluate = run.program("goalward");
+        let output = evaluate.arg("evaluate").arg(run.folder().path()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    for (_, folder) in run.folder().checkpoint_folders() {
+        let path = folder.join(POLICY_FILE);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(path, flip(bytes)).unwrap();
+    }
+    let (code, said) = evaluated();
+    assert!(code == Some(1) && said.contains("found none"), "{code:?} {said}");
+    assert_eq!(run.resume().finish().hashes(), undisturbed(&[LONG]));
+    assert!(run.remarks().contains("the run begins anew"), "{}", run.remarks());
+    assert_eq!(evaluated().0, Some(0));
+}
+
+#[test]
+fn swapped_demonstrations_are_refused() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    training.end();
+    let file = run.folder().demonstrations_file();
+    let own = fs::read(&file).unwrap();
+    let mut record = run.program("goalward");
+    record.args(["demonstrate", "navigation", "--episodes", "40", "--seed", "7", "--out"]);
+    let other = run.path("other.mcap");
+    assert!(record.arg(&other).status().unwrap().success());
+    fs::copy(other, &file).unwrap();
+    assert_eq!(run.resume().end(), Some(2));
+    let remarks = run.remarks();
+    assert!(remarks.contains("demonstrations.mcap: expected SHA-256"), "{remarks}");
+    fs::write(&file, own).unwrap();
+    assert_eq!(run.resume().finish().hashes(), undisturbed(&[]));
+}
+
+#[test]
+fn offline_training_is_stopped_at_once_and_goes_on_where_it_was() {
+    let expected = undisturbed(&MUCH_OFFLINE);
+    let run = TestRun::new(programs!());
+    let training = run.train(&MUCH_OFFLINE);
+    let first = await_steps(&run, 100);
+    let begun = Instant::now();
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    assert!(begun.elapsed() < STOP_PATIENCE, "stopped after {:?}", begun.elapsed());
+    let kept = run.folder().offline_file();
+    assert!(kept.exists(), "expected what the service has trained in {}", kept.display());
+
+    // Nobody is left to start the service again: the learner ends, too.
+    let training = run.resume();
+    let second = await_steps(&run, 1);
+    assert!(second >= first, "begun anew: {second} gradient steps after {first}");
+    training.signal(Signal::Kill);
+    run.process("proximity-service").signal(Signal::Kill);
+    training.end();
+    await_some("the learner's end", PATIENCE, || run.processes().is_empty().then_some(()));
+
+    assert_eq!(run.resume().finish().hashes(), expected);
+    assert!(!kept.exists(), "expected it to be removed with the first checkpoint");
+}
+
+/// Steps of such a length lead beyond all numbers at once.
+#[test]
+fn training_that_diverges_ends_the_run_at_once_and_says_why() {
+    for (setting, parts) in [
+        ("ppo.learning_rate=1e30", ["the learner diverged", "epoch 1, minibatch "]),
+        ("reward.learning_rate=1e30", ["the reward model diverged", "member 0"]),
+    ] {
+        let run = TestRun::new(programs!());
+        assert_eq!(run.train(&[setting]).end(), Some(1), "{setting}: {}", run.remarks());
+        let remarks = run.remarks();
+        for part in parts {
+            assert!(remarks.contains(part), "{setting}: expected {part} in {remarks}");
+        }
+        assert!(!remarks.contains("go on from"), "{setting}: expected no restart: {remarks}");
+        assert_eq!(run.folder().checkpoint_folders(), [], "{setting}: nothing of it is saved");
+        assert_eq!(run.resume().end(), Some(1), "{setting}: resumed, it comes to the same");
+        assert_eq!(run.shared_memory(), Vec::<String>::new());
+    }
+}
+
+/// Waits until offline training has taken so many gradient steps; gives how many it then has.
+fn await_steps(run: &TestRun, wanted: u64) -> u64 {
+    run.process("learner");
+    let address = BusAddress::of_run(run.folder().path()).unwrap();
+    let bus: Bus = Bus::open(&address, "test").unwrap();
+    let progress = bus.progress_subscriber().unwrap();
+    await_some("gradient steps of offline training", PATIENCE, || {
+        let told = Progress::decode(progress.receive().unwrap()?).unwrap();
+        Some(told.pretraining?.done).filter(|&done| done >= wanted)
+    })
+}

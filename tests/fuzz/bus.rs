@@ -1,0 +1,98 @@
+//! What comes over the bus: trajectories, and the messages beside them.
+
+use std::time::Instant;
+
+use learner::batch::Batch;
+use learner::rollout::{LanePlan, Rollout};
+use prost::Message;
+use protocol::messages::{
+    Checkpoint, LeaseReply, LeaseRequest, PolicyUpdate, Progress, RewardUpdate, Score,
+    ServiceReply, ServiceRequest,
+};
+use protocol::task::Task;
+use protocol::trajectory::{Encoded, Source, Trajectory};
+use protocol::weights::Weights;
+
+use crate::{Memory, Reader, fuzz, whole};
+
+/// A repeated message of two bytes takes a hundred in memory, and its list grows by doubling.
+const OF_MESSAGES: Memory = Memory { bytes: 16 << 10, per_byte: 400 };
+
+fn rollout() -> Rollout {
+    let plan = LanePlan { first_episode: 5, steps_owed: 30, episodes_owed: 0 };
+    Rollout::open(Source::Training, 3, 3, vec![plan; 4])
+}
+
+/// What learner and service do with a trajectory.
+fn learn_from(encoded: Encoded, task: Task) {
+    let trajectory = &encoded.trajectory;
+    let (steps, spec) = (trajectory.steps as usize, task.spec());
+    let one = spec.observation.bytes();
+    assert_eq!(trajectory.observations().len(), (steps + 1) * one);
+    assert!(trajectory.observations_to_goal().len().is_multiple_of(one));
+    if trajectory.source() != Source::Demonstration {
+        assert_eq!(trajectory.actions().len(), steps * spec.action.bytes());
+        let score = Score { rewards: vec![0.5; steps], ..Score::default() };
+        Batch::new(std::slice::from_ref(&encoded), &[score], &spec).unwrap();
+    }
+    let mut rollout = rollout();
+    rollout.receive(encoded.clone()).ok();
+    rollout.receive(encoded).ok();
+    rollout.into_batch();
+}
+
+#[test]
+fn trajectories() {
+    let read = |bytes: &[u8]| {
+        let refusals = Task::ALL.map(|task| {
+            let encoded = Encoded::decode(bytes.to_vec().into(), &task.spec());
+            encoded.map(|encoded| learn_from(encoded, task)).map_err(|error| error.to_string())
+        });
+        let mut lines = refusals.into_iter().filter_map(Result::err);
+        let count = lines.by_ref().count();
+        if count < Task::ALL.len() {
+            return Ok(());
+        }
+        let error = Encoded::decode(bytes.to_vec().into(), &Task::AntReach.spec());
+        Err(error.unwrap_err().to_string())
+    };
+    fuzz(whole::trajectories(), &Reader { memory: OF_MESSAGES, read: &read });
+}
+
+/// What the learner does with a question for leases.
+fn answer(request: &LeaseRequest) {
+    let mut rollout = rollout();
+    for lease in &request.finished {
+        rollout.hand_back(&request.actor, lease);
+    }
+    let leases = rollout.grant(&request.actor, request.capacity as usize, 2, Instant::now());
+    assert!(leases.len() <= request.capacity as usize);
+    let possible = request.seconds.filter(|seconds| seconds.is_possible());
+    assert!(possible.is_none_or(|seconds| seconds.environment.is_finite()));
+}
+
+/// Whether bytes are a message; they may be several kinds at once, for fields have no names.
+fn is<M: Message + Default>(bytes: &[u8]) -> Result<M, String> {
+    M::decode(bytes).map_err(|error| error.to_string())
+}
+
+#[test]
+fn messages() {
+    let read = |bytes: &[u8]| {
+        let kinds = [
+            is::<LeaseRequest>(bytes).map(|request| answer(&request)),
+            is::<LeaseReply>(bytes).map(drop),
+            is::<Progress>(bytes).map(drop),
+            is::<Weights>(bytes).map(|weights| drop((weights.sha256(), weights.moment_numbers()))),
+            is::<PolicyUpdate>(bytes).map(drop),
+            is::<RewardUpdate>(bytes).map(drop),
+            is::<Score>(bytes).map(drop),
+            is::<Checkpoint>(bytes).map(drop),
+            is::<ServiceRequest>(bytes).map(drop),
+            is::<ServiceReply>(bytes).map(drop),
+            is::<Trajectory>(bytes).map(drop),
+        ];
+        if kinds.iter().any(Result::is_ok) { Ok(()) } else { kinds.into_iter().next().unwrap() }
+    };
+    fuzz(whole::messages(), &Reader { memory: OF_MESSAGES, read: &read });
+}

@@ -1,0 +1,99 @@
+//! MCAP files: read, looked at, sealed again, taken as demonstrations.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use protocol::demonstrations;
+use protocol::log::{Contents, FileReader, FileWriter, Kind, Metadata, info, repair};
+use protocol::task::Task;
+use protocol::trajectory::{Encoded, Source};
+use tempfile::TempDir;
+
+use crate::{Memory, Reader, fuzz, whole};
+
+/// What a chunk may have, and what its messages take beside it.
+const OF_CHUNKS: Memory = Memory { bytes: 256 << 20, per_byte: 1_000 };
+
+/// A folder in memory, so that thousands of files cost little.
+fn scratch() -> TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
+/// A sealed file of demonstrations, and one that its writer left.
+fn files() -> Vec<Vec<u8>> {
+    let folder = scratch();
+    let metadata = Metadata::new(Kind::Demonstrations, "fetch-push", 1).with("setting", "{}");
+    let write = |name: &str, is_sealed: bool| {
+        let path = folder.path().join(name);
+        let topics = Contents::Trajectories.topics();
+        let mut writer = FileWriter::create(&path, &metadata, topics).unwrap();
+        for time_ns in 0..3 {
+            let trajectory = whole::trajectory(Task::FetchPush, Source::Demonstration);
+            writer.trajectory(&Encoded::encode(trajectory), time_ns).unwrap();
+        }
+        if is_sealed {
+            writer.seal().unwrap();
+            return fs::read(path).unwrap();
+        }
+        drop(writer);
+        fs::read(folder.path().join(format!("{name}.active"))).unwrap()
+    };
+    vec![write("sealed.mcap", true), write("left.mcap", false)]
+}
+
+/// Puts bytes where a reader finds them.
+fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
+    let path = folder.join(name);
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn files_are_read() {
+    let folder = scratch();
+    let read = |bytes: &[u8]| {
+        let path = put(folder.path(), "some.mcap", bytes);
+        let mut reader = FileReader::open(&path).map_err(|error| error.to_string())?;
+        for entry in &mut reader {
+            entry.map_err(|error| error.to_string())?;
+        }
+        assert!(reader.ending().is_some(), "a file that was read has an end");
+        let said = info(&path).map_err(|error| error.to_string())?;
+        assert!(said.is_none_or(|said| !said.to_string().is_empty()));
+        Ok(())
+    };
+    fuzz(files(), &Reader { memory: OF_CHUNKS, read: &read });
+}
+
+#[test]
+fn files_are_demonstrations() {
+    let folder = scratch();
+    let spec = Task::FetchPush.spec();
+    let read = |bytes: &[u8]| {
+        let path = put(folder.path(), "some.mcap", bytes);
+        let read = demonstrations::read(&path, &spec, true).map_err(|error| error.to_string())?;
+        for trajectory in read {
+            assert!(!trajectory.observations_to_goal().is_empty());
+        }
+        Ok(())
+    };
+    // A file that its writer left is no whole file of demonstrations.
+    fuzz(files().drain(..1).collect(), &Reader { memory: OF_CHUNKS, read: &read });
+}
+
+#[test]
+fn files_are_repaired() {
+    let read = |bytes: &[u8]| {
+        let folder = scratch();
+        let path = put(folder.path(), "some.mcap.active", bytes);
+        let repair = repair(&path).map_err(|error| error.to_string())?;
+        let Some(sealed) = repair.sealed else {
+            return Err("nothing to seal".to_owned());
+        };
+        // A chunk without a checksum may hold messages that are none; they are kept as they are.
+        let info = info(&sealed).map_err(|error| error.to_string())?;
+        assert!(info.is_some_and(|info| !info.ending.lost()), "what is sealed again is whole");
+        Ok(())
+    };
+    fuzz(files(), &Reader { memory: OF_CHUNKS, read: &read });
+}

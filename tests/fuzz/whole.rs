@@ -1,0 +1,145 @@
+//! Whole inputs, as our own processes make them, kept small.
+
+use bytes::Bytes;
+use prost::Message;
+use protocol::config::RunConfig;
+use protocol::messages::{
+    ActorSeconds, Answer, Ask, Batch, Begin, Checkpoint, Estimates, IterationRequest, Lease,
+    LeaseReply, LeaseRequest, Missing, PolicyUpdate, Pretraining, Progress, Query, RewardUpdate,
+    Save, Saved, Score, Scores, ServiceReply, ServiceRequest,
+};
+use protocol::task::{ActionSpec, ObservationSpec, Task};
+use protocol::trajectory::{Ending, Source, Trajectory, TrajectoryKey};
+use protocol::weights::Weights;
+use system_tests::{SMALL, SMALL_PHYSICS};
+
+/// Steps of the trajectories.
+const STEPS: usize = 3;
+
+/// The configuration of a small run.
+pub(crate) fn config(task: Task) -> RunConfig {
+    let (file, small) = match task {
+        Task::Navigation => (include_str!("../../deploy/tasks/navigation.toml"), &SMALL[..]),
+        Task::FetchPick => (include_str!("../../deploy/tasks/fetch_pick.toml"), &SMALL_PHYSICS[..]),
+        Task::FetchPush => (include_str!("../../deploy/tasks/fetch_push.toml"), &SMALL_PHYSICS[..]),
+        Task::AntReach => (include_str!("../../deploy/tasks/ant_reach.toml"), &SMALL_PHYSICS[..]),
+    };
+    let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
+    let methods = include_str!("../../deploy/methods.toml");
+    RunConfig::assemble(file, methods, "goalward", &settings).unwrap()
+}
+
+/// A trajectory that its task takes.
+pub(crate) fn trajectory(task: Task, source: Source) -> Trajectory {
+    let spec = task.spec();
+    let zeros = |count: usize| Bytes::from(vec![0; count]);
+    let observed = zeros((STEPS + 1) * spec.observation.bytes());
+    let (cells, values) = match spec.observation {
+        ObservationSpec::Cells { .. } => (observed, Bytes::new()),
+        ObservationSpec::Vector { .. } => (Bytes::new(), observed),
+    };
+    let acted = zeros(STEPS * spec.action.bytes());
+    let (discrete_actions, continuous_actions) = match spec.action {
+        ActionSpec::Discrete { .. } => (acted, Bytes::new()),
+        ActionSpec::Continuous { .. } => (Bytes::new(), acted),
+    };
+    let is_demonstration = source == Source::Demonstration;
+    Trajectory {
+        task: task.name().to_owned(),
+        source: source as i32,
+        iteration: 3,
+        lane: 1,
+        episode: 6,
+        policy_version: 3,
+        run_seed: 1,
+        steps: STEPS as u32,
+        observation_shape: spec.observation.shape(),
+        cells,
+        values,
+        discrete_actions,
+        continuous_actions,
+        log_probs: if is_demonstration { Bytes::new() } else { zeros(4 * STEPS) },
+        environment_rewards: zeros(4 * STEPS),
+        ending: Ending::Terminated as i32,
+        success: true,
+        state_hash: 7,
+        steps_to_goal: STEPS as u32,
+        full_hash: 0,
+    }
+}
+
+/// Encoded trajectories of every task and source.
+pub(crate) fn trajectories() -> Vec<Vec<u8>> {
+    let sources = [Source::Training, Source::Evaluation, Source::Demonstration];
+    let of_task = |task| sources.map(|source| trajectory(task, source).encode_to_vec());
+    Task::ALL.into_iter().flat_map(of_task).collect()
+}
+
+/// A lease of the rollout that the trajectories are of.
+pub(crate) fn lease() -> Lease {
+    Lease {
+        source: Source::Training as i32,
+        iteration: 3,
+        lane: 1,
+        policy_version: 3,
+        first_episode: 5,
+        steps_owed: 30,
+        episodes_owed: 0,
+    }
+}
+
+/// Encoded messages of the bus and of the log, other than trajectories.
+pub(crate) fn messages() -> Vec<Vec<u8>> {
+    let key = TrajectoryKey { lane: 1, episode: 2, hash: 3 };
+    let update = PolicyUpdate { consumed: vec![key; 3], ..PolicyUpdate::default() };
+    let reward_update = RewardUpdate { weights_sha256: "ab".repeat(32), ..RewardUpdate::default() };
+    let score = Score { rewards: vec![0.5; 3], proximity: vec![0.5; 4], ..Score::default() };
+    let request = LeaseRequest {
+        actor: "actor-0-17".to_owned(),
+        capacity: 16,
+        finished: vec![lease(); 2],
+        seconds: Some(ActorSeconds { environment: 0.5, inference: 0.25, transport: 0.125 }),
+    };
+    let progress = Progress {
+        update: Some(update.clone()),
+        reward_update: Some(reward_update.clone()),
+        steps_wanted: 8_000,
+        ..Progress::default()
+    };
+    let mut messages = vec![
+        request.encode_to_vec(),
+        LeaseReply { leases: vec![lease(); 2], finished: false }.encode_to_vec(),
+        progress.encode_to_vec(),
+        Weights::new(3, &[0.5; 9], &[0.25; 6]).encode_to_vec(),
+        update.encode_to_vec(),
+        reward_update.encode_to_vec(),
+        score.encode_to_vec(),
+        Checkpoint { path: "checkpoints/000004".to_owned(), ..Checkpoint::default() }
+            .encode_to_vec(),
+    ];
+    messages.extend(asks(key).map(|ask| ServiceRequest { ask: Some(ask) }.encode_to_vec()));
+    let answers = [
+        Answer::Updated(reward_update),
+        Answer::Missing(Missing { positions: vec![0, 300] }),
+        Answer::Scores(Scores { scores: vec![score] }),
+        Answer::Saved(Saved { weights_sha256: "ab".repeat(32), ..Saved::default() }),
+        Answer::Estimates(Estimates { proximity: vec![0.5], ..Estimates::default() }),
+        Answer::Refused("no".to_owned()),
+        Answer::Final("never".to_owned()),
+        Answer::Pretraining(Pretraining { done: 3, total: 300 }),
+    ];
+    messages.extend(answers.map(|answer| ServiceReply { answer: Some(answer) }.encode_to_vec()));
+    messages
+}
+
+fn asks(key: TrajectoryKey) -> [Ask; 6] {
+    let supplied = vec![trajectory(Task::FetchPush, Source::Training).encode_to_vec().into()];
+    [
+        Ask::Begin(Begin { iteration: 4, checkpoint: "checkpoints/000004/proximity".to_owned() }),
+        Ask::Batch(Batch { iteration: 3, keys: vec![key; 2], supplied }),
+        Ask::Score(IterationRequest { iteration: 3 }),
+        Ask::Improve(IterationRequest { iteration: 3 }),
+        Ask::Save(Save { path: "file".to_owned() }),
+        Ask::Query(Query { observations: Bytes::from(vec![0; 64]) }),
+    ]
+}

@@ -1,0 +1,92 @@
+//! Log files in the hands of users: those of a live run are left alone, and one that has lost its end
+//! is no success of whatever reads it.
+//!
+//! Method: the command `goalward` on a run that is being trained, called from wherever a user may
+//! stand, and on a finished run whose files are cut.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::Output;
+
+use system_tests::{Signal, TestRun, programs};
+
+const REWARDED: &str = "method=environment-reward";
+
+/// What `goalward`, called in `folder`, says, and its exit code.
+fn goalward(run: &TestRun, folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+    let mut command = run.program("goalward");
+    let Output { status, stdout, stderr } =
+        command.args(arguments).current_dir(folder).output().unwrap();
+    let said = [stdout, stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    (status.code(), said.concat())
+}
+
+#[test]
+fn a_live_run_is_repaired_from_nowhere() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[REWARDED, "steps=4000000"]);
+    training.await_checkpoint(4);
+    let (folder, log) = (run.folder(), run.folder().log());
+    let name = "trajectories-00000.mcap.active";
+    let file = log.join(name);
+    symlink(&file, run.path("link.mcap.active")).unwrap();
+    symlink(&log, run.path("logs")).unwrap();
+    fs::hard_link(&file, run.path("other.mcap.active")).unwrap();
+    let stands: [(&Path, &str); 7] = [
+        (&log, name),
+        (folder.path(), "log/trajectories-00000.mcap.active"),
+        (folder.path(), "."),
+        (&run.path(""), "run"),
+        (&run.path(""), "link.mcap.active"),
+        (&run.path("logs"), name),
+        (&run.path(""), "other.mcap.active"),
+    ];
+    for (place, named) in stands {
+        let (code, said) = goalward(&run, place, &["log", "repair", named]);
+        let words = ["being trained right now", "being written"];
+        assert_eq!(code, Some(2), "{named} in {}: {said}", place.display());
+        assert!(words.iter().any(|words| said.contains(words)), "{named}: {said}");
+        assert!(file.exists() && !log.join("trajectories-00000.mcap").exists(), "{named}");
+    }
+    let (code, said) = goalward(&run, folder.path(), &["log", "info", "."]);
+    assert_eq!(code, Some(0), "unsealed files of a live run have lost nothing: {said}");
+    training.await_checkpoint(8);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    let (code, said) = goalward(&run, &log, &["log", "info", "trajectories-00000.mcap"]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
+#[test]
+fn a_file_that_lost_its_end_is_no_success() {
+    let run = TestRun::new(programs!());
+    run.finish(&[REWARDED]);
+    let folder = run.folder();
+    let (shown, home) = (folder.path().to_str().unwrap(), run.path(""));
+    let file = folder.log().join("trajectories-00000.mcap");
+    let whole = fs::read(&file).unwrap();
+    // Behind the last chunk and its indexes, and within a chunk.
+    let data_end = whole.windows(9).rposition(|bytes| bytes == [0x0f, 4, 0, 0, 0, 0, 0, 0, 0]);
+    for at in [data_end.unwrap(), whole.len() / 2] {
+        fs::write(&file, &whole[..at]).unwrap();
+        for command in [&["log", "info"][..], &["replay", "--verify"], &["replay", "--retrain"]] {
+            let (code, said) = goalward(&run, &home, &[command, &[shown]].concat());
+            assert_eq!(code, Some(3), "{command:?} at {at}: {said}");
+            assert!(said.contains("cut off"), "{command:?} at {at}: {said}");
+        }
+    }
+    // Nothing is left but that there was a file, or an episode-less one.
+    fs::write(&file, &whole[..20]).unwrap();
+    let (code, said) = goalward(&run, &home, &["log", "info", shown]);
+    assert_eq!(code, Some(3), "{said}");
+    let (code, said) = goalward(&run, &home, &["replay", "--verify", shown]);
+    assert_eq!(code, Some(1), "{said}");
+    let first_chunk = whole.windows(9).position(|bytes| bytes[0] == 6 && bytes[5..] == [0; 4]);
+    fs::write(file.with_extension("mcap.active"), &whole[..first_chunk.unwrap()]).unwrap();
+    fs::remove_file(&file).unwrap();
+    let (code, said) = goalward(&run, &home, &["replay", "--verify", shown]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("expected episodes to act again, found none"), "{said}");
+}

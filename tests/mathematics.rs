@@ -1,0 +1,148 @@
+//! What rapier takes from the system's mathematics library decides nothing: the last bits of those
+//! functions differ from one C library to the next, and the episodes stay the same.
+//!
+//! Method: `nm` lists what the programs import from the mathematics library, and the list is kept
+//! here, so that a new import is noticed. A small library made by the C compiler stands before the
+//! system's (`LD_PRELOAD`): it gives every function on the list one unit in the last place too much,
+//! and counts. Episodes recorded without it must act again to the same bits under it.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use system_tests::{SMALL_PHYSICS, TestRun, programs};
+
+/// What the actor imports from the mathematics library, for its physics: glamx and parry under
+/// rapier. Our own crates take none of it, see `tests/tidy/`.
+const OF_PHYSICS: [&str; 7] = ["acosf", "cosf", "expf", "log2f", "powf", "sincosf", "sinf"];
+
+/// What `goalward` itself imports, for its charts; nothing learns from them.
+const OF_CHARTS: [&str; 6] = ["atan2", "hypotf", "log", "log10", "pow", "sincos"];
+
+/// Demonstrations of a run with [`SMALL_PHYSICS`].
+const DEMONSTRATIONS: u64 = 10;
+
+/// Where the library writes how often each function was called.
+const COUNTS: &str = "GOALWARD_TEST_COUNTS";
+
+fn output(command: &mut Command) -> String {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{command:?}: {said}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Names of the dynamic symbols that a file has of a kind, without their versions.
+fn symbols(kind: &str, file: &Path) -> BTreeSet<String> {
+    let listing = output(Command::new("nm").args(["-D", kind]).arg(file));
+    let name = |line: &str| line.split_whitespace().last()?.split('@').next().map(str::to_owned);
+    listing.lines().filter_map(name).collect()
+}
+
+fn mathematics_library() -> PathBuf {
+    let path = output(Command::new("cc").arg("-print-file-name=libm.so.6"));
+    PathBuf::from(path.trim())
+}
+
+#[test]
+fn no_program_imports_more_mathematics_than_is_known() {
+    let there = symbols("--defined-only", &mathematics_library());
+    assert!(there.contains("acosf"), "expected the functions of a mathematics library");
+    for (program, file) in programs!().files {
+        let known = match program {
+            "goalward-actor" => &OF_PHYSICS[..],
+            "goalward" => &OF_CHARTS,
+            _ => &[],
+        };
+        let imported = symbols("--undefined-only", Path::new(file));
+        let mut unknown: Vec<_> = imported.intersection(&there).collect();
+        unknown.retain(|name| !known.contains(&name.as_str()));
+        assert!(unknown.is_empty(), "{program} takes {unknown:?} from the system's library");
+    }
+}
+
+/// The library's source.
+fn source() -> String {
+    let mut source = "#define _GNU_SOURCE\n#include <dlfcn.h>\n#include <stdint.h>\n\
+                      #include <stdio.h>\n#include <stdlib.h>\n#include <string.h>\n\
+                      static float up(float x) {\n\
+                      \x20 uint32_t bits;\n  memcpy(&bits, &x, 4);\n\
+                      \x20 if ((bits & 0x7f800000) != 0x7f800000) bits += 1;\n\
+                      \x20 memcpy(&x, &bits, 4);\n  return x;\n}\n"
+        .to_owned();
+    for name in OF_PHYSICS.iter().filter(|name| **name != "sincosf") {
+        let (parameters, arguments) =
+            if *name == "powf" { ("float x, float y", "x, y") } else { ("float x", "x") };
+        write!(
+            source,
+            "static long n_{name};\nfloat {name}({parameters}) {{\n  static float (*real)({parameters});\n  \
+             if (!real) real = dlsym(RTLD_NEXT, \"{name}\");\n  n_{name} += 1;\n  \
+             return up(real({arguments}));\n}}\n"
+        )
+        .unwrap();
+    }
+    source += "static long n_sincosf;\nvoid sincosf(float x, float *s, float *c) {\n\
+               \x20 static void (*real)(float, float *, float *);\n\
+               \x20 if (!real) real = dlsym(RTLD_NEXT, \"sincosf\");\n\
+               \x20 n_sincosf += 1;\n  real(x, s, c);\n  *s = up(*s);\n  *c = up(*c);\n}\n";
+    source += "__attribute__((destructor)) static void tell(void) {\n";
+    writeln!(source, "  const char *path = getenv(\"{COUNTS}\");").unwrap();
+    source += "  FILE *file = path ? fopen(path, \"a\") : 0;\n  if (!file) return;\n";
+    for name in OF_PHYSICS {
+        writeln!(source, "  fprintf(file, \"{name} %ld\\n\", n_{name});").unwrap();
+    }
+    source + "  fclose(file);\n}\n"
+}
+
+/// Makes the library; gives its path.
+fn nudging_library(run: &TestRun) -> PathBuf {
+    let (code, library) = (run.path("nudge.c"), run.path("nudge.so"));
+    fs::write(&code, source()).unwrap();
+    let mut compiler = Command::new("cc");
+    compiler.args(["-shared", "-fPIC", "-O1", "-fno-builtin", "-o"]).arg(&library).arg(&code);
+    output(compiler.arg("-ldl"));
+    library
+}
+
+/// How often each function was called, by all processes together.
+fn counts(file: &Path) -> BTreeMap<String, u64> {
+    let mut counts = BTreeMap::new();
+    for line in fs::read_to_string(file).unwrap().lines() {
+        let (name, count) = line.split_once(' ').unwrap();
+        *counts.entry(name.to_owned()).or_insert(0) += count.parse::<u64>().unwrap();
+    }
+    counts
+}
+
+/// Acts the episodes of a run again with every function one unit in the last place up; `called` are
+/// functions that the task's physics calls, so that the test is known to reach it.
+fn verify_nudged(task: &str, called: &[&str]) {
+    let run = TestRun::new(programs!());
+    let summary = run.train_task(task, &SMALL_PHYSICS, &["steps=1600"]).finish();
+    let told = run.path("counts");
+    let mut verify = run.program("goalward");
+    verify.arg("replay").arg(run.folder().path()).arg("--verify");
+    verify.env("LD_PRELOAD", nudging_library(&run)).env(COUNTS, &told);
+    let said = output(&mut verify);
+    // The run's own demonstrations are acted again, too.
+    let all = summary.log.trajectories + DEMONSTRATIONS;
+    let expected = format!("{all} of {all} episodes");
+    assert!(said.contains(&expected), "expected {expected} in\n{said}");
+    let counts = counts(&told);
+    for name in called {
+        assert!(counts[*name] > 0, "{name} was never called, so nothing was shown: {counts:?}");
+    }
+}
+
+#[test]
+fn ant_reach_is_indifferent_to_the_last_bits_of_the_systems_mathematics() {
+    verify_nudged("ant-reach", &["acosf", "cosf"]);
+}
+
+#[test]
+fn fetch_push_is_indifferent_to_the_last_bits_of_the_systems_mathematics() {
+    verify_nudged("fetch-push", &["log2f"]);
+}
