@@ -6,8 +6,7 @@
 //! run that was left alone.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use prost::Message;
@@ -28,8 +27,14 @@ use system_tests::{TestRun, programs};
 /// Between two rounds, so that the run has the machine most of the time.
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// What is sent of each kind in the flood at least.
-const LEAST_ROUNDS: u64 = 200;
+/// What is sent of each kind.
+const ROUNDS: u64 = 200;
+
+/// Long enough for all rounds.
+const STEPS: &str = "steps=16000";
+
+/// For all rounds.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A full queue is not waited for.
 const IMPATIENT: Duration = Duration::from_millis(1);
@@ -199,29 +204,21 @@ impl Intruder {
 
 #[test]
 fn nonsense_on_every_service_changes_nothing() {
-    let undisturbed = TestRun::new(programs!()).finish(&[]).hashes();
+    let undisturbed = TestRun::new(programs!()).finish(&[STEPS]).hashes();
     let run = TestRun::new(programs!());
-    let mut training = run.train(&[]);
+    let mut training = run.train(&[STEPS]);
     training.await_checkpoint(4);
     let before = run.processes();
-    let address = BusAddress::of_run(run.folder().path()).unwrap();
-    let (is_over, rounds) = (AtomicBool::new(false), AtomicU64::new(0));
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            let mut intruder = Intruder::join(&address);
-            while !is_over.load(Ordering::Relaxed) {
-                intruder.round();
-                rounds.fetch_add(1, Ordering::Relaxed);
-                std::thread::sleep(PAUSE);
-            }
-        });
-        training.await_checkpoint(16);
-        let after = run.processes();
-        is_over.store(true, Ordering::Relaxed);
-        assert_eq!(after, before, "somebody was started again\n{}", run.remarks());
-    });
-    let rounds = rounds.into_inner();
-    assert!(rounds >= LEAST_ROUNDS, "expected a flood, found {rounds} rounds");
+    let mut intruder = Intruder::join(&BusAddress::of_run(run.folder().path()).unwrap());
+    let deadline = Instant::now() + PATIENCE;
+    for round in 0..ROUNDS {
+        intruder.round();
+        std::thread::sleep(PAUSE);
+        training.expect_going_on("the last round");
+        assert!(Instant::now() < deadline, "expected {ROUNDS} rounds, found {round}");
+    }
+    assert_eq!(run.processes(), before, "somebody was started again\n{}", run.remarks());
+    drop(intruder);
     assert_eq!(training.finish().hashes(), undisturbed);
     let said = std::fs::read_to_string(run.folder().output().join("learner.log")).unwrap();
     assert!(said.contains("dropped so far"), "expected a word about it in\n{said}");

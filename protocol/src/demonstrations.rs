@@ -1,6 +1,6 @@
 //! The demonstrations of a run, read from their MCAP file by whoever learns from them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use rand::seq::SliceRandom;
@@ -23,8 +23,13 @@ const MOST_BYTES: usize = 1 << 30;
 /// # Errors
 /// As [`of_file`].
 pub fn load(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Trajectory>, Error> {
+    of_file(&file_of(folder, config), config)
+}
+
+/// The file that a run learns from: the one it was given, or its own, which may not be there yet.
+pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
     let own = || folder.demonstrations_file();
-    of_file(&config.demonstrations.file.clone().unwrap_or_else(own), config)
+    config.demonstrations.file.clone().unwrap_or_else(own)
 }
 
 /// What a run of this configuration learns from of a file: as many demonstrations as it asks for, and

@@ -1,6 +1,7 @@
 //! What a run's log says the run began with, and whether it is still there.
 
 use crate::config::RunConfig;
+use crate::demonstrations::file_of;
 use crate::log::recorded_metadata;
 use crate::run::RunFolder;
 use crate::{Error, digest};
@@ -19,8 +20,7 @@ pub fn demonstrations_sha256(
     if !config.imitates() {
         return Ok(None);
     }
-    let own = || folder.demonstrations_file();
-    let path = config.demonstrations.file.clone().unwrap_or_else(own);
+    let path = file_of(folder, config);
     let failed = |message: String| Error::Demonstrations { path: path.clone(), message };
     let found = digest::sha256_of_file(&path).map_err(|cause| failed(cause.to_string()))?;
     let metadata = recorded_metadata(&folder.log()).unwrap_or_default();

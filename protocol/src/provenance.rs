@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
+use crate::demonstrations::file_of;
 use crate::log::FileReader;
 use crate::run::RunFolder;
 use crate::{Error, digest};
@@ -134,8 +135,7 @@ impl Demonstrations {
         if !config.imitates() {
             return Ok(None);
         }
-        let own = || folder.demonstrations_file();
-        let path = config.demonstrations.file.clone().unwrap_or_else(own);
+        let path = file_of(folder, config);
         let failed = |message: String| Error::Demonstrations { path: path.clone(), message };
         let sha256 = digest::sha256_of_file(&path).map_err(|error| failed(error.to_string()))?;
         let reader = FileReader::open(&path)?;

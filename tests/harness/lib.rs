@@ -320,7 +320,8 @@ impl Training<'_> {
         self.expect_going_on("a moment in the middle of the run");
     }
 
-    fn expect_going_on(&mut self, what: &str) {
+    /// The run must not have ended before that.
+    pub fn expect_going_on(&mut self, what: &str) {
         let ended = self.supervisor.try_wait().unwrap();
         let is_over = ended.is_some() || self.run.folder().summary_file().exists();
         assert!(!is_over, "the run ended ({ended:?}) before {what}\n{}", self.run.words());

@@ -3,8 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
+
+use crate::await_some;
+
+/// For the system to carry a signal out.
+const A_MOMENT: Duration = Duration::from_secs(10);
 
 /// A signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +88,7 @@ fn read(folder: &Path, entry: &Path) -> Option<Process> {
     Some(process)
 }
 
-/// Sends a signal to a process, which may be gone.
+/// Sends a signal to a process, which may be gone. A process that is held stands still afterwards.
 pub fn send(id: u32, signal: Signal) {
     let name = match signal {
         Signal::Kill => "KILL",
@@ -95,4 +101,13 @@ pub fn send(id: u32, signal: Signal) {
     // The shell's own `kill`, which is there even where the program is not.
     let line = format!("kill -{name} {id}");
     Command::new("sh").args(["-c", &line]).output().ok();
+    if signal == Signal::Stop {
+        await_some("a held process", A_MOMENT, || stands_still(id).then_some(()));
+    }
+}
+
+/// Whether a process is held, or gone. The state follows the name, which ends with the last bracket.
+fn stands_still(id: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_none_or(|(_, rest)| rest.starts_with(['T', 'Z', 'X']))
 }

@@ -9,6 +9,7 @@ use prost::Message;
 use protocol::bus::{Bus, BusAddress, Role, SharedMemory};
 use protocol::checkpoint;
 use protocol::config::RunConfig;
+use protocol::demonstrations::file_of;
 use protocol::log::{Contents, Record, read_contents};
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use protocol::run::{CHECKPOINT_FILES, RunFolder};
@@ -84,9 +85,7 @@ fn listen(address: &BusAddress) -> Result<Option<Progress>> {
 
 /// Somebody has the run, but none of its processes is on the bus.
 fn beginning(folder: &RunFolder, config: &RunConfig) -> String {
-    let records = config.imitates()
-        && config.demonstrations.file.is_none()
-        && !folder.demonstrations_file().exists();
+    let records = config.imitates() && !file_of(folder, config).exists();
     let doing =
         if records { "recording its demonstrations" } else { "its processes are not there yet" };
     format!("starting: {doing}\n{}", figures::table(&common_rows(config)))

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use protocol::bus::{BusAddress, check_shared_memory_room};
 use protocol::config::RunConfig;
+use protocol::demonstrations::file_of;
 use protocol::log::require_room;
 use protocol::run::RunFolder;
 use protocol::summary::Summary;
@@ -138,7 +139,7 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
     if let Some(file) = &plan.config.demonstrations.file {
         demonstrations::check(file, &plan.config)?;
     }
-    if plan.resumed && has_demonstrations(plan) {
+    if plan.resumed && file_of(&plan.folder, &plan.config).exists() {
         let unchanged = protocol::origin::demonstrations_sha256(&plan.folder, &plan.config);
         unchanged.map_err(Refusal::usage)?;
     }
@@ -148,15 +149,9 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
     Ok(long.into_iter().chain(demonstrations::remark(&plan.config)?).collect())
 }
 
-/// Whether the run has the demonstrations it learns from: one that was stopped early may not.
-fn has_demonstrations(plan: &Plan) -> bool {
-    let Plan { folder, config, .. } = plan;
-    config.demonstrations.file.is_some() || folder.demonstrations_file().exists()
-}
-
 fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
-    if config.imitates() && !has_demonstrations(plan) {
+    if config.imitates() && !file_of(folder, config).exists() {
         let episodes = figures::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
         if !demonstrations::record_for_run(folder, config)? {
