@@ -26,4 +26,4 @@ while [ $# -gt 0 ]; do
     esac
     shift 2
 done
-exec cargo test --locked -p system-tests --test faults -- --ignored --exact --nocapture soak
+exec cargo test --locked --workspace --test faults -- --ignored --exact --nocapture soak

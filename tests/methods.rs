@@ -3,32 +3,34 @@
 //!
 //! Method: small runs of the real programs, compared by the hashes of `summary.json`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+#![allow(clippy::print_stdout, reason = "hashes are compared by whoever asks for them")]
 
 use std::fs;
 
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by};
+use system_tests::{Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by};
 
-/// What makes the learners that imitate as small as the rest: in one task, or in all.
+/// What makes the learners that imitate as small as the rest: on the grid, in the physics tasks, or in all.
 const SMALL_LEARNERS: [(&str, &str, &[&str]); 6] = [
     ("bc", "", &["cloning.epochs=5", "evaluation.episodes=8"]),
     ("bco", "", &["inverse_dynamics.samples=128", "inverse_dynamics.exploration_steps=800"]),
     (
         "bco",
-        "navigation",
+        "grid",
         &["inverse_dynamics.convolution_channels=[4, 8, 8]", "inverse_dynamics.features=16"],
     ),
-    ("bco", "fetch-push", &["inverse_dynamics.hidden=[16, 16]"]),
+    ("bco", "physics", &["inverse_dynamics.hidden=[16, 16]"]),
     ("sqil", "", &["sqil.batch=8", "sqil.updates_per_step=0.05", "sqil.exploration_steps=800"]),
-    ("sqil", "fetch-push", &["sqil.hidden=[16, 16]"]),
+    ("sqil", "physics", &["sqil.hidden=[16, 16]"]),
 ];
 
 fn settings(method: &str, task: &str) -> Vec<String> {
+    let kind = if task == "navigation" { "grid" } else { "physics" };
     let own = SMALL_LEARNERS
         .iter()
-        .filter(|(name, only, _)| *name == method && (only.is_empty() || *only == task));
+        .filter(|(name, only, _)| *name == method && (only.is_empty() || *only == kind));
     let own = own.flat_map(|(_, _, settings)| *settings).copied();
     let name = format!("method={method}");
     let all = own.chain(read_by(method, &["reward.batch=32"])).chain([name.as_str()]);
@@ -55,6 +57,21 @@ fn every_method_trains_and_evaluates() {
                 evaluated,
                 if task == "navigation" { 8 } else { 4 + 4 * u64::from(method == "bc") }
             );
+        }
+    }
+}
+
+/// A change of the code that is to change no result leaves these lines as they are.
+#[test]
+#[ignore = "minutes; prints what two builds are compared by"]
+fn hashes() {
+    let methods: toml::Table = include_str!("../deploy/methods.toml").parse().unwrap();
+    for task in Task::ALL {
+        let small = if task == Task::Navigation { &SMALL[..] } else { &SMALL_PHYSICS };
+        for method in methods.keys() {
+            let Hashes { policy, proximity } =
+                train(&TestRun::new(programs!()), task.name(), small, method).hashes();
+            println!("hashes {task} {method} {policy} {proximity}");
         }
     }
 }
