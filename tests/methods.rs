@@ -10,7 +10,9 @@ use std::fs;
 use protocol::log::{FileWriter, Kind, Metadata, Topic};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by};
+use system_tests::{
+    Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by,
+};
 
 /// What makes the learners that imitate as small as the rest: on the grid, in the physics tasks, or in all.
 const SMALL_LEARNERS: [(&str, &str, &[&str]); 6] = [

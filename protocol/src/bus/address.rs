@@ -29,7 +29,7 @@ use crate::{Error, durable};
 static DEFAULTS_CLAIMED: Mutex<bool> = Mutex::new(false);
 
 /// How long a process waits for another one that is creating the same service.
-const CREATION_TIMEOUT: Duration = Duration::from_secs(2);
+pub(super) const CREATION_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The file of a run that says where its bus is.
 const BUS_FILE: &str = "bus";
@@ -175,6 +175,7 @@ impl BusAddress {
         const OPERATION: &str = "removal";
         if check_folder(&self.root)? {
             let config = self.config()?;
+            self.remove_sizeless(Duration::ZERO)?;
             clean_up::<SharedMemory>(&config)?;
             let alive = alive::<SharedMemory>(&config)?;
             if !alive.is_empty() {
@@ -194,6 +195,31 @@ impl BusAddress {
         // It follows no links.
         unless_missing(fs::remove_dir_all(&self.root))
             .map_err(failed(OPERATION, &self.root.display().to_string()))
+    }
+
+    /// Removes the objects that have had no size for longer than `patience`, and says whether there are
+    /// others. A process that is killed between the making of an object and its sizing leaves one, and
+    /// iceoryx2 waits without end for its size, in whoever opens it or cleans up after the dead.
+    ///
+    /// # Errors
+    /// When one of another user is in the way, with its path and owner, or cannot be removed.
+    pub(super) fn remove_sizeless(&self, patience: Duration) -> Result<bool, Error> {
+        let mut is_any_young = false;
+        for path in self.objects() {
+            let Ok(found) = fs::symlink_metadata(&path) else { continue };
+            if !found.is_file() || found.len() > 0 {
+                continue;
+            }
+            let age = found.modified().ok().and_then(|since| since.elapsed().ok());
+            if age.unwrap_or_default() < patience {
+                is_any_young = true;
+                continue;
+            }
+            private::check_owner(&path)?;
+            let shown = path.display().to_string();
+            unless_missing(fs::remove_file(&path)).map_err(failed("removal", &shown))?;
+        }
+        Ok(is_any_young)
     }
 
     /// What lies in shared memory under the names of this bus, beside its folder.

@@ -38,6 +38,7 @@ use iceoryx2::prelude::{
 };
 
 use crate::Error;
+use address::CREATION_TIMEOUT;
 use doorbell::Ringers;
 use trajectories::Rule;
 
@@ -77,6 +78,7 @@ const OPEN_PATIENCE: Duration = Duration::from_secs(2);
 /// A process's place on the bus of a run. Ports outlive it.
 #[derive(Debug)]
 pub struct Bus<S: Transport = SharedMemory> {
+    address: BusAddress,
     node: Node<S>,
     ringers: Rc<Ringers<S>>,
 }
@@ -100,7 +102,7 @@ impl<S: Transport> Bus<S> {
             .create::<S>()
             .map_err(failed("creation of a node", name))?;
         address.close_to_others()?;
-        Ok(Bus { node, ringers: Rc::new(Ringers::default()) })
+        Ok(Bus { address: address.clone(), node, ringers: Rc::new(Ringers::default()) })
     }
 
     /// Names of the processes on this bus that live, sorted; this one is among them.
@@ -115,6 +117,15 @@ impl<S: Transport> Bus<S> {
     /// notices a death by itself, so the supervisor and the learner call this every half second.
     /// Returns how many dead processes were cleaned away.
     pub fn clean_up(&self) -> u64 {
+        match self.address.remove_sizeless(CREATION_TIMEOUT) {
+            Ok(false) => {}
+            // Its maker is at work, or has just died: the next call sees which.
+            Ok(true) => return 0,
+            Err(error) => {
+                tracing::debug!("dead processes could not be cleaned away yet: {error}");
+                return 0;
+            }
+        }
         self.node.try_cleanup_dead_nodes().cleanups
     }
 

@@ -1,6 +1,7 @@
 //! What the bus promises when processes are killed (-9): it is noticed, it is cleaned away, nobody
 //! stays blocked, and nothing is left behind.
 
+use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -217,6 +218,55 @@ fn killed_server_is_noticed_once_cleaned_away() {
             assert_eq!(client.ask(b"?", LONG, &doorbell, Some).unwrap(), b"next"[..]);
         });
         drop((pending, client, doorbell, bus));
+        address.remove().unwrap();
+    });
+}
+
+/// Starts the only server of leases and kills it as if it had been killed between the making of an
+/// object and its sizing.
+fn leave_objects_without_a_size(address: &BusAddress, run: &Path) {
+    Process::start("stuck-server", run).kill();
+    let dynamic =
+        left_in_shared_memory(address).into_iter().filter(|name| name.ends_with("dynamic"));
+    let sizeless = dynamic.map(|name| {
+        let file = OpenOptions::new().write(true).open(Path::new("/dev/shm").join(name));
+        file.unwrap().set_len(0).unwrap();
+    });
+    assert_ne!(sizeless.count(), 0);
+}
+
+#[test]
+fn an_object_without_a_size_holds_up_no_start() {
+    watched(|_| {
+        let run = tempfile::tempdir().unwrap();
+        let address = BusAddress::for_start(run.path()).unwrap();
+        leave_objects_without_a_size(&address, run.path());
+        address.remove().unwrap();
+        assert_eq!(left_in_shared_memory(&address), [] as [String; 0]);
+    });
+}
+
+#[test]
+fn an_object_without_a_size_holds_up_no_living_process() {
+    watched(|_| {
+        let run = tempfile::tempdir().unwrap();
+        let address = BusAddress::for_start(run.path()).unwrap();
+        let supervisor = open::<SharedMemory>(&address, "supervisor");
+        leave_objects_without_a_size(&address, run.path());
+        thread::scope(|scope| {
+            // It waits for the size, without end by itself.
+            let server = scope.spawn(|| {
+                let learner = open::<SharedMemory>(&address, "learner");
+                learner.lease_server().map(drop)
+            });
+            until(|| {
+                supervisor.clean_up();
+                server.is_finished().then_some(())
+            });
+            server.join().unwrap().unwrap();
+        });
+        until(|| alive_is(&supervisor, &["supervisor"]));
+        drop(supervisor);
         address.remove().unwrap();
     });
 }
