@@ -14,9 +14,9 @@ cd "$root"
 say() { printf 'test: %s\n' "$*" >&2; }
 
 python_environment() {
-    local folder=$root/target/python wanted=$root/protocol/tests/requirements.txt
+    local folder=$root/target/python wanted=$root/protocol/log/tests/requirements.txt
     if ! cmp -s "$wanted" "$folder/installed.txt"; then
-        say "installing the Python packages of protocol/tests/requirements.txt into target/python"
+        say "installing the Python packages of protocol/log/tests/requirements.txt into target/python"
         python3 -m venv --clear "$folder"
         "$folder/bin/python" -m pip install --quiet --disable-pip-version-check \
             --requirement "$wanted"

@@ -8,10 +8,10 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
+use bus::{Bus, BusAddress};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress};
 use protocol::messages::Progress;
-use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
+use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs};
 
 /// Forty iterations.

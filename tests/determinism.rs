@@ -112,7 +112,7 @@ fn what_dies_before_the_first_checkpoint_begins_again() {
     let learner = run.process("learner");
     // By then trajectories are in the log and all of them must come again.
     await_some("a log", PATIENCE, || {
-        let files = protocol::log::log_files(&run.folder().log()).unwrap_or_default();
+        let files = mcap_log::log_files(&run.folder().log()).unwrap_or_default();
         (!files.is_empty()).then_some(())
     });
     learner.signal(Signal::Kill);

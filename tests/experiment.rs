@@ -11,7 +11,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use system_tests::{
     PATIENCE, SMALL, Signal, Summary, TestRun, await_some, programs, read_by, send,
 };
@@ -52,7 +52,7 @@ fn text(output: &Output) -> String {
 /// As if another build had finished a run: it is counted if the user says so, and kept apart.
 fn count_other_builds_when_asked_to(test: &TestRun, folder: &RunFolder) {
     let before = fs::read(folder.summary_file()).unwrap();
-    let mut summary = protocol::summary::Summary::of_run(folder).unwrap().unwrap();
+    let mut summary = run::summary::Summary::of_run(folder).unwrap().unwrap();
     summary.builds[0].commit = "feedc0de0000".to_owned();
     summary.save(folder).unwrap();
     let output = experiment(test).output().unwrap();

@@ -8,8 +8,6 @@
 //! the supervisor is followed by `--resume`, as its user would.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::env;
-use std::fs;
 use std::io::Write;
 use std::panic::catch_unwind;
 use std::path::Path;
@@ -17,11 +15,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use std::{env, fs};
 
-use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::Task;
 use rand::RngExt;
+use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use system_tests::{
     Hashes, PATIENCE, SMALL, SMALL_PHYSICS, Signal, TestRun, Training, await_some, programs,
 };

@@ -8,18 +8,19 @@
 
 use std::time::{Duration, Instant};
 
-use bytes::Bytes;
-use prost::Message;
-use protocol::bus::{
+use bus::{
     Bus, BusAddress, Client, NewestPublisher, Pending, Role, Server, SharedMemory,
     TrajectoryHeader, TrajectoryPublisher,
 };
+use bytes::Bytes;
+use prost::Message;
+use protocol::ending::Ending;
 use protocol::messages::{
     ActorSeconds, Ask, Batch, Lease, LeaseReply, LeaseRequest, Progress, Query, ServiceRequest,
 };
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::Task;
-use protocol::trajectory::{Ending, Trajectory, TrajectoryKey};
+use protocol::trajectory::{Trajectory, TrajectoryKey};
 use protocol::weights::Weights;
 use rand::RngExt;
 use system_tests::{TestRun, programs};

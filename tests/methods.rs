@@ -7,7 +7,7 @@
 
 use std::fs;
 
-use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use mcap_log::{FileWriter, Kind, Metadata, Topic};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;
 use system_tests::{
@@ -121,7 +121,7 @@ fn states_alone_are_refused_where_actions_are_needed() {
     assert!(recorded.episodes > 0);
     let demonstrations = run.folder().demonstrations_file();
     let spec = Task::Navigation.spec();
-    let all = protocol::demonstrations::read(&demonstrations, &spec, true).unwrap();
+    let all = run::demonstrations::read(&demonstrations, &spec, true).unwrap();
     let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
     let mut writer = FileWriter::create(&file, &metadata, &[Topic::Trajectory]).unwrap();
     for (time, mut demonstration) in (0..).zip(all) {

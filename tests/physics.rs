@@ -7,9 +7,9 @@
 use std::collections::BTreeSet;
 use std::fs;
 
+use bus::{Bus, BusAddress, NewestSubscriber, SharedMemory};
+use mcap_log::{FileReader, Record};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress, NewestSubscriber, SharedMemory};
-use protocol::log::{FileReader, Record};
 use protocol::messages::Progress;
 use protocol::task::Task;
 use protocol::trajectory::Encoded;

@@ -8,10 +8,10 @@ use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
+use bus::{Bus, BusAddress, Client, Doorbell, Role, SharedMemory};
 use bytes::Bytes;
+use mcap_log::{FileReader, Record};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress, Client, Doorbell, Role, SharedMemory};
-use protocol::log::{FileReader, Record};
 use protocol::messages::{Answer, Ask, Query, ServiceReply, ServiceRequest};
 use protocol::task::Task;
 use protocol::trajectory::Encoded;

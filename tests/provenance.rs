@@ -9,10 +9,10 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use protocol::log::{FileReader, LogOptions, LogWriter, recorded_builds};
-use protocol::provenance::Build;
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
+use mcap_log::{FileReader, LogOptions, LogWriter, recorded_builds};
+use protocol::build::Build;
+use run::folder::RunFolder;
+use run::summary::Summary;
 use system_tests::{SMALL, Signal, TestRun, programs};
 
 /// A build that is not the one under test.

@@ -1,6 +1,6 @@
 //! What a run did is in its log: every trajectory exactly once, every score and every update.
 //!
-//! Method: a run is trained and its log is read as a tool would read it, with `protocol::log` alone.
+//! Method: a run is trained and its log is read as a tool would read it, with `mcap_log` alone.
 //! The log is then checked against itself (what an update says it consumed is recorded, with that
 //! hash) and against `config.toml` and `summary.json`. A run whose learner is killed in its middle
 //! records some iterations twice; read in order, it must give exactly what the undisturbed run does.
@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use protocol::log::{Ending, FileReader, Kind, Record, log_files, read_run};
+use mcap_log::{Ending, FileReader, Kind, Record, log_files, read_run};
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, TrajectoryKey};

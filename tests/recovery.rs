@@ -9,7 +9,7 @@ use std::io::Write;
 use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use protocol::log::{Contents, FileReader, Record, log_files};
+use mcap_log::{Contents, FileReader, Record, log_files};
 use system_tests::{Signal, TestRun, programs};
 
 /// Policy updates after which the death of an actor costs nothing any more: its leases are open again

@@ -11,8 +11,9 @@ use std::path::Path;
 use std::process::Command;
 
 use bytes::Bytes;
-use protocol::log::{FileWriter, Kind, Metadata, Topic};
-use protocol::trajectory::{Encoded, Ending, Source, Trajectory};
+use mcap_log::{FileWriter, Kind, Metadata, Topic};
+use protocol::ending::Ending;
+use protocol::trajectory::{Encoded, Source, Trajectory};
 use system_tests::{SMALL, Signal, TestRun, programs};
 
 /// Calls `goalward` and expects a refusal that names every one of `parts`.

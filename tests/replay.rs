@@ -2,7 +2,7 @@
 //! named.
 //!
 //! Method: small runs of the real programs. A record is changed by copying the log, as a tool would,
-//! with `protocol::log` alone.
+//! with `mcap_log` alone.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::collections::BTreeSet;
@@ -11,11 +11,11 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use bus::{Bus, BusAddress, Published};
 use bytes::Bytes;
+use mcap_log::{Record, read_run, rewrite};
 use prost::Message;
 use protocol::Error;
-use protocol::bus::{Bus, BusAddress, Published};
-use protocol::log::{Record, read_run, rewrite};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use system_tests::{

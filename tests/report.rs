@@ -7,7 +7,7 @@
 use std::fs;
 use std::process::Output;
 
-use protocol::log::{Contents, Record, read_contents};
+use mcap_log::{Contents, Record, read_contents};
 use system_tests::{TestRun, programs};
 
 fn report(run: &TestRun, arguments: &[&str]) -> Output {

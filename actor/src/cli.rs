@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use environments::Setting;
-use protocol::diagnostics::Diagnostics;
-use protocol::process::{self, Stop};
-use protocol::run::RunFolder;
 use protocol::task::Task;
+use run::diagnostics::Diagnostics;
+use run::folder::RunFolder;
+use run::process::{self, Stop};
 use serde::Serialize;
 
 use crate::demonstrate::{Recorded, Request, demonstrate};
@@ -19,7 +19,7 @@ use crate::replay::{Recording, replay};
 
 /// Acts in environments.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-actor", version = protocol::provenance::version())]
+#[command(name = "goalward-actor", version = protocol::build::version())]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

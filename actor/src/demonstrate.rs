@@ -5,14 +5,15 @@ use std::slice;
 
 use anyhow::{Result, bail, ensure};
 use environments::Setting;
-use protocol::config::ActionChoice;
-use protocol::headway::{Headway, Teller};
-use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use mcap_log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
-use protocol::process::Stop;
-use protocol::provenance::{EXPERT, TASKS_OWN};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
+use run::config::ActionChoice;
+use run::headway::{Headway, Teller};
+use run::origin::EXPERT;
+use run::origin::TASKS_OWN;
+use run::process::Stop;
 
 use crate::expert::Expert;
 use crate::lane::Lane;

@@ -3,8 +3,8 @@
 
 use anyhow::{Result, ensure};
 use environments::{Environment, Pose, Shape, Solid};
+use mcap_log::{FileWriter, Topic};
 use prost::Message;
-use protocol::log::{FileWriter, Topic};
 use protocol::scene::{
     self, Color, CylinderPrimitive, FRAME, Primitive, Quaternion, SceneEntity, SceneUpdate,
     Timestamp, Vector3,

@@ -3,9 +3,10 @@
 use anyhow::{Context, Result};
 use bytes::Bytes;
 use environments::Environment;
+use protocol::ending::Ending;
 use protocol::seed::{self, Stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
-use protocol::trajectory::{Ending, Source, Trajectory};
+use protocol::trajectory::{Source, Trajectory};
 
 /// Which episode this is. With the policy's weights it decides every byte of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

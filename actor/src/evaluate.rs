@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::config::RunConfig;
-use protocol::headway::{Headway, Teller};
-use protocol::log::{FileWriter, Kind, Metadata, Topic};
+use mcap_log::{FileWriter, Kind, Metadata, Topic};
 use protocol::messages::Lease;
-use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::headway::{Headway, Teller};
 use serde::Serialize;
 
 use crate::drawing::draw;

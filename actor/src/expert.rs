@@ -3,10 +3,10 @@
 
 use anyhow::{Context, Result, ensure};
 use environments::Setting;
-use protocol::config::RunConfig;
-use protocol::run::RunFolder;
 use protocol::task::Task;
 use protocol::weights::Weights;
+use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use crate::policy::{Policy, Version, newest_weights};
 
@@ -85,7 +85,7 @@ impl Expert {
 
 #[cfg(test)]
 mod tests {
-    use protocol::process::Stop;
+    use run::process::Stop;
 
     use super::*;
     use crate::demonstrate::{Request, demonstrate};

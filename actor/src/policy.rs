@@ -6,13 +6,13 @@ use anyhow::{Context, Result, ensure};
 use networks::{
     ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
 };
-use protocol::checkpoint;
-use protocol::config::{ActionChoice, RunConfig};
 use protocol::messages::ActorSeconds;
-use protocol::run::{POLICY_FILE, RunFolder};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
+use run::checkpoint;
+use run::config::{ActionChoice, RunConfig};
+use run::folder::{POLICY_FILE, RunFolder};
 
 use crate::lane::Lane;
 

@@ -3,17 +3,17 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail, ensure};
-use bytes::Bytes;
-use prost::Message;
-use protocol::bus::{
+use bus::{
     Bus, BusAddress, Client, Doorbell, Pending, Role, SharedMemory, TrajectoryHeader,
     TrajectoryPublisher,
 };
+use bytes::Bytes;
+use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
-use protocol::process::Stop;
-use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source};
+use run::folder::RunFolder;
+use run::process::Stop;
 
 /// How long an actor sleeps, and leaves a learner alone that is not there.
 const ASK_AGAIN: Duration = Duration::from_millis(250);

@@ -6,11 +6,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use protocol::bus::{Bus, BusAddress};
-use protocol::log::{Contents, read_contents};
-use protocol::process::Stop;
-use protocol::run::RunFolder;
+use bus::{Bus, BusAddress};
+use mcap_log::{Contents, read_contents};
 use protocol::trajectory::Encoded;
+use run::folder::RunFolder;
+use run::process::Stop;
 use serde::Serialize;
 
 use crate::ports::header;

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use protocol::log::{Contents, RunReader, read_contents};
+use mcap_log::{Contents, RunReader, read_contents};
 use protocol::messages::{ActorSeconds, Lease};
-use protocol::process::Stop;
-use protocol::run::RunFolder;
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
+use run::folder::RunFolder;
+use run::process::Stop;
 
 use crate::ports::Ports;
 

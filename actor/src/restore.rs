@@ -5,11 +5,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use bytes::Bytes;
+use mcap_log::rewrite;
 use prost::Message;
 use protocol::Error;
-use protocol::log::rewrite;
-use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Trajectory};
+use run::folder::RunFolder;
 use serde::Serialize;
 
 use crate::resimulate::Resimulator;

@@ -7,16 +7,16 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use bus::{NewestSubscriber, SharedMemory};
 use bytes::Bytes;
 use prost::Message;
-use protocol::bus::{NewestSubscriber, SharedMemory};
-use protocol::config::{ActionChoice, RunConfig};
 use protocol::dropped::Dropped;
 use protocol::messages::Lease;
-use protocol::process::Stop;
-use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source};
 use protocol::weights::Weights;
+use run::config::{ActionChoice, RunConfig};
+use run::folder::RunFolder;
+use run::process::Stop;
 
 use crate::lane::Lane;
 use crate::policy::{Policy, Version};

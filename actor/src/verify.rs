@@ -4,10 +4,10 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use mcap_log::{Contents, Entry, FileReader, read_contents};
 use protocol::Error;
-use protocol::log::{Contents, Entry, FileReader, read_contents};
-use protocol::run::RunFolder;
 use protocol::trajectory::{Encoded, Source, Trajectory};
+use run::folder::RunFolder;
 use serde::Serialize;
 
 use crate::resimulate::Resimulator;

@@ -11,7 +11,7 @@ use crate::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
 #[derive(Debug, Parser)]
-#[command(name = "goalward", version = protocol::provenance::version(), max_term_width = 100)]
+#[command(name = "goalward", version = protocol::build::version(), max_term_width = 100)]
 struct CommandLine {
     #[command(subcommand)]
     verb: Verb,

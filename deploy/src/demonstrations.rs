@@ -7,10 +7,10 @@ use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, bail};
-use protocol::config::RunConfig;
-use protocol::run::RunFolder;
 use protocol::setting::Setting;
 use protocol::task::Task;
+use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use crate::output::Output;
 use crate::programs::{self, Program};
@@ -122,7 +122,7 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
 /// # Errors
 /// Of wrong usage, when it is missing, damaged, of another task, shape or setting, or too short.
 pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
-    protocol::demonstrations::of_file(file, config).map_err(Refusal::usage)?;
+    run::demonstrations::of_file(file, config).map_err(Refusal::usage)?;
     Ok(())
 }
 
@@ -131,7 +131,7 @@ pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
 /// # Errors
 /// Of wrong usage, when the file cannot be read or is of another task.
 pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig> {
-    Ok(protocol::demonstrations::adopt(config, settings).map_err(Refusal::usage)?)
+    Ok(run::demonstrations::adopt(config, settings).map_err(Refusal::usage)?)
 }
 
 /// What is to be said of a file that does not tell how its demonstrations were recorded.
@@ -140,7 +140,7 @@ pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig>
 /// As [`adopt`].
 pub(crate) fn remark(config: &RunConfig) -> Result<Option<String>> {
     let Some(file) = &config.demonstrations.file else { return Ok(None) };
-    let tells = protocol::demonstrations::tells_setting(file, config.task);
+    let tells = run::demonstrations::tells_setting(file, config.task);
     let remark = || {
         let (file, coverage) = (file.display(), config.demonstrations.coverage);
         format!(

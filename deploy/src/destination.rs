@@ -9,7 +9,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use crate::refusal::wrong_usage;
 
@@ -112,8 +112,8 @@ mod tests {
 
     use super::*;
     use crate::tasks;
-    use protocol::config::DEFAULT_PRESET;
     use protocol::task::Task;
+    use run::config::DEFAULT_PRESET;
 
     fn said(result: Result<()>) -> String {
         result.unwrap_err().to_string()

@@ -1,10 +1,8 @@
 //! A figure as data: which runs stand for which curve of which picture. Plans make figures
 //! (`goalward experiment`), the report draws them (`goalward report`).
 
-use protocol::run::RunFolder;
 use protocol::task::Task;
-
-use crate::origin::apart;
+use run::folder::RunFolder;
 
 /// A figure of the paper, or any comparison: panels of curves, planned or measured.
 pub(crate) struct Figure<C = Curve> {
@@ -36,16 +34,6 @@ pub(crate) struct Curve {
     pub(crate) runs: Vec<RunFolder>,
     /// Success rate of the authors' published curve at its end, in [0, 1].
     pub(crate) anchor: Option<f64>,
-}
-
-impl Figure {
-    /// The same figure, with no curve over runs of several origins.
-    pub(crate) fn apart(mut self) -> Figure {
-        for panel in &mut self.panels {
-            panel.curves = std::mem::take(&mut panel.curves).into_iter().flat_map(apart).collect();
-        }
-        self
-    }
 }
 
 impl<C> Figure<C> {

@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::log::{read_run, recorded_configs};
-use protocol::run::RunFolder;
+use mcap_log::read_run;
+use run::folder::RunFolder;
+use run::origin::recorded_configs;
 use serde::Deserialize;
 
+use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::progress::print_line;
 use crate::refusal::Refusal;
 
 /// A log with all observations; one that was made goes with it.
@@ -34,7 +35,7 @@ impl FullLog {
     /// # Errors
     /// When it cannot be read, or its episodes do not act again as they did.
     pub(crate) fn of(run: &RunFolder) -> Result<FullLog> {
-        if recorded_configs(&run.log())?.iter().all(|config| config.log.observations) {
+        if recorded_configs(run)?.iter().all(|config| config.log.observations) {
             return Ok(FullLog { folder: run.log(), made: false });
         }
         let folder = run.path().join("restored-log");

@@ -5,7 +5,7 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use protocol::headway::Headway;
+use run::headway::Headway;
 
 use crate::figures;
 use crate::status_line::StatusLine;

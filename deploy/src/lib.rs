@@ -42,6 +42,7 @@ mod machine;
 mod origin;
 mod output;
 mod plan;
+mod print;
 mod processes;
 mod programs;
 mod progress;
@@ -55,7 +56,7 @@ mod tasks;
 use std::io::Write;
 use std::process::ExitCode;
 
-use protocol::diagnostics::Diagnostics;
+use run::diagnostics::Diagnostics;
 
 /// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
 /// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2

@@ -4,7 +4,7 @@
 use std::fs;
 
 use anyhow::Result;
-use protocol::config::{Estimate, RunConfig};
+use run::config::{Estimate, RunConfig};
 
 use crate::figures;
 use crate::refusal::wrong_usage;

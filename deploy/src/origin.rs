@@ -1,11 +1,13 @@
 //! Which runs are seeds of one curve: those that the same build trained on the same demonstrations.
 
-use protocol::log::recorded_builds;
-use protocol::provenance::{Build, Demonstrations, shown};
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
+use mcap_log::recorded_builds;
+use protocol::build::Build;
+use protocol::build::shown;
+use run::folder::RunFolder;
+use run::origin::Demonstrations;
+use run::summary::Summary;
 
-use crate::figure::Curve;
+use crate::figure::{Curve, Figure};
 
 /// Where a run comes from, besides its configuration.
 #[derive(Clone, Debug)]
@@ -78,9 +80,18 @@ impl Imitated {
     }
 }
 
+/// The same figure, with no curve over runs of several origins.
+pub(crate) fn apart(mut figure: Figure) -> Figure {
+    for panel in &mut figure.panels {
+        panel.curves =
+            std::mem::take(&mut panel.curves).into_iter().flat_map(curves_apart).collect();
+    }
+    figure
+}
+
 /// A curve as several, where its runs come from several origins: named by what they differ in. Runs
 /// that have not begun stay with the first.
-pub(crate) fn apart(curve: Curve) -> Vec<Curve> {
+fn curves_apart(curve: Curve) -> Vec<Curve> {
     let mut groups: Vec<(Origin, Vec<RunFolder>)> = Vec::new();
     for run in &curve.runs {
         let Some(origin) = Origin::of(run) else { continue };

@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use crate::headway;
 

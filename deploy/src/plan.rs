@@ -6,13 +6,14 @@ use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::config::{DEFAULT_PRESET, RunConfig};
+use mcap_log::recorded_builds;
+use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
-use protocol::log::{recorded_builds, recorded_configs};
-use protocol::provenance::Build;
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
 use protocol::task::Task;
+use run::config::{DEFAULT_PRESET, RunConfig};
+use run::folder::RunFolder;
+use run::origin::recorded_configs;
+use run::summary::Summary;
 
 use crate::refusal::{Refusal, wrong_usage};
 use crate::supervisor::{actors_wanted, forget_actors_wanted};
@@ -200,7 +201,7 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
     if !folder.log().exists() {
         return Ok(());
     }
-    let begun = recorded_configs(&folder.log()).map_err(Refusal::usage)?;
+    let begun = recorded_configs(folder).map_err(Refusal::usage)?;
     let Some((key, [began, found])) =
         begun.iter().find_map(|begun| begun.result_difference(config))
     else {

@@ -6,7 +6,7 @@ use std::fs;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use protocol::bus::{BusAddress, Member};
+use bus::{BusAddress, Member};
 use protocol::messages::ActorHeard;
 
 use crate::figures;

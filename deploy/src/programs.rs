@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use protocol::process::INPUT_IS_HELD;
+use run::process::INPUT_IS_HELD;
 use serde::de::DeserializeOwned;
 
 use crate::headway;

@@ -3,7 +3,6 @@
 //! [`Progress`].
 
 use std::collections::VecDeque;
-use std::io::Write;
 
 use protocol::messages::{Phase, Pretraining, Progress};
 
@@ -63,16 +62,6 @@ impl ProgressView {
     pub(crate) fn finish(&self) {
         self.line.finish();
     }
-}
-
-/// Prints to standard output; nobody listening any more is no reason to end a run.
-pub(crate) fn print_line(text: &str) {
-    writeln!(std::io::stdout(), "{text}").ok();
-}
-
-/// Prints a remark for people to standard error.
-pub(crate) fn print_remark(text: &str) {
-    writeln!(std::io::stderr(), "goalward: {text}").ok();
 }
 
 /// The figures in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::progress::{print_line, print_remark};
+use crate::print::{print_line, print_remark};
 
 /// Time between two lines in a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);

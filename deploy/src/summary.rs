@@ -1,8 +1,8 @@
 //! Figures of a finished run, as people read them.
 
-use protocol::provenance;
-use protocol::run::RunFolder;
-use protocol::summary::{Seconds, Summary};
+use protocol::build;
+use run::folder::RunFolder;
+use run::summary::{Seconds, Summary};
 
 use crate::figures;
 
@@ -54,7 +54,7 @@ pub(crate) fn table(summary: &Summary) -> String {
         ("time", time),
         ("policy sha256", summary.policy_sha256.clone()),
         ("proximity sha256", summary.proximity_sha256.clone()),
-        ("build", provenance::shown(&summary.builds)),
+        ("build", build::shown(&summary.builds)),
         ("log", log),
         stages,
         actors,

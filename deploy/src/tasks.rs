@@ -1,8 +1,8 @@
 //! The configuration files of tasks and methods, carried within the program.
 
 use protocol::Error;
-use protocol::config::RunConfig;
 use protocol::task::Task;
+use run::config::RunConfig;
 
 /// The text of `deploy/methods.toml`.
 const METHODS: &str = include_str!("../methods.toml");

@@ -18,9 +18,9 @@ use std::error::Error;
 use std::io::{BufRead, Write};
 
 use environments::{Environment, Setting, create};
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{Task, floats, write_floats};
-use protocol::trajectory::Ending;
 use rand::RngExt;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};

@@ -39,9 +39,9 @@ pub use error::EnvironmentError;
 pub use protocol::setting::Setting;
 pub use scene::{Pose, Shape, Solid};
 
+use protocol::ending::Ending;
 use protocol::seed::Stream;
 use protocol::task::{Spec, Task};
-use protocol::trajectory::Ending;
 
 /// A task as an agent or an expert acts in it, one episode after another.
 pub trait Environment: Send {

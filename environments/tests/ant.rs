@@ -2,9 +2,9 @@
 //! observations hold, and what long runs of random torques never do.
 
 use environments::{Environment, Setting, Step, create};
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{Task, floats, write_floats};
-use protocol::trajectory::Ending;
 use rand::RngExt;
 use std::f32::consts::FRAC_1_SQRT_2;
 use xxhash_rust::xxh3::xxh3_64;

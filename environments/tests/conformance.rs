@@ -3,9 +3,9 @@
 //! ours allocates while an episode runs.
 
 use environments::{Environment, EnvironmentError, Setting, Step, create};
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, floats, write_floats};
-use protocol::trajectory::Ending;
 use rand::RngExt;
 
 /// An episode as it is compared: each observation with the state's hash, and each step.

@@ -4,9 +4,9 @@
 use environments::navigation::{AGENT, EMPTY, GOAL, WALL};
 use environments::{Environment, Setting, Step, create};
 use proptest::prelude::*;
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
 use protocol::task::Task;
-use protocol::trajectory::Ending;
 use rand::RngExt;
 use std::collections::BTreeSet;
 

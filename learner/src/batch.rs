@@ -2,10 +2,11 @@
 
 use anyhow::{Result, ensure};
 use networks::RunningNormalizer;
+use protocol::ending::Ending;
 use protocol::messages::Score;
-use protocol::process::Final;
 use protocol::task::{Spec, floats};
-use protocol::trajectory::{Encoded, Ending};
+use protocol::trajectory::Encoded;
+use run::process::Final;
 
 use crate::reward_scale::{EpisodeRewards, RewardScale};
 

@@ -1,12 +1,12 @@
 //! Where training begins: afresh, or from the newest checkpoint and the log before it.
 
 use anyhow::{Context, Result, anyhow};
-use protocol::checkpoint;
-use protocol::config::{Learner, RunConfig};
+use mcap_log::{Batches, Record, log_files, read_run, repair};
 use protocol::durable;
-use protocol::log::{Batches, Record, log_files, read_run, repair};
-use protocol::run::{LEARNER_FILE, RunFolder};
 use protocol::tensors::Tensors;
+use run::checkpoint;
+use run::config::{Learner, RunConfig};
+use run::folder::{LEARNER_FILE, RunFolder};
 
 use crate::algorithm::{self, PolicyLearner};
 use crate::state::State;
@@ -44,7 +44,7 @@ impl Beginning {
         let demonstrations = match config.learner {
             Learner::Ppo => Vec::new(),
             Learner::Bc | Learner::Bco | Learner::Sqil => {
-                protocol::demonstrations::load(folder, config)?
+                run::demonstrations::load(folder, config)?
             }
         };
         let threads = rayon::ThreadPoolBuilder::new()

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use protocol::messages::{Checkpoint, Phase};
-use protocol::process::Final;
-use protocol::run::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use protocol::tensors::Tensors;
 use protocol::{Error, durable};
+use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
+use run::process::Final;
 
 use crate::desk::{DISK_PATIENCE, Entry, Order};
 use crate::scoring::Refused;

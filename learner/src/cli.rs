@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use protocol::diagnostics::Diagnostics;
-use protocol::process::{self, Stop};
-use protocol::run::RunFolder;
+use run::diagnostics::Diagnostics;
+use run::folder::RunFolder;
+use run::process::{self, Stop};
 
 /// Turns trajectories and their scores into policy weights.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-learner", version = protocol::provenance::version())]
+#[command(name = "goalward-learner", version = protocol::build::version())]
 struct Arguments {
     /// Folder of the run; a run with a checkpoint is continued.
     #[arg(long)]

@@ -19,8 +19,8 @@ mod summary;
 pub mod trainer;
 
 use anyhow::Result;
-use protocol::process::Stop;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
+use run::process::Stop;
 
 use crate::trainer::Trainer;
 

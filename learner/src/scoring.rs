@@ -3,15 +3,15 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail, ensure};
+use bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME, SharedMemory};
 use bytes::Bytes;
 use prost::Message;
-use protocol::bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME, SharedMemory};
 use protocol::messages::{
     Answer, Ask, Batch, Begin, IterationRequest, Pretraining, RewardUpdate, Save, Saved, Score,
     ServiceReply, ServiceRequest,
 };
-use protocol::process::{Final, Stop};
 use protocol::trajectory::{Encoded, TrajectoryKey};
+use run::process::{Final, Stop};
 
 /// How often a waiting learner looks whether the service still lives and whether it is to stop.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);

@@ -4,9 +4,9 @@ use std::fs;
 
 use anyhow::Result;
 use protocol::messages::Phase;
-use protocol::provenance::Demonstrations;
-use protocol::summary::{EvaluationFigures, LogFigures, Summary};
 use protocol::trajectory::Encoded;
+use run::origin::Demonstrations;
+use run::summary::{EvaluationFigures, LogFigures, Summary};
 
 use crate::trainer::Trainer;
 
@@ -32,8 +32,8 @@ impl Trainer {
         summary.seconds.inference = desk.actors.inference;
         summary.seconds.transport = desk.actors.transport;
         summary.seconds.log = desk.log;
-        summary.builds = protocol::log::recorded_builds(&folder.log())?;
-        for file in protocol::log::log_files(&folder.log())? {
+        summary.builds = mcap_log::recorded_builds(&folder.log())?;
+        for file in mcap_log::log_files(&folder.log())? {
             summary.log.files += 1;
             summary.log.bytes += fs::metadata(&file.path)?.len();
         }

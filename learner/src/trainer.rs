@@ -3,16 +3,16 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use bus::{Bus, BusAddress};
+use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress};
-use protocol::config::{RunConfig, UpdateOrder};
-use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
-use protocol::origin::{self, DEMONSTRATIONS_SHA256};
-use protocol::process::{Final, Stop};
-use protocol::run::{PROXIMITY_FILE, Place, RunFolder};
-use protocol::summary::Seconds;
 use protocol::trajectory::{Encoded, Source};
+use run::config::{RunConfig, UpdateOrder};
+use run::folder::{PROXIMITY_FILE, Place, RunFolder};
+use run::origin::{self, DEMONSTRATIONS_SHA256};
+use run::process::{Final, Stop};
+use run::summary::Seconds;
 
 use crate::algorithm::{Figures, PolicyLearner, Schedule};
 use crate::beginning::Beginning;

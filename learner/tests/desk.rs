@@ -3,14 +3,14 @@
 
 use std::time::Duration;
 
+use bus::{Bus, BusAddress};
 use learner::desk::{DeskHandle, Entry, Order, Setup};
-use protocol::bus::{Bus, BusAddress};
-use protocol::log::file::LONGEST_MESSAGE;
-use protocol::log::{Kind, LogOptions, LogWriter, Metadata};
+use mcap_log::file::LONGEST_MESSAGE;
+use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::PolicyUpdate;
-use protocol::process::Stop;
-use protocol::run::RunFolder;
 use protocol::task::Task;
+use run::folder::RunFolder;
+use run::process::Stop;
 
 #[test]
 fn a_message_that_the_log_refuses_ends_the_run() {

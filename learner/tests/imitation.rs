@@ -6,12 +6,13 @@
 use learner::algorithm::{self, PolicyLearner, Schedule};
 use learner::state::PolicyState;
 use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
-use protocol::config::RunConfig;
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{Task, floats, write_floats};
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, Ending, Source, Trajectory};
+use protocol::trajectory::{Encoded, Source, Trajectory};
 use rand::RngExt;
+use run::config::RunConfig;
 
 const METHODS: &str = include_str!("../../deploy/methods.toml");
 const NAVIGATION: &str = include_str!("../../deploy/tasks/navigation.toml");

@@ -1,16 +1,16 @@
 //! The policy update as a whole: it solves a bandit, and threads change no bit of it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+use std::sync::Arc;
+
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
-use std::sync::Arc;
-
 use networks::{ActorCritic, Adam, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
 use proptest::prelude::*;
-use protocol::config::PpoConfig;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task};
+use run::config::PpoConfig;
 
 /// One step per episode; the second of three actions earns 1.
 const BANDIT: Spec = Spec {

@@ -11,8 +11,8 @@ use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
 use networks::{ActorCritic, Adam, PolicyArchitecture};
-use protocol::config::PpoConfig;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, floats};
+use run::config::PpoConfig;
 use safetensors::SafeTensors;
 
 const NUMBERS: usize = 5;

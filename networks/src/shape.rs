@@ -1,6 +1,6 @@
 //! What a network looks like, as a configuration states it (paper, Appendix G.2).
 
-use protocol::config::{PolicyActivation, PolicyConfig, RewardConfig};
+use protocol::policy::{PolicyActivation, PolicyConfig};
 use protocol::task::ObservationSpec;
 use serde::{Deserialize, Serialize};
 
@@ -88,6 +88,15 @@ impl Default for RewardArchitecture {
 }
 
 impl RewardArchitecture {
+    /// Channels of the convolutions and numbers the encoder makes of a grid, and the hidden layers.
+    pub fn new(channels: &[usize], features: usize, hidden: &[usize]) -> RewardArchitecture {
+        RewardArchitecture {
+            cells: CellsArchitecture::new(channels, features),
+            hidden: hidden.to_vec(),
+            ..RewardArchitecture::default()
+        }
+    }
+
     /// The network of this architecture with one output, over so many observations of a row and so
     /// many numbers beside them.
     pub fn network_shape(
@@ -151,16 +160,6 @@ impl From<&PolicyConfig> for PolicyArchitecture {
             shared_trunk: config.shared_trunk,
             squashed: config.is_squashed(),
             frames: 1,
-        }
-    }
-}
-
-impl From<&RewardConfig> for RewardArchitecture {
-    fn from(config: &RewardConfig) -> Self {
-        RewardArchitecture {
-            cells: CellsArchitecture::new(&config.convolution_channels, config.features),
-            hidden: config.hidden.clone(),
-            ..RewardArchitecture::default()
         }
     }
 }

@@ -5,8 +5,8 @@ use networks::{
     Activation, ActorCritic, CellsArchitecture, Head, Initialization, Network, NetworkShape,
     PolicyArchitecture, RewardArchitecture,
 };
-use protocol::config::{RewardInput, RunConfig};
 use protocol::task::{ActionSpec, Task};
+use run::config::{RewardInput, RunConfig};
 
 const METHODS: &str = include_str!("../../deploy/methods.toml");
 
@@ -35,7 +35,9 @@ fn member(config: &RunConfig) -> Network {
         RewardInput::Transition => (2, 0),
         RewardInput::StateAction => (1, action_numbers(config.task)),
     };
-    let architecture = RewardArchitecture::from(&config.reward);
+    let reward = &config.reward;
+    let architecture =
+        RewardArchitecture::new(&reward.convolution_channels, reward.features, &reward.hidden);
     Network::new(architecture.network_shape(config.task.spec().observation, frames, beside))
 }
 

@@ -7,14 +7,14 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
-use protocol::config::RunConfig;
-use protocol::diagnostics::Diagnostics;
-use protocol::process::{self, Stop};
-use protocol::run::RunFolder;
+use run::config::RunConfig;
+use run::diagnostics::Diagnostics;
+use run::folder::RunFolder;
+use run::process::{self, Stop};
 
 /// Learns the reward from demonstrations and agent experience, and answers for it.
 #[derive(Debug, Parser)]
-#[command(name = "goalward-proximity-service", version = protocol::provenance::version())]
+#[command(name = "goalward-proximity-service", version = protocol::build::version())]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

@@ -2,7 +2,7 @@
 //! (Figures 4d and 10).
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use serde::Serialize;
 
 use crate::rescore::restore;

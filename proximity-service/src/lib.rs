@@ -18,10 +18,10 @@ pub mod target;
 mod tests;
 
 use anyhow::Result;
-use protocol::bus::{Bus, BusAddress, SERVICE_NAME};
-use protocol::config::{RewardModel as Model, RunConfig};
-use protocol::process::Stop;
-use protocol::run::RunFolder;
+use bus::{Bus, BusAddress, SERVICE_NAME};
+use run::config::{RewardModel as Model, RunConfig};
+use run::folder::RunFolder;
+use run::process::Stop;
 
 use crate::model::{
     Discriminator, FixedReward, GoalProximity, Learned, Objective, Ranking, RewardModel,
@@ -48,7 +48,7 @@ fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn Reward
 }
 
 fn learned<O: Objective>(folder: &RunFolder, config: &RunConfig) -> Result<Learned<O>> {
-    let demonstrations = protocol::demonstrations::load(folder, config)?;
+    let demonstrations = run::demonstrations::load(folder, config)?;
     let threads = rayon::ThreadPoolBuilder::new()
         .num_threads(config.resources.service_threads)
         .thread_name(|number| format!("ensemble-{number}"))

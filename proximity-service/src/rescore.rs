@@ -8,12 +8,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use protocol::checkpoint;
-use protocol::config::{RunConfig, UpdateOrder};
-use protocol::log::{Batches, Record, read_run};
+use mcap_log::{Batches, Record, read_run};
 use protocol::messages::Score;
-use protocol::run::{PROXIMITY_FILE, RunFolder};
 use protocol::trajectory::{Encoded, Trajectory};
+use run::checkpoint;
+use run::config::{RunConfig, UpdateOrder};
+use run::folder::{PROXIMITY_FILE, RunFolder};
 use serde::Serialize;
 
 use crate::model::RewardModel;

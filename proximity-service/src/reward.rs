@@ -1,7 +1,7 @@
 //! The reward made from proximity and uncertainty: Eq. 5 and its ablations; and from a discriminator.
 
 use networks::{Score as RowScore, softplus};
-use protocol::config::{RewardConfig, RewardForm};
+use run::config::{RewardConfig, RewardForm};
 
 /// Rewards of one episode, one per step (Eq. 5).
 ///

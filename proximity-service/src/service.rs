@@ -7,19 +7,19 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use bus::{Bus, Doorbell, Published, Role, Server, SharedMemory, TrajectorySubscriber};
 use prost::Message;
-use protocol::bus::{Bus, Doorbell, Published, Role, Server, SharedMemory, TrajectorySubscriber};
-use protocol::config::RunConfig;
 use protocol::dropped::Dropped;
 use protocol::messages::{
     Answer, Ask, Begin, Pretraining, Query, RewardUpdate, Saved, Score, Scores, ServiceReply,
     ServiceRequest,
 };
-use protocol::process::{Final, Stop};
-use protocol::run::RunFolder;
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::TrajectoryKey;
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::process::{Final, Stop};
 
 use crate::intake::Intake;
 use crate::model::{RewardModel, Slice};

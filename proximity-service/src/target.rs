@@ -1,6 +1,6 @@
 //! What the proximity function is trained towards: the labels of Eq. 1 and Eq. 4.
 
-use protocol::config::RewardConfig;
+use run::config::RewardConfig;
 
 /// Proximity label of an agent's observation (Eq. 4, second term).
 pub const AGENT_TARGET: f32 = 0.0;
@@ -13,7 +13,7 @@ pub fn demonstration_target(steps_to_goal: u32, config: &RewardConfig) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use protocol::config::Discounting;
+    use run::config::Discounting;
 
     use super::*;
     use crate::tests::config;

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use bytes::Bytes;
-use protocol::config::{
-    Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
-};
-use protocol::learning_rate::LearningRate;
 use protocol::messages::RewardUpdate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
+use run::config::{
+    Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
+};
+use run::learning_rate::LearningRate;
 
 use crate::model::{Discriminator, GoalProximity, Learned, Objective, Ranking, RewardModel, Slice};
 

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use protocol::demonstrations;
-use protocol::log::{Contents, FileReader, FileWriter, Kind, Metadata, info, repair};
+use mcap_log::{Contents, FileReader, FileWriter, Kind, Metadata, info, repair};
 use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source};
+use run::demonstrations;
 use tempfile::TempDir;
 
 use crate::{Memory, Reader, fuzz, whole};

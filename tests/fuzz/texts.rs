@@ -4,12 +4,13 @@ use std::cell::Cell;
 use std::fs;
 use std::path::Path;
 
-use protocol::bus::BusAddress;
-use protocol::config::RunConfig;
-use protocol::provenance::{Build, Demonstrations};
-use protocol::run::RunFolder;
-use protocol::summary::{EvaluationFigures, LogFigures, Seconds, Summary};
+use bus::BusAddress;
+use protocol::build::Build;
 use protocol::task::Task;
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::origin::Demonstrations;
+use run::summary::{EvaluationFigures, LogFigures, Seconds, Summary};
 
 use crate::{Memory, Reader, fuzz, whole};
 

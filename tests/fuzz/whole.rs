@@ -2,15 +2,16 @@
 
 use bytes::Bytes;
 use prost::Message;
-use protocol::config::RunConfig;
+use protocol::ending::Ending;
 use protocol::messages::{
     ActorSeconds, Answer, Ask, Batch, Begin, Checkpoint, Estimates, IterationRequest, Lease,
     LeaseReply, LeaseRequest, Missing, PolicyUpdate, Pretraining, Progress, Query, RewardUpdate,
     Save, Saved, Score, Scores, ServiceReply, ServiceRequest,
 };
 use protocol::task::{ActionSpec, ObservationSpec, Task};
-use protocol::trajectory::{Ending, Source, Trajectory, TrajectoryKey};
+use protocol::trajectory::{Source, Trajectory, TrajectoryKey};
 use protocol::weights::Weights;
+use run::config::RunConfig;
 use system_tests::{SMALL, SMALL_PHYSICS};
 
 /// Steps of the trajectories.

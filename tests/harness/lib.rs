@@ -18,8 +18,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use protocol::bus::BusAddress;
-use protocol::run::RunFolder;
+use bus::BusAddress;
+use run::folder::RunFolder;
 
 pub use process::{Process, Signal, send};
 pub use summary::{Evaluation, Hashes, Log, Summary};

@@ -6,6 +6,7 @@
 //! reason, and not worked around there.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod imports;
 mod source;
 
 use std::collections::BTreeMap;
@@ -22,15 +23,29 @@ const FILE_LINES: usize = 500;
 const FUNCTION_LINES: usize = 70;
 
 /// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
-const EDGES: [(&str, &[&str]); 8] = [
+const EDGES: [(&str, &[&str]); 11] = [
     ("protocol", &[]),
+    ("bus", &["protocol"]),
+    ("mcap-log", &["protocol"]),
+    ("run", &["protocol", "mcap-log"]),
     ("environments", &["protocol"]),
     ("networks", &["protocol"]),
-    ("actor", &["protocol", "environments", "networks"]),
-    ("learner", &["protocol", "networks"]),
-    ("proximity-service", &["protocol", "networks"]),
-    ("deploy", &["protocol"]),
-    ("system-tests", &["protocol", "actor", "learner", "proximity-service", "deploy"]),
+    ("actor", &["protocol", "bus", "mcap-log", "run", "environments", "networks"]),
+    ("learner", &["protocol", "bus", "mcap-log", "run", "networks"]),
+    ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks"]),
+    ("deploy", &["protocol", "bus", "mcap-log", "run"]),
+    (
+        "system-tests",
+        &["protocol", "bus", "mcap-log", "run", "actor", "learner", "proximity-service", "deploy"],
+    ),
+];
+
+/// What carries the bus, what keeps the log, and what moves solids: each with the one crate that has it.
+const BEHIND: [(&str, &str); 4] = [
+    ("iceoryx2", "bus"),
+    ("iceoryx2-log", "bus"),
+    ("mcap", "mcap-log"),
+    ("rapier3d", "environments"),
 ];
 
 /// Words that mean a clock, a thread, a file, the outside world, or randomness of one's own.
@@ -132,22 +147,6 @@ fn functions_are_short() {
 }
 
 #[test]
-fn transport_and_log_are_behind_one_module_each() {
-    let sources = sources();
-    let outside = |folder: &'static str| {
-        let own = ["protocol/tests/", "protocol/benches/"];
-        let is_test = move |source: &Source| own.iter().any(|folder| source.is_in(folder));
-        sources.iter().filter(move |source| !source.is_in(folder) && !is_test(source))
-    };
-    let bus = places(outside("protocol/src/bus/"), ["iceoryx2", "iceoryx2_log"]);
-    keep("only protocol/src/bus names iceoryx2", bus);
-    let log = places(outside("protocol/src/log/"), ["mcap::", "use mcap", "extern crate mcap"]);
-    keep("only protocol/src/log names mcap", log);
-    let physics = places(outside("environments/src/"), ["rapier3d"]);
-    keep("only environments/src names rapier3d", physics);
-}
-
-#[test]
 fn environments_and_networks_are_pure() {
     let sources = sources();
     let pure = || {
@@ -227,12 +226,17 @@ fn crates_know_only_whom_they_should() {
             if allowed.contains_key(other.as_str()) && !may_know.contains(&other.as_str()) {
                 breaches.push(format!("{name} depends on {other}"));
             }
-            if ["iceoryx2", "mcap"].contains(&other.as_str()) && name != "protocol" {
+            if BEHIND.iter().any(|&(library, owner)| library == other && owner != name) {
                 breaches.push(format!("{name} depends on {other}"));
             }
         }
     }
     keep("crates depend on each other as ARCHITECTURE.md says", breaches);
+}
+
+#[test]
+fn no_two_files_name_each_other() {
+    keep("no two files of a crate name each other", imports::circles());
 }
 
 #[test]

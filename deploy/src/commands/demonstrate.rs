@@ -6,8 +6,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::config::DEFAULT_PRESET;
 use protocol::task::Task;
+use run::config::DEFAULT_PRESET;
 
 use crate::demonstrations::Recording;
 use crate::refusal::stopped;

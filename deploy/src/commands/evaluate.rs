@@ -5,11 +5,11 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use serde::Deserialize;
 
+use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::progress::print_line;
 use crate::{destination, figures, machine};
 
 /// Flags of `goalward evaluate`.

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use crate::experiment::{
     Archive, execute, figure_of_plan, overview, queue, read_all, refuse_other_builds,
 };
-use crate::progress::print_line;
+use crate::print::print_line;
 use crate::refusal::stopped;
 use crate::{destination, programs};
 

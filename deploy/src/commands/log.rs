@@ -5,12 +5,12 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::bus::BusAddress;
-use protocol::log::{self, is_active, log_files};
-use protocol::run::RunFolder;
+use bus::BusAddress;
+use mcap_log::{is_active, log_files};
+use run::folder::RunFolder;
 
 use crate::full_log::{self, Restored};
-use crate::progress::print_line;
+use crate::print::print_line;
 use crate::refusal::{Refusal, wrong_usage};
 use crate::{destination, figures, plan};
 
@@ -67,7 +67,7 @@ fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<
 }
 
 fn info(file: &Path) -> Result<bool> {
-    let Some(info) = log::info(file).map_err(Refusal::usage)? else {
+    let Some(info) = mcap_log::info(file).map_err(Refusal::usage)? else {
         print_line(&format!("{}: ends before it says what it is", file.display()));
         // The first thing that a writer does is to create its file.
         return Ok(!is_active(file));
@@ -81,7 +81,7 @@ fn repair(file: &Path) -> Result<bool> {
     let file = &fs::canonicalize(file)
         .map_err(|error| wrong_usage(format!("{}: {error}", file.display())))?;
     let _held = hold_run(file)?;
-    let repair = log::repair(file).map_err(Refusal::usage)?;
+    let repair = mcap_log::repair(file).map_err(Refusal::usage)?;
     print_line(&repair.to_string());
     Ok(!repair.damage.is_empty())
 }

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use crate::experiment::figure_of_plan;
-use crate::progress::print_line;
+use crate::print::print_line;
 use crate::refusal::wrong_usage;
 use crate::{destination, report};
 

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::bus::MAX_ACTORS;
-use protocol::run::RunFolder;
+use bus::MAX_ACTORS;
+use run::folder::RunFolder;
 
 use crate::machine::Machine;
-use crate::progress::print_line;
+use crate::print::print_line;
 use crate::refusal::wrong_usage;
 use crate::{plan, supervisor};
 

@@ -5,20 +5,19 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use bus::{Bus, BusAddress, Role, SharedMemory};
+use mcap_log::{Contents, Record, read_contents};
 use prost::Message;
-use protocol::bus::{Bus, BusAddress, Role, SharedMemory};
-use protocol::checkpoint;
-use protocol::config::RunConfig;
-use protocol::demonstrations::file_of;
-use protocol::log::{Contents, Record, read_contents};
 use protocol::messages::{Phase, PolicyUpdate, Progress};
-use protocol::run::{CHECKPOINT_FILES, RunFolder};
+use run::checkpoint;
+use run::config::RunConfig;
+use run::demonstrations::file_of;
+use run::folder::{CHECKPOINT_FILES, RunFolder};
 
-use crate::figures;
-use crate::plan;
+use crate::print::{print_line, print_remark};
 use crate::processes::Processes;
-use crate::progress::{offline, print_line, print_remark};
-use crate::summary;
+use crate::progress::offline;
+use crate::{figures, plan, summary};
 
 /// How long a live run is listened to; it publishes every second at least.
 const PATIENCE: Duration = Duration::from_secs(3);

@@ -3,17 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::bus::{BusAddress, check_shared_memory_room};
-use protocol::config::RunConfig;
-use protocol::demonstrations::file_of;
-use protocol::log::require_room;
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
+use bus::{BusAddress, check_shared_memory_room};
+use mcap_log::require_room;
 use protocol::task::Task;
+use run::config::RunConfig;
+use run::demonstrations::file_of;
+use run::folder::RunFolder;
+use run::summary::Summary;
 
 use crate::machine::Machine;
 use crate::plan::{self, Plan, Wishes};
-use crate::progress::{ProgressView, print_line, print_remark};
+use crate::print::{print_line, print_remark};
+use crate::progress::ProgressView;
 use crate::refusal::{Refusal, stopped};
 use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
 use crate::{demonstrations, figures, limits, programs, summary};
@@ -140,7 +141,7 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
         demonstrations::check(file, &plan.config)?;
     }
     if plan.resumed && file_of(&plan.folder, &plan.config).exists() {
-        let unchanged = protocol::origin::demonstrations_sha256(&plan.folder, &plan.config);
+        let unchanged = run::origin::demonstrations_sha256(&plan.folder, &plan.config);
         unchanged.map_err(Refusal::usage)?;
     }
     require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;

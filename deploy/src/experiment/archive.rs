@@ -9,12 +9,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use protocol::config::{CHANGES_NO_RESULT, RunConfig};
-use protocol::run::RunFolder;
+use protocol::table::CHANGES_NO_RESULT;
+use run::config::RunConfig;
+use run::folder::RunFolder;
 use serde_json::Value;
 use xxhash_rust::xxh3::xxh3_64;
 
-use super::plan::PlannedRun;
+use super::planned_run::PlannedRun;
 
 /// Names of what other parts of a configuration spell out.
 const NAMES: [&str; 2] = ["method", "preset"];

@@ -1,10 +1,10 @@
 //! That all runs of an experiment are of the build at work, unless the user wants otherwise.
 
 use anyhow::Result;
-use protocol::provenance::Build;
+use protocol::build::Build;
 
 use super::archive::Archive;
-use super::plan::PlannedRun;
+use super::planned_run::PlannedRun;
 use crate::origin::Origin;
 use crate::refusal::wrong_usage;
 

@@ -6,17 +6,16 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 
 use anyhow::{Context, Result, bail};
-use protocol::config::{ResourceConfig, RunConfig};
-use protocol::run::RunFolder;
+use run::config::{ResourceConfig, RunConfig};
+use run::folder::RunFolder;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::archive::Archive;
-use super::plan::PlannedRun;
+use super::planned_run::PlannedRun;
 use crate::demonstrations::{RECORDING, Recording};
-use crate::headway;
 use crate::output::Output;
-use crate::plan;
 use crate::progress::{Standing, read_line};
+use crate::{headway, plan};
 
 /// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
 const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use protocol::config::RunConfig;
+use run::config::RunConfig;
 
 /// Seconds and planned steps of finished runs, added up: for each method of a task, for each task, and
 /// for all.
@@ -43,8 +43,8 @@ impl Estimate {
 
 #[cfg(test)]
 mod tests {
-    use protocol::config::DEFAULT_PRESET;
     use protocol::task::Task;
+    use run::config::DEFAULT_PRESET;
 
     use super::*;
     use crate::tasks::configuration;

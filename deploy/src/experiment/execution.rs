@@ -9,13 +9,13 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use protocol::log::is_being_written;
-use protocol::summary::Summary;
+use mcap_log::is_being_written;
+use run::summary::Summary;
 
 use super::archive::Archive;
 use super::child::{Recorder, Running, Training};
 use super::estimate::Estimate;
-use super::plan::PlannedRun;
+use super::planned_run::PlannedRun;
 use crate::refusal::WRONG_USAGE;
 use crate::status_line::StatusLine;
 use crate::summary::of_finished;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `file` | a plan as its file has it |
 //! | `plan` | a plan, checked: figures, panels, curves, and every run's whole configuration |
+//! | `planned_run` | one of these runs |
 //! | `archive` | what lies where in an experiment's folder; a run is in it once |
 //! | `builds` | that all runs are of the build at work |
 //! | `execution` | which run is next, what became of it, Ctrl-C |
@@ -22,6 +23,7 @@ mod execution;
 mod file;
 mod overview;
 mod plan;
+mod planned_run;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +38,7 @@ pub(crate) use overview::overview;
 pub(crate) use plan::{queue, read_all};
 
 use crate::figure::Figure;
+use crate::origin::apart;
 use plan::Plan;
 
 /// The figure of a plan whose runs lie in the experiment's folder `out`.
@@ -43,5 +46,5 @@ use plan::Plan;
 /// # Errors
 /// When the plan is not sound.
 pub(crate) fn figure_of_plan(path: &Path, out: &Path, quick: bool) -> Result<Figure> {
-    Ok(Plan::read(path, quick)?.figure(&mut Archive::open(out)).apart())
+    Ok(apart(Plan::read(path, quick)?.figure(&mut Archive::open(out))))
 }

@@ -1,10 +1,10 @@
 //! What of a figure is done, what is missing, and how well the finished runs do.
 
-use protocol::summary::Summary;
+use run::summary::Summary;
 
 use crate::figure::{Curve, Figure};
 use crate::figures;
-use crate::progress::print_remark;
+use crate::print::print_remark;
 use crate::summary::of_finished;
 
 /// The curves of a figure as a table: finished runs, their mean success, the authors' curve.

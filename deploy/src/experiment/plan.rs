@@ -4,15 +4,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::Result;
-use protocol::config::{DEFAULT_PRESET, RunConfig};
 use protocol::dropped::shortened;
 use protocol::task::Task;
 
 use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
+use super::planned_run::PlannedRun;
 use crate::figure::{Curve, Figure, Panel};
 use crate::refusal::wrong_usage;
-use crate::{demonstrations, tasks};
 
 /// A plan that can be carried out.
 #[derive(Debug)]
@@ -36,15 +35,6 @@ struct PlannedCurve {
     anchor: Option<f64>,
     /// One for each seed.
     runs: Vec<PlannedRun>,
-}
-
-/// A run that a plan asks for.
-#[derive(Clone, Debug)]
-pub(crate) struct PlannedRun {
-    /// Its effective configuration. It names a file of demonstrations only if the plan does.
-    pub(crate) config: RunConfig,
-    /// What makes that configuration of the task's file, as `goalward train --set` takes it.
-    pub(crate) settings: Vec<String>,
 }
 
 /// Reads plans that are to be carried out together.
@@ -184,20 +174,6 @@ impl PlannedPanel {
         }
         let PanelEntry { name, title, task, .. } = panel;
         Ok(PlannedPanel { name: name.clone(), title: title.clone(), task: *task, curves: planned })
-    }
-}
-
-impl PlannedRun {
-    fn of(task: Task, method: &str, seed: u64, settings: Vec<String>) -> Result<PlannedRun> {
-        let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
-        let config = demonstrations::adopt(config, &settings)?;
-        if (config.task, config.method.as_str(), config.seed) != (task, method, seed) {
-            return Err(wrong_usage("its settings may change neither task nor method nor seed"));
-        }
-        if let Some(file) = &config.demonstrations.file {
-            demonstrations::check(file, &config)?;
-        }
-        Ok(PlannedRun { config, settings })
     }
 }
 

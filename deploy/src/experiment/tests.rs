@@ -8,7 +8,7 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
 use super::*;
 use file::PlanFile;
-use plan::PlannedRun;
+use planned_run::PlannedRun;
 
 /// Inputs damaged as those of every other reader of foreign bytes.
 #[path = "../../../tests/fuzz/damage.rs"]

@@ -3,14 +3,13 @@
 
 use anyhow::{Result, ensure};
 use maud::{Markup, PreEscaped, html};
-use protocol::config::RunConfig;
-use protocol::run::RunFolder;
 use protocol::task::ObservationSpec;
+use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use super::estimate::{self, Episode, Estimates};
-use super::grid;
-use super::scene;
 use super::solid::{Camera, Solid};
+use super::{grid, scene};
 use crate::chart::{self, Axis, COLORS, Chart, Line, Marker, Style, UNITS};
 use crate::figures;
 

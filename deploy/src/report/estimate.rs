@@ -5,11 +5,11 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::config::{RewardConfig, RewardInput, RewardModel, RunConfig};
-use protocol::log::{FileReader, Record};
-use protocol::run::RunFolder;
+use mcap_log::{FileReader, Record};
 use protocol::scene::SceneUpdate;
 use protocol::trajectory::Trajectory;
+use run::config::{RewardConfig, RewardInput, RewardModel, RunConfig};
+use run::folder::RunFolder;
 use serde::Deserialize;
 
 use crate::programs::{self, Program};

@@ -131,9 +131,9 @@ fn time_unit(end_s: f64) -> (f64, &'static str) {
 
 #[cfg(test)]
 mod tests {
-    use protocol::run::RunFolder;
-    use protocol::summary::Summary;
     use protocol::task::Task;
+    use run::folder::RunFolder;
+    use run::summary::Summary;
 
     use super::*;
     use crate::tasks;

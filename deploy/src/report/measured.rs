@@ -2,15 +2,15 @@
 //! from the policy updates in its log.
 
 use anyhow::{Context, Result};
-use protocol::config::RunConfig;
-use protocol::log::{Contents, Record, read_contents};
+use mcap_log::{Contents, Record, read_contents};
 use protocol::messages::PolicyUpdate;
-use protocol::run::RunFolder;
-use protocol::summary::Summary;
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::summary::Summary;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::figures;
-use crate::progress::print_remark;
+use crate::print::print_remark;
 use crate::refusal::{Refusal, wrong_usage};
 use crate::summary::of_finished;
 
@@ -185,7 +185,7 @@ fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use protocol::log::{FileWriter, Kind, Metadata, Topic};
+    use mcap_log::{FileWriter, Kind, Metadata, Topic};
     use protocol::task::Task;
 
     use super::*;

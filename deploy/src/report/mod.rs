@@ -36,11 +36,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use self::measured::{MeasuredCurve, MeasuredFigure};
 use self::pictures::Pictures;
 use crate::figure::Figure;
+use crate::origin::apart;
 use crate::refusal::wrong_usage;
 
 /// Folders of runs as a figure.
@@ -48,7 +49,7 @@ use crate::refusal::wrong_usage;
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
 pub(crate) fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
-    Ok(runs::figure(folders)?.apart())
+    Ok(apart(runs::figure(folders)?))
 }
 
 /// Writes a report on figures into the folder `out`; gives the page's file.

@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use super::curve::Spread;
 use super::learning::{Against, Row, SHARES};

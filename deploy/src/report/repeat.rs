@@ -1,6 +1,6 @@
 //! How a run is made again: the command line whose configuration is that of the run.
 
-use protocol::config::RunConfig;
+use run::config::RunConfig;
 
 use crate::tasks;
 

@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 
 use anyhow::Result;
-use protocol::config::RunConfig;
-use protocol::run::RunFolder;
 use protocol::task::Task;
+use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use super::measured::Measured;
 use super::repeat::settings;

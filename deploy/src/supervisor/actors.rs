@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use super::process::Process;
 use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};

@@ -6,12 +6,12 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use bus::{Bus, BusAddress, Role, SharedMemory};
 use prost::Message;
 use protocol::Error;
-use protocol::bus::{Bus, BusAddress, Role, SharedMemory};
 use protocol::dropped::Dropped;
 use protocol::messages::Progress;
-use protocol::process::Stop;
+use run::process::Stop;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
 /// Nothing on the bus notices a death by itself.

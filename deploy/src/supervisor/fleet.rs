@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 use super::actors::{Actors, Source};
 use super::process::Process;

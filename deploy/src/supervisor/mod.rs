@@ -16,10 +16,10 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
-use protocol::bus::BusAddress;
-use protocol::checkpoint;
-use protocol::process::FINAL_CODE;
-use protocol::run::{Place, RunFolder};
+use bus::BusAddress;
+use run::checkpoint;
+use run::folder::{Place, RunFolder};
+use run::process::FINAL_CODE;
 
 use crate::limits;
 use crate::progress::ProgressView;

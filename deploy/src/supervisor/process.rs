@@ -7,7 +7,7 @@ use std::process::{Child, ChildStdin, ExitStatus, Stdio};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use tokio::time::Instant;
 
 use super::signals::ChildSignals;

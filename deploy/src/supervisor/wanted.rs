@@ -8,9 +8,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::bus::MAX_ACTORS;
+use bus::MAX_ACTORS;
 use protocol::durable;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 /// Most bytes looked at.
 const MOST_BYTES: u64 = 32;

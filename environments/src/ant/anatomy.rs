@@ -12,6 +12,15 @@
 
 use rapier3d::prelude::{Rotation, Vector};
 
+/// Row of the torso among contact forces.
+pub(super) const TORSO_ROW: usize = 1;
+
+/// Rows of hip, leg and foot of a leg among contact forces.
+pub(super) fn limb_rows(leg: usize) -> [usize; 3] {
+    let hip = 2 + 3 * leg;
+    [hip, hip + 1, hip + 2]
+}
+
 /// Number of hinges.
 pub(super) const JOINTS: usize = 8;
 /// Number of bodies that hinges hold together: the torso, four legs and four feet.

@@ -7,9 +7,8 @@
 
 use super::anatomy::{
     DENSITY, HIP_LIMIT, JOINTS, LEGS, LIMB_RADIUS, LINK_NAMES, LINKS, LONG_REACH, Leg, SHORT_REACH,
-    State, TORSO_RADIUS,
+    State, TORSO_RADIUS, TORSO_ROW, limb_rows,
 };
-use super::contact;
 use crate::physics::{Dynamics, Physics};
 use rapier3d::prelude::{
     BvhOptimizationStrategy, ColliderBuilder, ColliderHandle, FrictionModel, Group,
@@ -73,11 +72,11 @@ fn insert(world: &mut PhysicsWorld) -> Body {
         .collision_groups(groups(Group::GROUP_1, Group::GROUP_2));
     let floor = world.insert_collider(floor, None);
 
-    let torso = insert_link(world, ColliderBuilder::ball(TORSO_RADIUS), contact::TORSO);
+    let torso = insert_link(world, ColliderBuilder::ball(TORSO_RADIUS), TORSO_ROW);
     let mut links = [torso; LINKS];
     let mut last_hinge = None;
     for (index, leg) in LEGS.iter().enumerate() {
-        let [hip_row, leg_row, foot_row] = contact::limbs(index);
+        let [hip_row, leg_row, foot_row] = limb_rows(index);
         let hip = part(capsule(leg, SHORT_REACH), hip_row);
         world.insert_collider(hip, Some(torso));
         let upper = insert_link(world, capsule(leg, SHORT_REACH), leg_row);

@@ -19,20 +19,12 @@ use rapier3d::utils::OrthonormalBasis;
 
 /// Number of rows.
 pub(super) const ROWS: usize = 15;
-/// Row of the torso.
-pub(super) const TORSO: usize = 1;
 
 /// Torque, newton meters, and force, newtons, on each body.
 pub(super) type Forces = [[f32; 6]; ROWS];
 
 /// What an ant that nothing touches feels.
 pub(super) const NONE: Forces = [[0.0; 6]; ROWS];
-
-/// Rows of hip, leg and foot of a leg.
-pub(super) fn limbs(leg: usize) -> [usize; 3] {
-    let hip = 2 + 3 * leg;
-    [hip, hip + 1, hip + 2]
-}
 
 /// The forces of the last timestep.
 pub(super) fn forces(world: &PhysicsWorld, body: &Body) -> Forces {
@@ -91,7 +83,8 @@ fn center_of_mass(world: &PhysicsWorld, body: &Body) -> Vector {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{anatomy::State, body};
+    use super::super::anatomy::{State, TORSO_ROW, limb_rows};
+    use super::super::body;
     use super::*;
     use protocol::seed::{Purpose, stream};
     use rand::RngExt;
@@ -124,11 +117,11 @@ mod tests {
         let (world, body) = standing();
         let forces = forces(&world, &body);
         for (row, force) in forces.iter().enumerate() {
-            let is_foot = (0..4).any(|leg| limbs(leg)[2] == row);
+            let is_foot = (0..4).any(|leg| limb_rows(leg)[2] == row);
             assert_eq!(force[5] > 1.0, is_foot, "row {row}: {force:?}");
         }
         // A force upward at +x turns about -y.
-        let [_, _, front_left] = limbs(0);
+        let [_, _, front_left] = limb_rows(0);
         assert!(forces[front_left][0] > 0.5 && forces[front_left][1] < -0.5, "{forces:?}");
     }
 
@@ -170,7 +163,7 @@ mod tests {
         physics.step();
         let forces = forces(&physics.world, &body);
         // The ant tips forward, off its other two feet.
-        for [_, _, _, x, y, z] in [0, 3].map(|leg| forces[limbs(leg)[2]]) {
+        for [_, _, _, x, y, z] in [0, 3].map(|leg| forces[limb_rows(leg)[2]]) {
             assert!(z > 1.0 && (x / z + 1.0).abs() < 0.1 && (y / z).abs() < 0.1, "{x} {y} {z}");
         }
     }
@@ -185,9 +178,9 @@ mod tests {
         body.place(&mut physics.world, &state);
         physics.step();
         let forces = forces(&physics.world, &body);
-        assert!(forces[TORSO][5] > 1.0, "{forces:?}");
+        assert!(forces[TORSO_ROW][5] > 1.0, "{forces:?}");
         for leg in 0..4 {
-            assert_eq!(forces[limbs(leg)[2]], [0.0; 6], "a foot in the air");
+            assert_eq!(forces[limb_rows(leg)[2]], [0.0; 6], "a foot in the air");
         }
     }
 }

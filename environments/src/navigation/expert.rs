@@ -90,7 +90,7 @@ mod tests {
         fn every_door_configuration_is_solvable(rooms in any_rooms(), goal in 0..CELLS.len()) {
             let distances = Distances::search(&rooms, CELLS[goal]);
             for index in 0..CELL_COUNT {
-                let free = rooms.classes[index] == super::super::observation::EMPTY;
+                let free = rooms.classes[index] == super::super::class::EMPTY;
                 prop_assert_eq!(free, distances.moves[index] != UNREACHED, "cell {}", index);
             }
         }

@@ -32,12 +32,13 @@
 //! Entering the goal is success and terminates the episode; otherwise step 100 truncates it. The
 //! environment's own reward is `1 - 0.9 t / 100` for success at step `t` and 0 for every other step.
 
+mod class;
 mod expert;
 mod observation;
 mod rooms;
 mod universe;
 
-pub use observation::{AGENT, EMPTY, GOAL, WALL};
+pub use class::{AGENT, EMPTY, GOAL, WALL};
 
 use crate::{Environment, EnvironmentError, Setting, Step, action};
 use expert::Distances;

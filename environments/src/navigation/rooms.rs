@@ -5,7 +5,7 @@
 //! four inner wall segments between two rooms has a door of one cell, so the rooms form a ring and
 //! every cell can be reached from every other.
 
-use super::observation::{EMPTY, WALL};
+use super::class::{EMPTY, WALL};
 use protocol::seed::Stream;
 use rand::RngExt;
 

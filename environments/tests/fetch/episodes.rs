@@ -2,9 +2,9 @@
 
 use super::{Fetch, TABLE_TOP, TASKS, noise};
 use environments::{EnvironmentError, Setting, Shape};
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{Task, write_floats};
-use protocol::trajectory::Ending;
 use rand::RngExt;
 
 /// The same in every process and with every optimisation; other processors are not promised.

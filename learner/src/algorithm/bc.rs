@@ -3,13 +3,13 @@
 
 use anyhow::Result;
 use networks::RunningNormalizer;
-use protocol::config::CloningConfig;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rand::seq::SliceRandom;
+use run::config::CloningConfig;
 
 use crate::algorithm::cloning::{Cloning, Pairs, Settings};
 use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
-use protocol::config::{CloningConfig, InverseDynamicsConfig};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use rand::seq::SliceRandom;
+use run::config::{CloningConfig, InverseDynamicsConfig};
 
 use crate::algorithm::bc::settings;
 use crate::algorithm::cloning::{Cloning, Pairs};

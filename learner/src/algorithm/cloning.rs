@@ -5,9 +5,9 @@
 use std::sync::Arc;
 
 use networks::{ActorCritic, Adam, Distribution};
-use protocol::process::Final;
 use protocol::tensors::Tensors;
 use rayon::ThreadPool;
+use run::process::Final;
 
 use crate::algorithm::Figures;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};

@@ -13,14 +13,14 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
-use protocol::config::{Learner, RunConfig};
 use protocol::messages::Score;
-use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
+use run::config::{Learner, RunConfig};
+use run::process::Final;
 
 use crate::state::PolicyState;
 

@@ -2,8 +2,9 @@
 
 use std::collections::VecDeque;
 
+use protocol::ending::Ending;
 use protocol::task::Spec;
-use protocol::trajectory::{Ending, Trajectory};
+use protocol::trajectory::Trajectory;
 
 /// A first-in, first-out buffer of transitions. Episodes share the bytes they came in.
 pub(crate) struct Replay {

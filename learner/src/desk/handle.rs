@@ -5,7 +5,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
-use protocol::bus::{Bus, Ringer, Role, SharedMemory};
+use bus::{Bus, Ringer, Role, SharedMemory};
 use protocol::trajectory::Encoded;
 
 use super::{Desk, DeskSeconds, Order, Setup};

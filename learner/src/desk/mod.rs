@@ -14,24 +14,24 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use bytes::Bytes;
-use prost::Message;
-use protocol::Error;
-use protocol::bus::{
+use bus::{
     Bus, BusAddress, Doorbell, NewestPublisher, Published, Request, Role, Server, SharedMemory,
     TrajectorySubscriber,
 };
+use bytes::Bytes;
+use mcap_log::LogWriter;
+use prost::Message;
+use protocol::Error;
 use protocol::dropped::Dropped;
-use protocol::log::LogWriter;
 use protocol::messages::{
     ActorHeard, ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate,
     Progress, RewardUpdate, Score,
 };
-use protocol::process::Stop;
-use protocol::run::Place;
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
+use run::folder::Place;
+use run::process::Stop;
 
 use crate::rollout::{Rollout, Unusable};
 

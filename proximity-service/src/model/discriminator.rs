@@ -5,13 +5,13 @@
 //! are; the authors train the mean of five logits by one loss.
 
 use networks::{Score as RowScore, binary_cross_entropy, sigmoid};
-use protocol::config::{RewardConfig, RewardInput};
 use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
+use run::config::{RewardConfig, RewardInput};
 
-use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::objective::{Drawn, Learning, Objective, Seen};
+use super::minibatch::{Drawn, Losses, Minibatch};
+use super::objective::{Learning, Objective, Seen};
 use crate::reward::discriminator_rewards;
 
 /// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.
@@ -77,8 +77,8 @@ mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
     use crate::tests::{assert_reproducible, config, learned, place, pretrained, walk, walk_back};
-    use protocol::config::RewardForm;
     use protocol::trajectory::{Encoded, Source};
+    use run::config::RewardForm;
 
     /// A single discriminator.
     fn of(input: RewardInput) -> RewardConfig {

@@ -8,16 +8,15 @@ use networks::{
     Adam, Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore,
     Workspace,
 };
-use protocol::config::RewardConfig;
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
 use protocol::weights;
 use rayon::ThreadPool;
 use rayon::prelude::*;
+use run::config::RewardConfig;
 
 use super::input::{Input, Rows};
-use super::objective::Drawn;
-use super::penalty::GradientPenalty;
+use super::minibatch::{Losses, Minibatch};
 
 /// Adam's epsilon, as in the authors' code.
 const ADAM_EPSILON: f64 = 1e-8;
@@ -35,16 +34,6 @@ pub struct TrainedEnsemble {
     threads: ThreadPool,
 }
 
-/// What a gradient step is taken on: rows of demonstrations, then rows of the agent.
-pub struct Minibatch {
-    /// The rows, normalized.
-    pub rows: Rows,
-    /// Which ones they are.
-    pub drawn: Drawn,
-    /// What the discriminator's gradient is penalized by, if it is.
-    pub penalty: Option<GradientPenalty>,
-}
-
 /// A member's optimizer, and memory that its training reuses.
 #[derive(Clone, Debug)]
 struct Trainer {
@@ -52,40 +41,6 @@ struct Trainer {
     prepared: Prepared,
     workspace: Workspace,
     gradient: Vec<f32>,
-}
-
-/// The two terms of a model's loss on a minibatch.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Losses {
-    /// On demonstrations.
-    pub demonstrations: f64,
-    /// On the agent's experience.
-    pub agent: f64,
-}
-
-impl Losses {
-    /// What is no number among losses and their gradient.
-    fn problem(&self, gradient: &[f32]) -> Option<String> {
-        let losses =
-            [("loss on demonstrations", self.demonstrations), ("loss on the agent", self.agent)];
-        let lost = losses.into_iter().find(|(_, loss)| !loss.is_finite());
-        // Without an early end, so that it is vectorised.
-        let is_finite = gradient.iter().fold(true, |all, slope| all & slope.is_finite());
-        match lost {
-            Some((name, loss)) => Some(format!("expected a finite {name}, found {loss}")),
-            None if !is_finite => Some("expected a finite gradient, found none".to_owned()),
-            None => None,
-        }
-    }
-
-    /// The mean of each term; zero if there are none.
-    pub fn mean(losses: &[Losses]) -> Losses {
-        let count = losses.len().max(1) as f64;
-        Losses {
-            demonstrations: losses.iter().map(|loss| loss.demonstrations).sum::<f64>() / count,
-            agent: losses.iter().map(|loss| loss.agent).sum::<f64>() / count,
-        }
-    }
 }
 
 impl TrainedEnsemble {
@@ -99,7 +54,9 @@ impl TrainedEnsemble {
         squashed: bool,
         threads: ThreadPool,
     ) -> Self {
-        let network = Network::new(input.network_shape(&RewardArchitecture::from(config)));
+        let RewardConfig { convolution_channels, features, hidden, .. } = config;
+        let architecture = RewardArchitecture::new(convolution_channels, *features, hidden);
+        let network = Network::new(input.network_shape(&architecture));
         let members = 0..config.ensemble as u64;
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use protocol::messages::{Estimates, RewardUpdate, Score};
-use protocol::process::Final;
 use protocol::task::floats;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
+use run::process::Final;
 
 use super::{RewardModel, Slice};
 

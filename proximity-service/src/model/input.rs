@@ -4,8 +4,8 @@
 //! `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
 
 use networks::{Batch, NetworkShape, RewardArchitecture};
-use protocol::config::RewardInput;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
+use run::config::RewardInput;
 
 /// The rows of a task for a model.
 #[derive(Clone, Copy, Debug, PartialEq)]

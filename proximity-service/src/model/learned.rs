@@ -5,20 +5,21 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use networks::RunningNormalizer;
-use protocol::config::{RewardConfig, RewardInput};
-use protocol::learning_rate::LearningRate;
 use protocol::messages::{Estimates, RewardUpdate, Score};
-use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
+use run::config::{RewardConfig, RewardInput};
+use run::learning_rate::LearningRate;
+use run::process::Final;
 
 use super::RewardModel;
-use super::ensemble::{Losses, Minibatch, TrainedEnsemble};
+use super::ensemble::TrainedEnsemble;
 use super::input::Input;
-use super::objective::{Drawn, Learning, Objective, Seen};
+use super::minibatch::{Drawn, Losses, Minibatch};
+use super::objective::{Learning, Objective, Seen};
 use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
 use crate::experience::Experience;

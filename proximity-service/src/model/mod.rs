@@ -5,6 +5,7 @@ mod ensemble;
 mod fixed;
 mod input;
 mod learned;
+mod minibatch;
 mod objective;
 mod offline;
 mod penalty;
@@ -15,16 +16,17 @@ use std::time::Duration;
 
 use anyhow::Result;
 use protocol::messages::{Estimates, RewardUpdate, Score};
-use protocol::process::Final;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
+use run::process::Final;
 
 pub use discriminator::Discriminator;
-pub use ensemble::{Losses, Minibatch, TrainedEnsemble};
+pub use ensemble::TrainedEnsemble;
 pub use fixed::FixedReward;
 pub use input::{Input, Rows};
 pub use learned::Learned;
-pub use objective::{Drawn, Learning, Objective, Seen};
+pub use minibatch::{Drawn, Losses, Minibatch};
+pub use objective::{Learning, Objective, Seen};
 pub use offline::Slice;
 pub use penalty::GradientPenalty;
 pub use proximity::GoalProximity;

@@ -2,13 +2,13 @@
 //! loss, and the rewards made of their scores.
 
 use networks::Score as RowScore;
-use protocol::config::RewardConfig;
 use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
+use run::config::RewardConfig;
 
-use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
+use super::minibatch::{Drawn, Losses, Minibatch};
 
 /// What a model is trained towards, and what its ensemble then says of a step.
 pub trait Objective: Sync {
@@ -58,15 +58,6 @@ pub struct Learning<'a> {
     pub run_seed: u64,
     /// Rows of demonstrations.
     pub demonstrations: usize,
-}
-
-/// The rows of a minibatch, by their positions.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Drawn {
-    /// Those of demonstrations.
-    pub demonstrations: Vec<usize>,
-    /// Those of the agent's experience.
-    pub agent: Vec<usize>,
 }
 
 impl Learning<'_> {

@@ -4,8 +4,7 @@
 use protocol::messages::{Pretraining, RewardUpdate};
 use protocol::tensors::Tensors;
 
-use super::ensemble::Losses;
-use super::objective::Drawn;
+use super::minibatch::{Drawn, Losses};
 
 /// Where offline training stands after a slice of it.
 #[derive(Clone, Debug, PartialEq)]

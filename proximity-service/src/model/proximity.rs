@@ -1,14 +1,14 @@
 //! Goal proximity: an ensemble that regresses how close an observation is to the goal (Eqs. 1, 4, 5).
 
 use networks::{Score as RowScore, squared_error};
-use protocol::config::RewardConfig;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
+use run::config::RewardConfig;
 
-use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::objective::{Drawn, Learning, Objective, Seen};
+use super::minibatch::{Drawn, Losses, Minibatch};
+use super::objective::{Learning, Objective, Seen};
 use crate::reward::rewards;
 use crate::target::{AGENT_TARGET, demonstration_target};
 

@@ -6,14 +6,14 @@
 //! themselves.
 
 use networks::{Score as RowScore, ranking};
-use protocol::config::RewardConfig;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::trajectory::Trajectory;
 use rand::RngExt;
+use run::config::RewardConfig;
 
-use super::ensemble::{Losses, Minibatch};
 use super::input::Input;
-use super::objective::{Drawn, Learning, Objective, Seen};
+use super::minibatch::{Drawn, Losses, Minibatch};
+use super::objective::{Learning, Objective, Seen};
 use crate::reward::rewards;
 
 /// Ranking of rows within demonstrations, and of the expert's above the agent's.
@@ -126,8 +126,8 @@ mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
     use crate::tests::{assert_reproducible, config, learned, place, pretrained, walk};
-    use protocol::config::RewardInput;
     use protocol::trajectory::{Encoded, Source};
+    use run::config::RewardInput;
 
     #[test]
     fn pairs_are_of_one_demonstration_and_uniform() {

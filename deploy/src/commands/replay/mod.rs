@@ -9,7 +9,7 @@ mod verify;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 
 /// Flags of `goalward replay`.
 #[derive(Debug, clap::Args)]

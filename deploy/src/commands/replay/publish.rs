@@ -3,16 +3,15 @@
 use std::process::Stdio;
 
 use anyhow::{Context, Result};
-use protocol::bus::BusAddress;
-use protocol::run::RunFolder;
+use bus::BusAddress;
+use run::folder::RunFolder;
 use serde::Deserialize;
 
-use crate::figures;
 use crate::full_log::FullLog;
-use crate::plan;
+use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::progress::print_line;
 use crate::refusal::wrong_usage;
+use crate::{figures, plan};
 
 /// What the actor says.
 #[derive(Debug, Deserialize)]

@@ -5,13 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use serde::Deserialize;
 
 use super::curves::{self, Point};
 use crate::full_log::FullLog;
+use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::progress::print_line;
 use crate::refusal::wrong_usage;
 use crate::{destination, figures, plan};
 

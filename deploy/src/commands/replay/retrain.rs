@@ -6,14 +6,15 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use protocol::config::RunConfig;
-use protocol::log::{Contents, Record, read_contents};
-use protocol::run::RunFolder;
+use mcap_log::{Contents, Record, read_contents};
+use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use crate::commands::train::block_on_supervision;
 use crate::full_log::{self, FullLog};
 use crate::plan::Plan;
-use crate::progress::{ProgressView, print_line};
+use crate::print::print_line;
+use crate::progress::ProgressView;
 use crate::refusal::{stopped, wrong_usage};
 use crate::supervisor::{Outcome, Source};
 use crate::{destination, figures};

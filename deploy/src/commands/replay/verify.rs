@@ -2,12 +2,12 @@
 //! JSON; this shows them.
 
 use anyhow::{Result, bail, ensure};
-use protocol::run::RunFolder;
+use run::folder::RunFolder;
 use serde::Deserialize;
 
 use crate::figures;
+use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::progress::print_line;
 use crate::refusal::Refusal;
 
 /// What the actor says.

@@ -3,7 +3,7 @@
 //! Pure functions of numbers. The update beside it says which rows, and sums them.
 
 use networks::Distribution;
-use protocol::config::PpoConfig;
+use run::config::PpoConfig;
 
 use crate::algorithm::Figures;
 use crate::algorithm::gradient::RowOutput;

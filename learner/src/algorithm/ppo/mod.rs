@@ -8,15 +8,15 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use networks::{ActorCritic, Adam, Distribution};
-use protocol::config::PpoConfig;
 use protocol::messages::Score;
-use protocol::process::Final;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use rand::seq::SliceRandom;
 use rayon::ThreadPool;
+use run::config::PpoConfig;
+use run::process::Final;
 
 use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};

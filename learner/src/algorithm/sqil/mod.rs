@@ -8,13 +8,13 @@ mod soft_q;
 
 use anyhow::Result;
 use networks::RunningNormalizer;
-use protocol::config::SqilConfig;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ActionSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use rand::RngExt;
+use run::config::SqilConfig;
 
 use crate::algorithm::replay::Replay;
 use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};

@@ -4,11 +4,11 @@
 use std::sync::Arc;
 
 use networks::{ActorCritic, Adam, Distribution};
-use protocol::config::{RunConfig, SqilConfig};
 use protocol::seed::Stream;
 use protocol::task::{ActionSpec, Spec, floats};
 use protocol::tensors::Tensors;
 use rayon::ThreadPool;
+use run::config::{RunConfig, SqilConfig};
 
 use super::q_function::{Asked, QFunction};
 use super::{Minibatch, SoftLearner};

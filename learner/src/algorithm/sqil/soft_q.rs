@@ -4,10 +4,10 @@
 use std::sync::Arc;
 
 use networks::{ActorCritic, Adam};
-use protocol::config::{RunConfig, SqilConfig};
 use protocol::seed::Stream;
 use protocol::tensors::Tensors;
 use rayon::ThreadPool;
+use run::config::{RunConfig, SqilConfig};
 
 use super::{Minibatch, SoftLearner, follow};
 use crate::algorithm::Figures;

@@ -1,0 +1,40 @@
+//! A run that a plan asks for.
+
+use anyhow::Result;
+use protocol::task::Task;
+use run::config::{DEFAULT_PRESET, RunConfig};
+
+use crate::refusal::wrong_usage;
+use crate::{demonstrations, tasks};
+
+/// A run that a plan asks for.
+#[derive(Clone, Debug)]
+pub(crate) struct PlannedRun {
+    /// Its effective configuration. It names a file of demonstrations only if the plan does.
+    pub(crate) config: RunConfig,
+    /// What makes that configuration of the task's file, as `goalward train --set` takes it.
+    pub(crate) settings: Vec<String>,
+}
+
+impl PlannedRun {
+    /// The run of a method on a task.
+    ///
+    /// # Errors
+    /// Of wrong usage, when the settings change what the plan says, or contradict their demonstrations.
+    pub(super) fn of(
+        task: Task,
+        method: &str,
+        seed: u64,
+        settings: Vec<String>,
+    ) -> Result<PlannedRun> {
+        let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
+        let config = demonstrations::adopt(config, &settings)?;
+        if (config.task, config.method.as_str(), config.seed) != (task, method, seed) {
+            return Err(wrong_usage("its settings may change neither task nor method nor seed"));
+        }
+        if let Some(file) = &config.demonstrations.file {
+            demonstrations::check(file, &config)?;
+        }
+        Ok(PlannedRun { config, settings })
+    }
+}

@@ -1,0 +1,156 @@
+//! Waking a sleeping process: one bell per role, so that a process sleeps on one thing.
+//!
+//! A ring says only that there is something to look at. Rings coalesce while nobody listens, and a
+//! wait may end without one, so after every wait the process looks at all its ports.
+
+use std::cell::OnceCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::prelude::{CallbackProgression, Node};
+use iceoryx2::service::port_factory::event::PortFactory;
+use protocol::Error;
+
+use super::{MAX_NODES, Transport, failed, opened, service_name};
+
+/// What a process is for its doorbell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Role {
+    /// The learner.
+    Learner = 0,
+    /// The proximity service.
+    ProximityService = 1,
+    /// All actors.
+    Actors = 2,
+    /// The supervisor, and tools that watch a run or ask about it.
+    Supervisor = 3,
+}
+
+impl Role {
+    /// Every role, in the order of their numbers.
+    pub(super) const ALL: [Role; 4] =
+        [Role::Learner, Role::ProximityService, Role::Actors, Role::Supervisor];
+
+    fn bell(self) -> &'static str {
+        match self {
+            Role::Learner => "doorbell of the learner",
+            Role::ProximityService => "doorbell of the proximity service",
+            Role::Actors => "doorbell of the actors",
+            Role::Supervisor => "doorbell of the supervisor",
+        }
+    }
+}
+
+fn open_service<S: Transport>(node: &Node<S>, role: Role) -> Result<PortFactory<S>, Error> {
+    let name = service_name(role.bell())?;
+    opened("opening", role.bell(), || {
+        node.service_builder(&name)
+            .event()
+            .max_nodes(MAX_NODES)
+            .max_listeners(MAX_NODES)
+            .max_notifiers(MAX_NODES)
+            // Rings carry no meaning, so one event is enough.
+            .event_id_max_value(0)
+            .open_or_create()
+    })
+}
+
+/// The bell a process sleeps on.
+#[derive(Debug)]
+pub struct Doorbell<S: Transport> {
+    listener: Listener<S>,
+    bell: &'static str,
+}
+
+impl<S: Transport> Doorbell<S> {
+    pub(super) fn new(node: &Node<S>, role: Role) -> Result<Self, Error> {
+        let service = open_service(node, role)?;
+        let bell = role.bell();
+        let listener =
+            opened("creation of a listener", bell, || service.listener_builder().create())?;
+        Ok(Doorbell { listener, bell })
+    }
+
+    /// Sleeps until somebody rings or `timeout` is over, and takes all rings there are. Returns
+    /// whether it was rung. Also returns, unrung, when the process gets a signal.
+    ///
+    /// # Errors
+    /// When the bell is broken.
+    pub fn wait(&self, timeout: Duration) -> Result<bool, Error> {
+        let mut rung = false;
+        // A socket takes no wait at all for an endless one.
+        let result = if timeout < Duration::from_micros(1) {
+            self.listener.try_wait(|_| rung = true)
+        } else {
+            self.listener.timed_wait(|_| rung = true, timeout)
+        };
+        match result {
+            Ok(_) => Ok(rung),
+            Err(ListenerWaitError::InterruptSignal) => Ok(rung),
+            Err(error) => Err(failed("waiting", self.bell)(error)),
+        }
+    }
+}
+
+/// Rings the bell of a role.
+#[derive(Debug)]
+pub struct Ringer<S: Transport> {
+    notifier: Notifier<S>,
+    bell: &'static str,
+}
+
+impl<S: Transport> Ringer<S> {
+    fn new(node: &Node<S>, role: Role) -> Result<Self, Error> {
+        let service = open_service(node, role)?;
+        let bell = role.bell();
+        let notifier =
+            opened("creation of a notifier", bell, || service.notifier_builder().create())?;
+        Ok(Ringer { notifier, bell })
+    }
+
+    /// Wakes every process with the role. Never blocks.
+    ///
+    /// # Errors
+    /// When the bell is broken.
+    pub fn ring(&self) -> Result<(), Error> {
+        self.notifier.notify().map_err(failed("ringing", self.bell))?;
+        Ok(())
+    }
+
+    /// Wakes only the process with this node.
+    pub(super) fn ring_one(&self, node: UniqueNodeId) -> Result<(), Error> {
+        let mut result = Ok(());
+        self.notifier.for_each_listener(|listener, details| {
+            if details.node_id == node {
+                result = listener.notify().map_err(failed("ringing", self.bell));
+            }
+            CallbackProgression::Continue
+        });
+        result
+    }
+}
+
+/// The ringers of one process, each opened when it is first needed.
+#[derive(Debug)]
+pub(super) struct Ringers<S: Transport>([OnceCell<Rc<Ringer<S>>>; 4]);
+
+impl<S: Transport> Default for Ringers<S> {
+    fn default() -> Self {
+        Ringers(std::array::from_fn(|_| OnceCell::new()))
+    }
+}
+
+impl<S: Transport> Ringers<S> {
+    pub(super) fn of(&self, node: &Node<S>, role: Role) -> Result<Rc<Ringer<S>>, Error> {
+        let cell = &self.0[role as usize];
+        if let Some(ringer) = cell.get() {
+            return Ok(Rc::clone(ringer));
+        }
+        let ringer = Rc::new(Ringer::new(node, role)?);
+        Ok(Rc::clone(cell.get_or_init(|| ringer)))
+    }
+}

@@ -1,0 +1,42 @@
+//! Who is on a bus: the processes that opened it, and whether they live.
+
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState};
+use protocol::Error;
+
+use super::{Transport, failed};
+
+/// A process on a bus, once for each name it opened the bus under.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Member {
+    /// Its name, such as `learner`; that of an actor ends with its process's number.
+    pub name: String,
+    /// The number of its process, where it can be known.
+    pub process: Option<u32>,
+    /// Whether it lives, for all one can know. What the dead leave is cleaned away soon.
+    pub lives: bool,
+}
+
+/// Everybody on a bus, by name.
+pub(super) fn members<S: Transport>(config: &Config) -> Result<Vec<Member>, Error> {
+    let mut members = Vec::new();
+    Node::<S>::list(config, |state| {
+        let (name, lives) = match &state {
+            NodeState::Alive(view) => (name_of(view), true),
+            NodeState::Dead(view) => (name_of(view), false),
+            // Another user's process: not ours to judge, so it counts as alive.
+            NodeState::Inaccessible(id) => (Some(format!("inaccessible node {id}")), true),
+            NodeState::Undefined(_) => (None, false),
+        };
+        let process = state.node_id().pid::<S>().ok().and_then(|id| u32::try_from(id.value()).ok());
+        members.extend(name.map(|name| Member { name, process, lives }));
+        CallbackProgression::Continue
+    })
+    .map_err(failed("listing of the nodes", "bus"))?;
+    members.sort();
+    Ok(members)
+}
+
+fn name_of(view: &impl NodeView) -> Option<String> {
+    view.details().as_ref().map(|details| details.name().to_string())
+}

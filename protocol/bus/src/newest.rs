@@ -1,0 +1,135 @@
+//! What only counts while it is new: weights and progress. The writer never waits, a slow reader
+//! misses old values, and a late reader gets the newest ones, but only once the writer refreshes.
+
+use std::rc::Rc;
+
+use bytes::Bytes;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use protocol::Error;
+
+use super::{
+    Bus, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, Transport, failed, opened, service_name,
+};
+
+/// A service of this kind.
+#[derive(Debug)]
+pub(super) struct Newest {
+    service: &'static str,
+    /// Values a reader gets, the newest last.
+    depth: usize,
+    reader: Role,
+}
+
+/// With lag 1 a late actor may need the version before the newest.
+pub(super) const WEIGHTS: Newest = Newest { service: "weights", depth: 2, reader: Role::Actors };
+
+/// One line of progress replaces the other.
+pub(super) const PROGRESS: Newest =
+    Newest { service: "progress", depth: 1, reader: Role::Supervisor };
+
+/// A reader copies a value out and gives its place back before it takes the next.
+const MAX_BORROWED: usize = 1;
+
+fn open_service<S: Transport>(
+    bus: &Bus<S>,
+    newest: &Newest,
+) -> Result<PortFactory<S, [u8], ()>, Error> {
+    let name = service_name(newest.service)?;
+    opened("opening", newest.service, || {
+        bus.node
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .enable_safe_overflow(true)
+            .history_size(newest.depth)
+            .max_publishers(MAX_INCARNATIONS)
+            .max_subscribers(MAX_NODES)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(newest.depth)
+            .subscriber_max_borrowed_samples(MAX_BORROWED)
+            .open_or_create()
+    })
+}
+
+/// The writer's end.
+#[derive(Debug)]
+pub struct NewestPublisher<S: Transport> {
+    publisher: Publisher<S, [u8], ()>,
+    bell: Rc<Ringer<S>>,
+    service: &'static str,
+}
+
+impl<S: Transport> NewestPublisher<S> {
+    pub(super) fn new(bus: &Bus<S>, newest: &Newest, max_bytes: usize) -> Result<Self, Error> {
+        let service = open_service(bus, newest)?;
+        let depth = newest.depth;
+        let publisher = opened("creation of a publisher", newest.service, || {
+            service
+                .publisher_builder()
+                .initial_max_slice_len(max_bytes)
+                // A value must stay readable after its writer's death; growing memory would not.
+                .allocation_strategy(AllocationStrategy::Static)
+                .max_loaned_samples(1)
+                // All queues hold the same newest values, so far fewer places than the worst case
+                // of iceoryx2 are ever taken: one borrowed by each reader, and one on its way.
+                .override_sample_preallocation(move |_| depth + MAX_NODES * MAX_BORROWED + 2)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+        })?;
+        Ok(NewestPublisher { publisher, bell: bus.ringer(newest.reader)?, service: newest.service })
+    }
+
+    /// Sends a value and rings the readers. Never waits.
+    ///
+    /// # Errors
+    /// When it is longer than this publisher was made for.
+    pub fn publish(&self, bytes: &[u8]) -> Result<(), Error> {
+        let place = self
+            .publisher
+            .loan_slice_uninit(bytes.len())
+            .map_err(failed("loan of a place", self.service))?;
+        place.write_from_slice(bytes).send().map_err(failed("sending", self.service))?;
+        self.bell.ring()
+    }
+
+    /// Hands the newest values to readers that came since; to be called at least every 50 ms.
+    ///
+    /// # Errors
+    /// When the connection to a reader fails.
+    pub fn refresh(&self) -> Result<(), Error> {
+        self.publisher.update_connections().map_err(failed("refreshing", self.service))
+    }
+}
+
+/// A reader's end.
+#[derive(Debug)]
+pub struct NewestSubscriber<S: Transport> {
+    subscriber: Subscriber<S, [u8], ()>,
+    service: &'static str,
+}
+
+impl<S: Transport> NewestSubscriber<S> {
+    pub(super) fn new(bus: &Bus<S>, newest: &Newest) -> Result<Self, Error> {
+        let service = open_service(bus, newest)?;
+        let subscriber = opened("creation of a subscriber", newest.service, || {
+            service
+                .subscriber_builder()
+                .buffer_size(newest.depth)
+                .history_request(newest.depth)
+                .create()
+        })?;
+        Ok(NewestSubscriber { subscriber, service: newest.service })
+    }
+
+    /// The next value, copied out of shared memory, older ones first.
+    ///
+    /// # Errors
+    /// When the connection to a writer fails.
+    pub fn receive(&self) -> Result<Option<Bytes>, Error> {
+        let sample = self.subscriber.receive().map_err(failed("receiving", self.service))?;
+        Ok(sample.map(|sample| Bytes::copy_from_slice(sample.payload())))
+    }
+}

@@ -1,0 +1,278 @@
+//! Trajectories from actors to their readers.
+//!
+//! The encoded bytes are written into shared memory once and read there by every reader. A reader
+//! that computes for seconds has room for [`TRAJECTORY_BUFFER`] trajectories of each actor. What
+//! happens then is the publisher's rule, see [`Bus::rollout_publisher`] and
+//! [`Bus::trajectory_publisher`]. While it waits it cleans away dead readers.
+
+use std::collections::BTreeSet;
+use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::{BackpressureAction, BackpressureInfo, LoanError};
+use iceoryx2::prelude::{
+    AllocationStrategy, BackpressureStrategy, CallbackProgression, Config, PayloadHeader as _,
+    PortFactory as _, PortName, ZeroCopySend,
+};
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use protocol::Error;
+
+use super::{Bus, MAX_NODES, Ringer, Role, Transport, clean_up, failed, opened, service_name};
+
+const SERVICE: &str = "trajectories";
+
+/// Trajectories of one actor that wait for one reader. With lag 1 an iteration of about 400 is
+/// published, in the worst case by one actor, while a reader updates its networks.
+pub const TRAJECTORY_BUFFER: usize = 512;
+
+/// The learner, the proximity service and two tools.
+const MAX_SUBSCRIBERS: usize = 4;
+
+/// A reader copies a trajectory out and gives its place back before it takes the next.
+const MAX_BORROWED: usize = 1;
+
+/// First size of a place in shared memory; a longer trajectory makes the following places larger.
+const FIRST_PLACE_BYTES: usize = 64 << 10;
+
+/// How often a waiting actor cleans away dead readers.
+const CLEAN_UP_EVERY: Duration = Duration::from_millis(200);
+
+/// Name of the ports that learn from what they read.
+const LEARNS: &str = "learns";
+
+/// What a reader needs to know a trajectory it has already, without decoding it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("goalward::TrajectoryHeader")]
+#[repr(C)]
+pub struct TrajectoryHeader {
+    /// Rollout it belongs to.
+    pub iteration: u64,
+    /// Environment stream it comes from.
+    pub lane: u64,
+    /// Number of the episode within its lane.
+    pub episode: u64,
+    /// xxh3 of the encoded trajectory.
+    pub hash: u64,
+}
+
+type Loan<S> = SampleMutUninit<S, [std::mem::MaybeUninit<u8>], TrajectoryHeader>;
+
+fn open_service<S: Transport>(
+    bus: &Bus<S>,
+) -> Result<PortFactory<S, [u8], TrajectoryHeader>, Error> {
+    let name = service_name(SERVICE)?;
+    opened("opening", SERVICE, || {
+        bus.node
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<TrajectoryHeader>()
+            .enable_safe_overflow(false)
+            .history_size(0)
+            .max_publishers(MAX_NODES)
+            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(TRAJECTORY_BUFFER)
+            .subscriber_max_borrowed_samples(MAX_BORROWED)
+            .open_or_create()
+    })
+}
+
+/// Which full queues a publisher waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rule {
+    /// Everybody's; after the patience sending fails.
+    Everybody,
+    /// Those of readers that learn, which ask again for what they miss. After the patience one is not
+    /// waited for until it has read again.
+    Learning,
+}
+
+/// An actor's end.
+#[derive(Debug)]
+pub struct TrajectoryPublisher<S: Transport> {
+    publisher: Publisher<S, [u8], TrajectoryHeader>,
+    service: PortFactory<S, [u8], TrajectoryHeader>,
+    bells: [Rc<Ringer<S>>; 2],
+    config: Config,
+    patience: Duration,
+    queues: Arc<Mutex<Queues>>,
+}
+
+impl<S: Transport> TrajectoryPublisher<S> {
+    pub(super) fn new(bus: &Bus<S>, rule: Rule, patience: Duration) -> Result<Self, Error> {
+        let service = open_service(bus)?;
+        let config = bus.node.config().clone();
+        let queues = Arc::new(Mutex::new(Queues::default()));
+        let publisher = opened("creation of a publisher", SERVICE, || {
+            service
+                .publisher_builder()
+                .initial_max_slice_len(FIRST_PLACE_BYTES)
+                .allocation_strategy(AllocationStrategy::PowerOfTwo)
+                .max_loaned_samples(1)
+                .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
+                .set_backpressure_handler(wait_for_reader::<S>(
+                    config.clone(),
+                    rule,
+                    patience,
+                    Arc::clone(&queues),
+                ))
+                .create()
+        })?;
+        let bells = [bus.ringer(Role::Learner)?, bus.ringer(Role::ProximityService)?];
+        Ok(TrajectoryPublisher { publisher, service, bells, config, patience, queues })
+    }
+
+    /// How many readers there are, dead ones that nobody cleaned away included.
+    pub fn reader_count(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
+    }
+
+    /// Sends the encoded trajectory to every reader and rings the learner and the proximity service.
+    /// Returns how many readers it was queued for; fewer than [`Self::reader_count`] when one was left
+    /// out, or has never received since this publisher exists and its queue is full. What is queued for
+    /// a reader that has never received is lost when this publisher ends first.
+    ///
+    /// # Errors
+    /// Where everybody is waited for, when a reader's queue stayed full for the publisher's patience;
+    /// the other readers have it.
+    pub fn publish(&self, bytes: &[u8], header: TrajectoryHeader) -> Result<usize, Error> {
+        let mut place = self.loan(bytes.len())?;
+        *place.user_header_mut() = header;
+        queues(&self.queues).learning = self.learning();
+        let sent = place.write_from_slice(bytes).send();
+        let mut queues = queues(&self.queues);
+        queues.left_out = std::mem::take(&mut queues.still_full);
+        drop(queues);
+        for bell in &self.bells {
+            bell.ring()?;
+        }
+        sent.map_err(failed("sending", SERVICE))
+    }
+
+    /// The readers that learn.
+    fn learning(&self) -> BTreeSet<u128> {
+        let mut learning = BTreeSet::new();
+        self.service.dynamic_config().list_subscribers(|reader| {
+            if reader.subscriber_name.as_str() == LEARNS {
+                learning.insert(reader.subscriber_id.value());
+            }
+            CallbackProgression::Continue
+        });
+        learning
+    }
+
+    /// Every place can be taken when readers went away with full queues: the same as a full queue.
+    fn loan(&self, length: usize) -> Result<Loan<S>, Error> {
+        let start = Instant::now();
+        loop {
+            match self.publisher.loan_slice_uninit(length) {
+                Err(LoanError::OutOfMemory) if start.elapsed() < self.patience => {
+                    clean_up::<S>(&self.config)?;
+                    std::thread::sleep(CLEAN_UP_EVERY);
+                }
+                other => return other.map_err(failed("loan of a place", SERVICE)),
+            }
+        }
+    }
+}
+
+/// What a publisher knows of its readers' queues.
+#[derive(Debug, Default)]
+struct Queues {
+    /// Readers that learn.
+    learning: BTreeSet<u128>,
+    /// Readers that were waited for in vain and have not read since.
+    left_out: BTreeSet<u128>,
+    /// Those among them that have not read before the sending under way, either.
+    still_full: BTreeSet<u128>,
+}
+
+fn queues(shared: &Mutex<Queues>) -> MutexGuard<'_, Queues> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a publisher does about a full queue: it waits, or does not, and cleans away dead readers now
+/// and then.
+fn wait_for_reader<S: Transport>(
+    config: Config,
+    rule: Rule,
+    patience: Duration,
+    shared: Arc<Mutex<Queues>>,
+) -> impl Fn(&BackpressureInfo) -> BackpressureAction + Send + 'static {
+    let cleaned = Mutex::new(0);
+    move |info| {
+        let (reader, waited) = (info.receiver_port_id, info.elapsed_time);
+        if rule == Rule::Learning {
+            let mut queues = queues(&shared);
+            if !queues.learning.contains(&reader) {
+                return BackpressureAction::DiscardData;
+            }
+            if waited >= patience || queues.left_out.contains(&reader) {
+                if queues.still_full.insert(reader) && waited >= patience {
+                    tracing::warn!(
+                        "a reader's queue has been full for {patience:?}: going on without it"
+                    );
+                }
+                return BackpressureAction::DiscardData;
+            }
+        } else if waited >= patience {
+            return BackpressureAction::DiscardDataAndFail;
+        }
+        let round = waited.as_millis() / CLEAN_UP_EVERY.as_millis();
+        let mut cleaned = cleaned.lock().unwrap_or_else(PoisonError::into_inner);
+        if std::mem::replace(&mut *cleaned, round) < round
+            && let Err(error) = clean_up::<S>(&config)
+        {
+            tracing::debug!("a blocked publisher could not clean up: {error}");
+        }
+        BackpressureAction::Retry
+    }
+}
+
+/// What a reader gets. The sender is trusted with none of it.
+#[derive(Clone, Debug)]
+pub struct Published {
+    /// What the sender says the trajectory is.
+    pub header: TrajectoryHeader,
+    /// The encoded trajectory.
+    pub bytes: Bytes,
+    /// Number of the process that sent it; 0 if that is not known.
+    pub process: u32,
+}
+
+/// A reader's end.
+#[derive(Debug)]
+pub struct TrajectorySubscriber<S: Transport> {
+    subscriber: Subscriber<S, [u8], TrajectoryHeader>,
+}
+
+impl<S: Transport> TrajectorySubscriber<S> {
+    pub(super) fn new(bus: &Bus<S>, learns: bool) -> Result<Self, Error> {
+        let service = open_service(bus)?;
+        let name = PortName::new(if learns { LEARNS } else { "" });
+        let name = name.map_err(failed("naming of a subscriber", SERVICE))?;
+        let subscriber = opened("creation of a subscriber", SERVICE, || {
+            service.subscriber_builder().name(&name).buffer_size(TRAJECTORY_BUFFER).create()
+        })?;
+        Ok(TrajectorySubscriber { subscriber })
+    }
+
+    /// The next trajectory, copied out of shared memory; in order per publisher. Connects to new
+    /// publishers too, so it is called before a new actor is answered and at least once a second.
+    ///
+    /// # Errors
+    /// When the connection to a publisher fails.
+    pub fn receive(&self) -> Result<Option<Published>, Error> {
+        let sample = self.subscriber.receive().map_err(failed("receiving", SERVICE))?;
+        Ok(sample.map(|sample| Published {
+            header: *sample.user_header(),
+            bytes: Bytes::copy_from_slice(sample.payload()),
+            process: sample.header().node_id().pid::<S>().map_or(0, |id| id.value() as u32),
+        }))
+    }
+}

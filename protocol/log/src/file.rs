@@ -1,0 +1,387 @@
+//! [`FileWriter`]: one MCAP file from its creation to its sealing.
+//!
+//! mcap's own writer is spoiled for good by one failed write, and takes the open chunk with it. So
+//! it writes to memory here, where nothing fails, and each finished chunk is carried from there to
+//! the file. What the disk does not take stays in memory until it does.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions};
+use protocol::trajectory::Encoded;
+use protocol::{Error, durable};
+
+use super::folder::{ACTIVE, sync_folder_of, with_ending};
+use super::metadata::{Kind, Metadata};
+use super::reader::FileReader;
+use super::record::LONGEST_RECORD;
+use super::topic::Topic;
+use super::write_error;
+
+/// Uncompressed bytes after which a chunk is closed; what a crash can lose, about.
+pub const CHUNK_BYTES: u64 = 1 << 20;
+/// Longest message that can be recorded, so that readers can bound their memory.
+pub const LONGEST_MESSAGE: usize = LONGEST_RECORD / 2;
+
+/// Writes one file: a run's through [`LogWriter`](super::LogWriter), demonstrations directly.
+///
+/// **Errors.** [`Error::LogWrite`] says that the disk did not take some finished chunk. Nothing is
+/// lost by it: what was handed over is in memory. The owner writes no more, calls
+/// [`flush`](Self::flush) until it succeeds, and goes on; nothing is missing or twice in the file.
+/// [`Error::LogRefused`] says that a message is not in the file and will not be.
+///
+/// **Names.** The file is `PATH.active` until [`seal`](Self::seal). A writer dropped unsealed
+/// flushes and leaves `PATH.active`, which reads well and which [`repair`](super::repair()) seals. The
+/// file is locked for as long as its writer lives.
+pub struct FileWriter {
+    path: PathBuf,
+    active: PathBuf,
+    storage: Box<dyn Storage>,
+    memory: Memory,
+    writer: mcap::Writer<NoSeek<Memory>>,
+    channels: BTreeMap<Topic, Channel>,
+    bytes: u64,
+    state: State,
+}
+
+struct Channel {
+    id: u16,
+    messages: u32,
+}
+
+#[derive(PartialEq)]
+enum State {
+    Open,
+    /// Takes no more messages; its end may not be on the disk yet.
+    Ended,
+    Sealed,
+}
+
+impl FileWriter {
+    /// Creates `path` (`path.active` until it is sealed) for messages of `topics`, with `metadata`
+    /// as its first record. Never overwrites a file.
+    pub fn create(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
+        if path.exists() {
+            let exists = io::Error::from(io::ErrorKind::AlreadyExists);
+            return Err(write_error(path, "create the file", &exists));
+        }
+        Self::open(path, metadata, topics)
+    }
+
+    /// The same in the place of a file that is there, which stays until this one is sealed. What a
+    /// writer of the same kind left that died is removed.
+    pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
+        remove_abandoned(&with_ending(path, ACTIVE), metadata.kind)?;
+        Self::open(path, metadata, topics)
+    }
+
+    fn open(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
+        let active = with_ending(path, ACTIVE);
+        let file = OpenOptions::new().write(true).create_new(true).open(&active);
+        let file = file.map_err(|cause| write_error(&active, "create the file", &cause))?;
+        // So that nobody seals it meanwhile. Where files cannot be locked, a run's own lock must do.
+        file.try_lock().ok();
+        let mut writer = Self::begin(path, Box::new(file), metadata, topics)
+            .map_err(|cause| failed(&active, cause))?;
+        if let Err(error) = writer.drain().and_then(|()| sync_folder_of(&active)) {
+            // Nobody has the writer to try again, and its number must be free for who does.
+            writer.state = State::Sealed;
+            fs::remove_file(&writer.active).ok();
+            return Err(error);
+        }
+        Ok(writer)
+    }
+
+    /// Lays out header, metadata, schemas and channels in memory. The channels get a chunk of
+    /// their own: a damaged chunk of messages must not take them along.
+    fn begin(
+        path: &Path,
+        storage: Box<dyn Storage>,
+        metadata: &Metadata,
+        topics: &[Topic],
+    ) -> Result<Self, McapError> {
+        let memory = Memory::default();
+        let mut writer = WriteOptions::new()
+            .compression(Some(Compression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true)
+            .library(concat!("goalward/", env!("CARGO_PKG_VERSION")))
+            .create(NoSeek::new(memory.clone()))?;
+        let name = metadata.kind.name().to_owned();
+        let metadata = metadata.entries.clone();
+        writer.write_metadata(&mcap::records::Metadata { name, metadata })?;
+        let mut channels = BTreeMap::new();
+        for &topic in topics {
+            let schema = writer.add_schema(topic.schema(), "protobuf", topic.schema_set())?;
+            let id = writer.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new())?;
+            channels.insert(topic, Channel { id, messages: 0 });
+        }
+        writer.flush()?;
+        let (path, active) = (path.to_owned(), with_ending(path, ACTIVE));
+        let state = State::Open;
+        Ok(FileWriter { path, active, storage, memory, writer, channels, bytes: 0, state })
+    }
+
+    /// Appends a trajectory's encoded bytes as they are.
+    pub fn trajectory(&mut self, trajectory: &Encoded, log_time_ns: u64) -> Result<(), Error> {
+        self.message(Topic::of(&trajectory.trajectory), log_time_ns, &trajectory.bytes)
+    }
+
+    /// Appends an encoded message. Its log time is not before that of the message before it.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk. [`Error::LogRefused`] for a message longer than
+    /// [`LONGEST_MESSAGE`], of a topic that the file was not created for, or after the end of the
+    /// file.
+    pub fn message(&mut self, topic: Topic, log_time_ns: u64, bytes: &[u8]) -> Result<(), Error> {
+        self.check(topic, bytes)?;
+        let channel = self.channels.get_mut(&topic).expect("checked above");
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.messages,
+            log_time: log_time_ns,
+            publish_time: log_time_ns,
+        };
+        channel.messages += 1;
+        let written = self.writer.write_to_known_channel(&header, bytes);
+        written.map_err(|cause| failed(&self.active, cause))?;
+        self.drain()
+    }
+
+    fn check(&self, topic: Topic, bytes: &[u8]) -> Result<(), Error> {
+        let name = topic.name();
+        let message = if self.state != State::Open {
+            format!("cannot append a message of {name}: the file has been ended")
+        } else if !self.channels.contains_key(&topic) {
+            format!("cannot append a message of {name}: the file was not created for it")
+        } else if bytes.len() > LONGEST_MESSAGE {
+            let length = bytes.len();
+            format!("{name}: expected messages up to {LONGEST_MESSAGE} bytes, found {length}")
+        } else {
+            return Ok(());
+        };
+        Err(Error::LogRefused { path: self.active.clone(), message })
+    }
+
+    /// Closes the open chunk and hands everything to the operating system: what was appended
+    /// before survives the death of this process.
+    pub fn flush(&mut self) -> Result<(), Error> {
+        if self.state == State::Open {
+            self.writer.flush().map_err(|cause| failed(&self.active, cause))?;
+        }
+        self.drain()
+    }
+
+    /// Flushes, and waits until the disk has it: what was appended before survives the death of
+    /// the machine.
+    pub fn sync(&mut self) -> Result<(), Error> {
+        self.flush()?;
+        self.storage.sync().map_err(|cause| write_error(&self.active, "sync", &cause))
+    }
+
+    /// Ends the file with its index, syncs it and gives it its name. Can be called again after an
+    /// error.
+    pub fn seal(&mut self) -> Result<(), Error> {
+        if self.state == State::Sealed {
+            return Ok(());
+        }
+        self.writer.finish().map_err(|cause| failed(&self.active, cause))?;
+        self.state = State::Ended;
+        self.sync()?;
+        fs::rename(&self.active, &self.path).map_err(|cause| {
+            write_error(&self.active, &format!("rename to {}", self.path.display()), &cause)
+        })?;
+        self.state = State::Sealed;
+        sync_folder_of(&self.path)
+    }
+
+    /// Gives the file up: nothing of it stays on the disk. A sealed file stays.
+    pub fn discard(&mut self) -> Result<(), Error> {
+        if self.state == State::Sealed {
+            return Ok(());
+        }
+        self.state = State::Sealed;
+        fs::remove_file(&self.active).map_err(|cause| write_error(&self.active, "remove", &cause))
+    }
+
+    /// Whether it takes messages still.
+    pub(super) fn is_open(&self) -> bool {
+        self.state == State::Open
+    }
+
+    /// Bytes that the operating system has taken.
+    pub fn bytes_written(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Carries finished chunks from memory to the file.
+    fn drain(&mut self) -> Result<(), Error> {
+        let mut memory = self.memory.lock();
+        let mut taken = 0;
+        let mut result = Ok(());
+        while taken < memory.len() && result.is_ok() {
+            match self.storage.write(&memory[taken..]) {
+                Ok(0) => result = Err(io::ErrorKind::WriteZero.into()),
+                Ok(count) => taken += count,
+                Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
+                Err(cause) => result = Err(cause),
+            }
+        }
+        self.bytes += taken as u64;
+        memory.drain(..taken);
+        result.map_err(|cause| {
+            let attempt = format!("write {} bytes at byte {}", memory.len(), self.bytes);
+            write_error(&self.active, &attempt, &cause)
+        })
+    }
+}
+
+impl Drop for FileWriter {
+    fn drop(&mut self) {
+        if self.state == State::Open
+            && let Err(error) = self.flush()
+        {
+            tracing::error!("messages are lost: {error}");
+        }
+    }
+}
+
+/// Removes a file that nobody writes any more, if it is of this kind or has not come as far as to say
+/// so.
+fn remove_abandoned(active: &Path, kind: Kind) -> Result<(), Error> {
+    if !active.exists() || durable::is_locked(active) {
+        return Ok(());
+    }
+    if FileReader::open_begun(active)?.is_some_and(|reader| reader.metadata().kind != kind) {
+        return Ok(());
+    }
+    fs::remove_file(active)
+        .map_err(|cause| write_error(active, "remove the abandoned file", &cause))
+}
+
+/// mcap refusing to lay out a message: not the disk's fault, and not expected.
+fn failed(path: &Path, cause: McapError) -> Error {
+    Error::LogRefused { path: path.to_owned(), message: format!("cannot lay out: {cause}") }
+}
+
+/// What a file is written to.
+trait Storage: Write + Send {
+    /// Returns when the disk has all that was written.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+impl Storage for File {
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_all()
+    }
+}
+
+/// Laid-out bytes on their way to the file.
+#[derive(Clone, Default)]
+struct Memory(Arc<Mutex<Vec<u8>>>);
+
+impl Memory {
+    fn lock(&self) -> MutexGuard<'_, Vec<u8>> {
+        self.0.lock().expect("nothing panics while it holds the bytes")
+    }
+}
+
+impl Write for Memory {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.lock().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Ending, Record};
+
+    /// A disk with so much room left.
+    #[derive(Clone, Default)]
+    struct Disk(Arc<Mutex<(usize, Vec<u8>)>>);
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let mut disk = self.0.lock().unwrap();
+            let count = bytes.len().min(disk.0);
+            disk.0 -= count;
+            disk.1.extend_from_slice(&bytes[..count]);
+            if count == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(count) }
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Storage for Disk {
+        fn sync(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Bytes that no compressor makes smaller.
+    fn noise(number: u64) -> Vec<u8> {
+        let hashes = (0..2000u64)
+            .map(|place| xxhash_rust::xxh3::xxh3_64_with_seed(b"", place))
+            .map(|hash| hash.wrapping_mul(2 * number + 1));
+        hashes.flat_map(u64::to_le_bytes).collect()
+    }
+
+    #[test]
+    fn a_full_disk_loses_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file.mcap");
+        let disk = Disk::default();
+        disk.0.lock().unwrap().0 = 3 << 20;
+        let metadata = Metadata::new(Kind::Run, "navigation", 1);
+        let storage = Box::new(disk.clone());
+        let mut writer =
+            FileWriter::begin(&path, storage, &metadata, &[Topic::Trajectory]).unwrap();
+        let mut written = 0;
+        let error = loop {
+            written += 1;
+            if let Err(error) = writer.message(Topic::Trajectory, written, &noise(written)) {
+                assert!(matches!(error, Error::LogWrite { .. }), "{error:?}");
+                break error.to_string();
+            }
+            assert!(written < 1000, "the disk took more than it has room for");
+        };
+        assert!(
+            error.contains("file.mcap.active") && error.contains("no room on the disk"),
+            "{error}"
+        );
+        for _ in 0..3 {
+            assert!(writer.flush().is_err() && writer.sync().is_err() && writer.seal().is_err());
+        }
+        let error = writer.message(Topic::Trajectory, 0, b"").unwrap_err();
+        assert!(matches!(error, Error::LogRefused { .. }), "{error:?}");
+        assert!(error.to_string().contains("has been ended"), "{error}");
+        disk.0.lock().unwrap().0 = usize::MAX;
+        fs::write(&writer.active, b"").unwrap();
+        writer.seal().unwrap();
+        assert_eq!(writer.bytes_written(), disk.0.lock().unwrap().1.len() as u64);
+        fs::write(&path, &disk.0.lock().unwrap().1).unwrap();
+
+        let mut reader = FileReader::open(&path).unwrap();
+        for number in 1..=written {
+            let record = reader.next().unwrap().unwrap().record;
+            assert!(record == Record::Trajectory(noise(number).into()), "message {number}");
+        }
+        assert!(reader.next().is_none());
+        assert_eq!(reader.ending(), Some(&Ending::Complete));
+    }
+}

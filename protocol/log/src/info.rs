@@ -1,0 +1,108 @@
+//! What a log file holds and in which state it is, for `goalward log info`.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use protocol::Error;
+
+use super::folder::is_active;
+use super::metadata::{Kind, Metadata};
+use super::read_error;
+use super::reader::{Ending, FileReader};
+use super::topic::Topic;
+
+/// What [`info`] found.
+#[derive(Clone, Debug)]
+pub struct FileInfo {
+    /// The file.
+    pub path: PathBuf,
+    /// Whether its name says that it is being written, or its writer died.
+    pub active: bool,
+    /// How it ends; every checksum before that is right.
+    pub ending: Ending,
+    /// What it says of itself.
+    pub metadata: Metadata,
+    /// Readable messages of each topic that has any.
+    pub messages: BTreeMap<Topic, u64>,
+    /// Log times of the first and the last readable message, nanoseconds since 1970.
+    pub span_ns: Option<(u64, u64)>,
+    /// Bytes of the readable messages.
+    pub raw_bytes: u64,
+    /// Bytes of the file.
+    pub file_bytes: u64,
+}
+
+/// Reads all of a file and says what it holds; none if it ends before it says what it is.
+///
+/// # Errors
+/// As [`FileReader::open`]. A damaged file is no error: see [`FileInfo::ending`].
+pub fn info(path: &Path) -> Result<Option<FileInfo>, Error> {
+    let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(None) };
+    let file = path.metadata().map_err(|cause| read_error(path, cause.to_string()))?;
+    let (mut messages, mut raw_bytes) = (BTreeMap::new(), 0);
+    let mut span_ns: Option<(u64, u64)> = None;
+    while let Some(message) = reader.next_message()? {
+        *messages.entry(message.topic).or_insert(0) += 1;
+        raw_bytes += message.bytes.len() as u64;
+        let time = message.log_time_ns;
+        let (first, last) = span_ns.unwrap_or((time, time));
+        span_ns = Some((first.min(time), last.max(time)));
+    }
+    Ok(Some(FileInfo {
+        path: path.to_owned(),
+        active: is_active(path),
+        ending: reader.ending().cloned().unwrap_or(Ending::Unsealed),
+        metadata: reader.metadata().clone(),
+        messages,
+        span_ns,
+        raw_bytes,
+        file_bytes: file.len(),
+    }))
+}
+
+impl FileInfo {
+    fn state(&self) -> &'static str {
+        match (&self.ending, self.active) {
+            (Ending::Complete, false) => "sealed",
+            (Ending::Complete, true) => "sealed but for its name",
+            (Ending::Unsealed, true) => "active",
+            (Ending::Unsealed, false) => "not sealed",
+            (Ending::Truncated { .. } | Ending::Corrupt { .. }, _) => "damaged",
+        }
+    }
+
+    /// The bytes of messages and file, with the part of them that compression leaves. A file of few
+    /// messages is mostly schemas and index, of which a part would say nothing.
+    fn sizes(&self) -> String {
+        let (raw, file) = (self.raw_bytes, self.file_bytes);
+        let part = match file < raw {
+            true => format!(" ({:.1} %)", 100.0 * file as f64 / raw as f64),
+            false => String::new(),
+        };
+        format!("{raw} bytes of messages in {file} bytes of file{part}")
+    }
+}
+
+/// Several lines of text; the first is the file and its state.
+impl fmt::Display for FileInfo {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(formatter, "{}: {}", self.path.display(), self.state())?;
+        let of = |name| self.metadata.get(name).unwrap_or("unknown");
+        let kind = self.metadata.kind.name();
+        writeln!(formatter, "  {kind}, task {}, seed {}", of("task"), of("seed"))?;
+        writeln!(formatter, "  by {}", self.metadata.build())?;
+        for (topic, count) in &self.messages {
+            let messages = if *count == 1 { "message" } else { "messages" };
+            writeln!(formatter, "  {:<24}{count:>10} {messages}", topic.name())?;
+        }
+        // Demonstrations are numbered where a run has times.
+        if let Some((first, last)) = self.span_ns.filter(|_| self.metadata.kind == Kind::Run) {
+            let seconds = (last - first) as f64 / 1e9;
+            writeln!(formatter, "  {seconds:.1} s from the first message to the last")?;
+        }
+        writeln!(formatter, "  {}", self.sizes())?;
+        let checksums = if self.ending.lost() { "right up to the damage" } else { "right" };
+        write!(formatter, "  checksums {checksums}; {}", self.ending)
+    }
+}

@@ -1,0 +1,101 @@
+//! The first record of every file: what the file is, of which task, made how.
+//!
+//! It comes first because the end of a file is what a crash takes.
+
+use std::collections::BTreeMap;
+
+use protocol::build::Build;
+
+/// Newest layout of topics and metadata that this build reads, and the one it writes.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// What a file is part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The log of a run.
+    Run,
+    /// Demonstrations of a task.
+    Demonstrations,
+}
+
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Kind; 2] = [Kind::Run, Kind::Demonstrations];
+
+    /// Name of the metadata record.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Run => "goalward.run",
+            Kind::Demonstrations => "goalward.demonstrations",
+        }
+    }
+}
+
+/// What a file says of itself.
+///
+/// Always there: `format_version`, `goalward_version`, `build` as JSON, `task`, `seed`. A run adds its
+/// whole effective configuration as `config`; demonstrations add `episodes`, `expert` and `setting`,
+/// the last as JSON.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Metadata {
+    /// What the file is part of.
+    pub kind: Kind,
+    /// Everything else, by name.
+    pub entries: BTreeMap<String, String>,
+}
+
+impl Metadata {
+    /// Metadata of a new file, with what every file has.
+    pub fn new(kind: Kind, task: &str, seed: u64) -> Self {
+        let build = serde_json::to_string(Build::own()).expect("a build has only plain values");
+        Metadata { kind, entries: BTreeMap::new() }
+            .with("format_version", FORMAT_VERSION)
+            .with("goalward_version", env!("CARGO_PKG_VERSION"))
+            .with("build", build)
+            .with("task", task)
+            .with("seed", seed)
+    }
+
+    /// Adds an entry.
+    pub fn with(mut self, name: &str, value: impl ToString) -> Self {
+        self.entries.insert(name.to_owned(), value.to_string());
+        self
+    }
+
+    /// The entry of that name.
+    pub fn get(&self, name: &str) -> Option<&str> {
+        self.entries.get(name).map(String::as_str)
+    }
+
+    /// The build that wrote the file; the unknown one where it does not say so.
+    pub fn build(&self) -> Build {
+        let build = self.get("build").and_then(|text| serde_json::from_str(text).ok());
+        build.unwrap_or_default()
+    }
+
+    /// Checks a metadata record of a file; the error says what was expected and found.
+    pub(super) fn check(name: &str, entries: BTreeMap<String, String>) -> Result<Self, String> {
+        let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.name() == name) else {
+            return Err(not_ours(&format!("metadata `{name}`")));
+        };
+        let metadata = Metadata { kind, entries };
+        let version = metadata.get("format_version").unwrap_or("none");
+        match version.parse::<u32>() {
+            Ok(number) if number <= FORMAT_VERSION => Ok(metadata),
+            _ => Err(format!(
+                "expected format version {FORMAT_VERSION} or older, found {version} (written by \
+                 goalward {})",
+                metadata.get("goalward_version").unwrap_or("of unknown version"),
+            )),
+        }
+    }
+}
+
+/// Words for an MCAP file that somebody else wrote.
+pub(super) fn not_ours(found: &str) -> String {
+    let [run, demonstrations] = Kind::ALL.map(Kind::name);
+    format!(
+        "not recorded by goalward: expected metadata `{run}` or `{demonstrations}` as the first \
+         record, found {found}"
+    )
+}

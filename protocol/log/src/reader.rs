@@ -1,0 +1,253 @@
+//! [`FileReader`]: the records of one file, and how the file ends.
+//!
+//! Reads sealed files, files that are being written and files that a crash or a bad disk left. The
+//! records given are always those that were written, in order, without a gap: reading stops at the
+//! first damage and says so. [`repair`](super::repair()) goes on behind it.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use prost::DecodeError;
+use prost::Message as _;
+use protocol::Error;
+use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
+use protocol::scene::SceneUpdate;
+
+use super::folder::is_active;
+use super::metadata::Metadata;
+use super::read_error;
+use super::scan::{Block, Damage, Message, Scanner, Tail};
+use super::topic::Topic;
+
+/// What was recorded. Trajectories are encoded, as the actor published them;
+/// [`Encoded::decode`](protocol::trajectory::Encoded::decode) takes them and checks them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Record {
+    /// On `/trajectory`.
+    Trajectory(Bytes),
+    /// On `/evaluation/trajectory`.
+    EvaluationTrajectory(Bytes),
+    /// On `/proximity/score`.
+    Score(Score),
+    /// On `/policy/update`.
+    PolicyUpdate(Box<PolicyUpdate>),
+    /// On `/proximity/update`.
+    RewardUpdate(RewardUpdate),
+    /// On `/checkpoint`.
+    Checkpoint(Checkpoint),
+    /// On `/evaluation/scene`.
+    Scene(SceneUpdate),
+}
+
+impl Record {
+    /// The encoded trajectory, of training or of evaluation, if it is one.
+    pub fn trajectory(self) -> Option<Bytes> {
+        match self {
+            Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes) => Some(bytes),
+            _ => None,
+        }
+    }
+
+    fn decode(topic: Topic, bytes: Bytes) -> Result<Self, DecodeError> {
+        Ok(match topic {
+            Topic::Trajectory => Record::Trajectory(bytes),
+            Topic::EvaluationTrajectory => Record::EvaluationTrajectory(bytes),
+            Topic::Score => Record::Score(Score::decode(bytes)?),
+            Topic::PolicyUpdate => Record::PolicyUpdate(Box::new(PolicyUpdate::decode(bytes)?)),
+            Topic::RewardUpdate => Record::RewardUpdate(RewardUpdate::decode(bytes)?),
+            Topic::Checkpoint => Record::Checkpoint(Checkpoint::decode(bytes)?),
+            Topic::Scene => Record::Scene(SceneUpdate::decode(bytes)?),
+        })
+    }
+}
+
+/// A record and when it was appended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Nanoseconds since 1970.
+    pub log_time_ns: u64,
+    /// What was recorded.
+    pub record: Record,
+}
+
+/// How a file ends, or where reading it did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Sealed, every checksum right.
+    Complete,
+    /// Not sealed, as its name says: being written, or its writer died. What the writer had not
+    /// flushed is missing.
+    Unsealed,
+    /// It has lost its end.
+    Truncated {
+        /// Where the first record starts that is not there as a whole.
+        offset: u64,
+        /// Bytes of that record that are there, and of no use.
+        lost_bytes: u64,
+    },
+    /// Not as it was written.
+    Corrupt {
+        /// Where the damaged record starts.
+        offset: u64,
+        /// What is wrong with it.
+        reason: String,
+        /// Bytes from there to the end of the file.
+        lost_bytes: u64,
+        /// Records not given, if the file's end says how many it had.
+        lost_records: Option<u64>,
+    },
+}
+
+impl Ending {
+    /// Whether something that was in the file is not readable.
+    pub fn lost(&self) -> bool {
+        matches!(self, Ending::Truncated { .. } | Ending::Corrupt { .. })
+    }
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Ending::Complete => write!(formatter, "complete"),
+            Ending::Unsealed => write!(formatter, "not sealed, undamaged"),
+            Ending::Truncated { offset, lost_bytes: 0 } => {
+                write!(formatter, "cut off at byte {offset}: its end is missing")
+            }
+            Ending::Truncated { offset, lost_bytes } => {
+                write!(formatter, "cut off: the last {lost_bytes} bytes, from byte {offset}, ")?;
+                write!(formatter, "are part of a record")
+            }
+            Ending::Corrupt { offset, reason, lost_bytes, lost_records } => {
+                write!(formatter, "damaged at byte {offset}: {reason}; {lost_bytes} bytes")?;
+                match lost_records {
+                    Some(count) => write!(formatter, " with {count} records not read"),
+                    None => write!(formatter, " not read"),
+                }
+            }
+        }
+    }
+}
+
+/// Iterates over the records of a file.
+///
+/// An item is an error if the system cannot read on, if a record of ours has another schema, or if
+/// an intact record is not the message its topic says; nothing comes behind an error. Damage is no
+/// error: iteration ends, and [`ending`](Self::ending) tells.
+pub struct FileReader {
+    path: PathBuf,
+    scanner: Scanner,
+    messages: VecDeque<Message>,
+    given: u64,
+    ending: Option<Ending>,
+    failed: bool,
+}
+
+impl FileReader {
+    /// Opens a file recorded by goalward and reads its metadata.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] with what was expected and found: no MCAP file, somebody else's MCAP
+    /// file, a newer format, or a file that ends before its metadata.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        Self::open_begun(path)?.ok_or_else(|| {
+            read_error(path, "expected metadata as the first record, found the end of the file")
+        })
+    }
+
+    /// The same, with none for a file that ends before its metadata.
+    pub(super) fn open_begun(path: &Path) -> Result<Option<Self>, Error> {
+        Ok(Scanner::open(path)?.map(|scanner| FileReader {
+            path: path.to_owned(),
+            scanner,
+            messages: VecDeque::new(),
+            given: 0,
+            ending: None,
+            failed: false,
+        }))
+    }
+
+    /// What the file says of itself.
+    pub fn metadata(&self) -> &Metadata {
+        self.scanner.metadata()
+    }
+
+    /// How the file ends; none until the iterator has.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.ending.as_ref()
+    }
+
+    /// The topics that the file has declared so far.
+    pub(super) fn topics(&self) -> Vec<Topic> {
+        self.scanner.topics()
+    }
+
+    /// The next message, undecoded; none at the end.
+    pub(super) fn next_message(&mut self) -> Result<Option<Message>, Error> {
+        while self.messages.is_empty() && self.ending.is_none() {
+            match self.scanner.next_block()? {
+                Some(Block::Messages(messages)) => self.messages = messages.into(),
+                Some(Block::Damage(damage)) => self.ending = Some(self.corrupt(damage)),
+                None => self.ending = Some(self.tail()),
+            }
+        }
+        self.given += u64::from(!self.messages.is_empty());
+        Ok(self.messages.pop_front())
+    }
+
+    fn tail(&self) -> Ending {
+        match self.scanner.tail().cloned() {
+            Some(Tail::Sealed) => Ending::Complete,
+            None | Some(Tail::Unsealed | Tail::Cut { .. }) if self.scanner.is_being_written() => {
+                Ending::Unsealed
+            }
+            None | Some(Tail::Unsealed) => cut_off(&self.path, self.scanner.length(), 0),
+            Some(Tail::Cut { offset, bytes }) => Ending::Truncated { offset, lost_bytes: bytes },
+            Some(Tail::Lost(damage)) => self.corrupt(damage),
+        }
+    }
+
+    fn corrupt(&self, Damage { offset, reason }: Damage) -> Ending {
+        let lost_bytes = self.scanner.length().saturating_sub(offset);
+        let lost_records = self.scanner.recorded_messages();
+        let lost_records = lost_records.map(|all| all.saturating_sub(self.given));
+        Ending::Corrupt { offset, reason, lost_bytes, lost_records }
+    }
+
+    fn next_entry(&mut self) -> Result<Option<Entry>, Error> {
+        let Some(message) = self.next_message()? else { return Ok(None) };
+        decode(&self.path, message).map(Some)
+    }
+}
+
+impl Iterator for FileReader {
+    type Item = Result<Entry, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let entry = self.next_entry().transpose();
+        self.failed = matches!(entry, Some(Err(_)));
+        entry
+    }
+}
+
+/// The ending of a file whose last `bytes` are of no use, or that has no end if there are none. It is
+/// no loss in a file whose name says that it was not sealed.
+pub(super) fn cut_off(path: &Path, length: u64, bytes: u64) -> Ending {
+    if is_active(path) {
+        return Ending::Unsealed;
+    }
+    Ending::Truncated { offset: length - bytes, lost_bytes: bytes }
+}
+
+/// Decodes a message of a file.
+pub(super) fn decode(path: &Path, message: Message) -> Result<Entry, Error> {
+    let Message { topic, log_time_ns, bytes } = message;
+    let record = Record::decode(topic, bytes).map_err(|cause| {
+        read_error(path, format!("topic {}: undecodable {}: {cause}", topic.name(), topic.schema()))
+    })?;
+    Ok(Entry { log_time_ns, record })
+}

@@ -1,0 +1,303 @@
+//! Seals a file that a crash or a bad disk left, for `goalward log repair` and for resuming.
+//!
+//! All messages whose chunk is intact go to a new file, those behind damage too; the new file is
+//! read back before it takes the name. The original is kept if anything in it could not be.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, TryLockError};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::{fmt, io};
+
+use protocol::{Error, durable};
+
+use super::file::FileWriter;
+use super::folder::{ACTIVE, is_active, sync_folder_of, with_ending};
+use super::reader::{Ending, FileReader};
+use super::scan::{Block, Damage, Scanner, Tail};
+use super::topic::Topic;
+use super::{read_error, write_error};
+
+/// What the original has behind its name if something in it is lost.
+const DAMAGED: &str = "damaged";
+/// What the new file has behind its name until it has been read back.
+const REPAIRING: &str = "repairing";
+
+/// What [`repair`] did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Repair {
+    /// The file given.
+    pub original: PathBuf,
+    /// The sealed file; none if there was nothing to keep.
+    pub sealed: Option<PathBuf>,
+    /// Messages kept of each topic that has any.
+    pub kept: BTreeMap<Topic, u64>,
+    /// What was wrong, each with the byte it starts at; empty if the file was only not sealed.
+    pub damage: Vec<String>,
+    /// Messages that are known to be lost; damage at the end of a file hides how many it took.
+    pub lost: u64,
+    /// Where the original was put, if something in it is lost.
+    pub damaged: Option<PathBuf>,
+}
+
+impl Repair {
+    fn note(&mut self, Damage { offset, reason }: Damage) {
+        self.damage.push(format!("byte {offset}: {reason}"));
+    }
+}
+
+impl fmt::Display for Repair {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let messages: u64 = self.kept.values().sum();
+        write!(formatter, "{}: kept {messages} messages", self.original.display())?;
+        if let Some(sealed) = &self.sealed {
+            write!(formatter, " in {}", sealed.display())?;
+        }
+        for damage in &self.damage {
+            write!(formatter, "; {damage}")?;
+        }
+        if self.lost > 0 {
+            write!(formatter, "; at least {} messages are lost", self.lost)?;
+        }
+        if let Some(damaged) = &self.damaged {
+            write!(formatter, "; the original is {}", damaged.display())?;
+        }
+        Ok(())
+    }
+}
+
+/// Seals a file. A file that is sealed and intact stays as it is. `PATH.active` becomes `PATH`.
+///
+/// A repair that died can be done again: the original is there until the new file has its place, and
+/// what is there of both is recognised.
+///
+/// # Errors
+/// [`Error::LogRead`] as [`FileReader::open`], if the file is being written, or if another file has the
+/// sealed name; [`Error::LogWrite`] if the new file cannot be written. The original is then as it was.
+pub fn repair(path: &Path) -> Result<Repair, Error> {
+    let _held = hold(path)?;
+    let target = sealed_path(path);
+    let mut repair = Repair {
+        original: path.to_owned(),
+        sealed: None,
+        kept: BTreeMap::new(),
+        damage: Vec::new(),
+        lost: 0,
+        damaged: None,
+    };
+    if target != path && target.exists() {
+        finish(path, &target, &mut repair)?;
+        repair.sealed = Some(target);
+        return Ok(repair);
+    }
+    let Some(topics) = inspect(path, &mut repair)? else {
+        repair.damage.push("it ends before its metadata".to_owned());
+        repair.damaged = Some(set_aside(path)?);
+        return Ok(repair);
+    };
+    if !topics.is_empty() {
+        write_anew(path, &target, &topics, &mut repair)?;
+    } else if target != path {
+        durable::rename(path, &target)
+            .map_err(|cause| write_error(path, "rename the sealed file", &cause))?;
+    }
+    repair.sealed = Some(target);
+    Ok(repair)
+}
+
+/// Keeps other repairs away, and refuses a file that its writer still holds.
+fn hold(path: &Path) -> Result<File, Error> {
+    let file =
+        File::open(path).map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(read_error(path, "expected a file that nobody writes, found it being written"))
+        }
+        // Where files cannot be locked, a run's own lock must do.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
+}
+
+/// Reads a file. Gives the topics to repair it with, none of them if it is intact and sealed, and
+/// no answer if the file ends before its metadata.
+fn inspect(path: &Path, repair: &mut Repair) -> Result<Option<Vec<Topic>>, Error> {
+    let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(None) };
+    let mut kept = BTreeMap::new();
+    while let Some(message) = reader.next_message()? {
+        *kept.entry(message.topic).or_insert(0) += 1;
+    }
+    if reader.ending() == Some(&Ending::Complete) {
+        repair.kept = kept;
+        return Ok(Some(Vec::new()));
+    }
+    let declared = reader.topics();
+    Ok(Some(if declared.is_empty() { Topic::ALL.to_vec() } else { declared }))
+}
+
+/// Writes all that can be read to a new file and puts that in the original's place.
+fn write_anew(
+    path: &Path,
+    target: &Path,
+    topics: &[Topic],
+    repair: &mut Repair,
+) -> Result<(), Error> {
+    let draft = with_ending(target, REPAIRING);
+    for stale in [draft.clone(), with_ending(&draft, ACTIVE)] {
+        fs::remove_file(stale).ok();
+    }
+    let Some(mut scanner) = Scanner::open(path)? else {
+        return Err(read_error(path, "expected the metadata that was there before, found none"));
+    };
+    let mut writer = FileWriter::create(&draft, scanner.metadata(), topics)?;
+    copy(&mut scanner, &mut writer, repair)?;
+    writer.seal()?;
+    verify(&draft, repair)?;
+    replace(path, target, &draft, repair)
+}
+
+/// Copies what can be read, and notes what cannot.
+fn copy(scanner: &mut Scanner, writer: &mut FileWriter, repair: &mut Repair) -> Result<(), Error> {
+    while let Some(block) = scanner.next_block()? {
+        match block {
+            Block::Damage(damage) => repair.note(damage),
+            Block::Messages(messages) => {
+                for message in messages {
+                    writer.message(message.topic, message.log_time_ns, &message.bytes)?;
+                    *repair.kept.entry(message.topic).or_insert(0) += 1;
+                }
+            }
+        }
+    }
+    note_tail(scanner, repair);
+    Ok(())
+}
+
+/// Notes what is missing at the end.
+fn note_tail(scanner: &Scanner, repair: &mut Repair) {
+    repair.lost = scanner.missing();
+    match scanner.tail() {
+        Some(Tail::Cut { offset, bytes }) => {
+            repair.damage.push(format!("byte {offset}: cut off, the last {bytes} bytes are lost"));
+        }
+        Some(Tail::Lost(damage)) => {
+            repair.note(damage.clone());
+        }
+        Some(Tail::Unsealed) if !is_active(&repair.original) => {
+            repair.damage.push(format!("byte {}: its end is missing", scanner.length()));
+        }
+        Some(Tail::Sealed | Tail::Unsealed) | None => {}
+    }
+}
+
+/// Reads the new file back.
+fn verify(draft: &Path, repair: &Repair) -> Result<(), Error> {
+    let mut reader = FileReader::open(draft)?;
+    let mut found = BTreeMap::new();
+    while let Some(message) = reader.next_message()? {
+        *found.entry(message.topic).or_insert(0) += 1;
+    }
+    match reader.ending() {
+        Some(Ending::Complete) if found == repair.kept => Ok(()),
+        ending => {
+            let message = format!(
+                "expected the repaired file to read back {:?}, found {found:?}, {ending:?}",
+                repair.kept
+            );
+            Err(read_error(draft, message))
+        }
+    }
+}
+
+/// Puts the new file in the original's place. At no moment is there neither.
+fn replace(path: &Path, target: &Path, draft: &Path, repair: &mut Repair) -> Result<(), Error> {
+    if path == target && !repair.damage.is_empty() {
+        repair.damaged = Some(link_aside(path)?);
+    }
+    durable::rename(draft, target)
+        .map_err(|cause| write_error(target, "name the repaired file", &cause))?;
+    if path == target { Ok(()) } else { put_away(path, repair) }
+}
+
+/// Puts an original away whose repaired file has its place.
+fn put_away(path: &Path, repair: &mut Repair) -> Result<(), Error> {
+    if !repair.damage.is_empty() {
+        repair.damaged = Some(set_aside(path)?);
+        return Ok(());
+    }
+    fs::remove_file(path).map_err(|cause| write_error(path, "remove the unsealed file", &cause))?;
+    sync_folder_of(path)
+}
+
+/// Ends a repair that died when the new file had its place and the original was still there.
+fn finish(path: &Path, target: &Path, repair: &mut Repair) -> Result<(), Error> {
+    let differs = || {
+        let target = target.display();
+        read_error(path, format!("expected to seal it as {target}, which has something else"))
+    };
+    let mut sealed = FileReader::open(target)?;
+    if let Some(mut scanner) = Scanner::open(path)? {
+        while let Some(block) = scanner.next_block()? {
+            match block {
+                Block::Damage(damage) => repair.note(damage),
+                Block::Messages(messages) => {
+                    for message in messages {
+                        let found = sealed.next_message()?;
+                        if found.as_ref() != Some(&message) {
+                            return Err(differs());
+                        }
+                        *repair.kept.entry(message.topic).or_insert(0) += 1;
+                    }
+                }
+            }
+        }
+        note_tail(&scanner, repair);
+    }
+    if sealed.next_message()?.is_some() || sealed.ending() != Some(&Ending::Complete) {
+        return Err(differs());
+    }
+    put_away(path, repair)
+}
+
+/// Gives a file that stays in its place a second name.
+fn link_aside(path: &Path) -> Result<PathBuf, Error> {
+    let failed = |cause| write_error(path, "keep the damaged file", &cause);
+    let mut names = names_aside(path);
+    // A repair that died may have linked it already.
+    let is_free = |name: &PathBuf| !name.exists() || is_same_file(name, path);
+    let aside = names.find(is_free).expect("names do not end");
+    if !aside.exists() {
+        fs::hard_link(path, &aside).or_else(|_| copy_aside(path, &aside)).map_err(failed)?;
+    }
+    sync_folder_of(&aside)?;
+    Ok(aside)
+}
+
+/// What a link is where there are no links.
+fn copy_aside(path: &Path, aside: &Path) -> io::Result<()> {
+    let unfinished = durable::unfinished(aside);
+    fs::copy(path, &unfinished)?;
+    File::open(&unfinished)?.sync_all()?;
+    durable::rename(&unfinished, aside)
+}
+
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().map(|file| (file.dev(), file.ino())).ok();
+    identity(one).is_some() && identity(one) == identity(other)
+}
+
+fn set_aside(path: &Path) -> Result<PathBuf, Error> {
+    let aside = names_aside(path).find(|name| !name.exists()).expect("names do not end");
+    durable::rename(path, &aside).map_err(|cause| write_error(path, "put it aside", &cause))?;
+    Ok(aside)
+}
+
+/// Names for the damaged original.
+fn names_aside(path: &Path) -> impl Iterator<Item = PathBuf> {
+    let numbered = (1..).map(move |number| with_ending(path, &format!("{DAMAGED}-{number}")));
+    std::iter::once(with_ending(path, DAMAGED)).chain(numbered)
+}
+
+/// `path` without `.active`.
+fn sealed_path(path: &Path) -> PathBuf {
+    if is_active(path) { path.with_extension("") } else { path.to_owned() }
+}

@@ -1,0 +1,65 @@
+//! [`rewrite`]: the log of a run once more, with other trajectories.
+
+use std::fs;
+use std::path::Path;
+
+use bytes::Bytes;
+use protocol::Error;
+
+use super::file::FileWriter;
+use super::run::read_run;
+use super::scan::Message;
+use super::topic::{Contents, Topic};
+use super::{folder, write_error};
+
+/// Messages that are held at a time.
+const MESSAGES_AT_ONCE: usize = 4096;
+
+/// Writes the records of a run's log into the folder `out`, in their order and at their log times,
+/// with trajectories as `change` gives them back: as many as it was given. Files that are cut off or
+/// damaged are written as far as they can be read.
+///
+/// # Errors
+/// Those of `change`, and [`Error::LogRead`] and [`Error::LogWrite`]; also when `out` has a log.
+pub fn rewrite<E: From<Error>>(
+    log: &Path,
+    out: &Path,
+    mut change: impl FnMut(Vec<Bytes>) -> Result<Vec<Bytes>, E>,
+) -> Result<(), E> {
+    let mut reader = read_run(log)?;
+    fs::create_dir_all(out).map_err(|cause| write_error(out, "make the folder", &cause))?;
+    let create = |contents: Contents| {
+        let path = folder::path(out, contents, 0);
+        FileWriter::create(&path, reader.metadata(), contents.topics())
+    };
+    let mut trajectories = create(Contents::Trajectories)?;
+    let mut updates = create(Contents::Updates)?;
+    loop {
+        let mut messages = Vec::new();
+        while messages.len() < MESSAGES_AT_ONCE
+            && let Some((_, message)) = reader.next_message()?
+        {
+            messages.push(message);
+        }
+        if messages.is_empty() {
+            break;
+        }
+        let old = messages.iter().filter(|message| is_trajectory(message));
+        let mut changed = change(old.map(|message| message.bytes.clone()).collect())?.into_iter();
+        for message in messages {
+            let bytes = match is_trajectory(&message) {
+                true => changed.next().expect("as many as were given"),
+                false => message.bytes,
+            };
+            let is_update = Contents::Updates.topics().contains(&message.topic);
+            let file = if is_update { &mut updates } else { &mut trajectories };
+            file.message(message.topic, message.log_time_ns, &bytes)?;
+        }
+    }
+    trajectories.seal()?;
+    Ok(updates.seal()?)
+}
+
+fn is_trajectory(message: &Message) -> bool {
+    matches!(message.topic, Topic::Trajectory | Topic::EvaluationTrajectory)
+}

@@ -1,0 +1,308 @@
+//! [`read_run`]: everything a run recorded, in order, each thing once.
+//!
+//! A run that went back to a checkpoint, because a process died or it was resumed, has recorded
+//! some iterations twice. The later record counts. Which record is the last of its name is known
+//! only at the end, so the files are read twice: for the names, and for the records.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use prost::Message as _;
+use protocol::Error;
+use protocol::build::Build;
+use protocol::table::result_differences;
+use toml::Table;
+
+use super::folder::{LogFile, followed, log_files};
+use super::metadata::Metadata;
+use super::reader::{Ending, Entry, FileReader, cut_off, decode};
+use super::scan::Message;
+use super::topic::{Contents, Topic};
+use super::{Kind, read_error};
+
+/// Reads all that a run's log folder holds: trajectories, scores, updates and checkpoints merged
+/// by log time. A policy update comes behind the trajectories it learned from.
+///
+/// # Errors
+/// [`Error::LogRead`] as [`FileReader::open`], or if the folder has no log or that of two runs.
+pub fn read_run(folder: &Path) -> Result<RunReader, Error> {
+    RunReader::open(folder, &Contents::ALL)
+}
+
+/// Reads only trajectories and scores, or only updates and checkpoints.
+///
+/// # Errors
+/// As [`read_run`].
+pub fn read_contents(folder: &Path, contents: Contents) -> Result<RunReader, Error> {
+    RunReader::open(folder, &[contents])
+}
+
+/// Iterates over the records of a run; items fail as those of [`FileReader`] do.
+pub struct RunReader {
+    metadata: Metadata,
+    streams: Vec<Stream>,
+    endings: Vec<(PathBuf, Ending)>,
+    repeated: u64,
+    failed: bool,
+}
+
+impl RunReader {
+    fn open(folder: &Path, contents: &[Contents]) -> Result<Self, Error> {
+        let mut metadata: Option<Metadata> = None;
+        let mut endings = Vec::new();
+        let mut streams = Vec::new();
+        let mut repeated = 0;
+        for &contents in contents {
+            let mut last = BTreeMap::new();
+            let mut files = VecDeque::new();
+            let found = log_files(folder)?;
+            for file in found.into_iter().filter(|file| file.contents == contents) {
+                let path = followed(file.path);
+                let Some(mut reader) = FileReader::open_begun(&path)? else {
+                    let bytes = path.metadata().map_or(0, |file| file.len());
+                    endings.push((path.clone(), cut_off(&path, bytes, bytes)));
+                    continue;
+                };
+                let first = metadata.get_or_insert_with(|| reader.metadata().clone());
+                same_run(&path, first, reader.metadata())?;
+                repeated += last_of_each_name(&path, &mut reader, files.len(), &mut last)?;
+                let ending = reader.ending().cloned().unwrap_or(Ending::Unsealed);
+                endings.push((path.clone(), ending));
+                files.push_back(path);
+            }
+            streams.push(Stream { files, opened: 0, reader: None, read: 0, last, head: None });
+        }
+        let metadata = metadata.ok_or_else(|| {
+            read_error(folder, "expected files such as trajectories-00000.mcap, found none")
+        })?;
+        let mut reader = RunReader { metadata, streams, endings, repeated, failed: false };
+        reader.streams.iter_mut().try_for_each(Stream::advance)?;
+        Ok(reader)
+    }
+
+    /// What the first file says of the run.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// Every file read and how it ends.
+    pub fn endings(&self) -> &[(PathBuf, Ending)] {
+        &self.endings
+    }
+
+    /// Records left out because the same was recorded again later.
+    pub fn repeated(&self) -> u64 {
+        self.repeated
+    }
+
+    /// The next message, undecoded, and the file it is from; none at the end.
+    pub(super) fn next_message(&mut self) -> Result<Option<(PathBuf, Message)>, Error> {
+        let heads = self.streams.iter_mut().filter(|stream| stream.head.is_some());
+        let earliest =
+            heads.min_by_key(|stream| stream.head.as_ref().map(|(_, head)| head.log_time_ns));
+        let Some(stream) = earliest else { return Ok(None) };
+        let head = stream.head.take();
+        stream.advance()?;
+        Ok(head)
+    }
+
+    fn next_entry(&mut self) -> Result<Option<Entry>, Error> {
+        let Some((path, message)) = self.next_message()? else { return Ok(None) };
+        decode(&path, message).map(Some)
+    }
+}
+
+impl Iterator for RunReader {
+    type Item = Result<Entry, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let entry = self.next_entry().transpose();
+        self.failed = matches!(entry, Some(Err(_)));
+        entry
+    }
+}
+
+/// Where a record is: number of the file, number of the record in it.
+type Place = (usize, u64);
+
+/// The files of one contents, one after another.
+struct Stream {
+    files: VecDeque<PathBuf>,
+    opened: usize,
+    reader: Option<(PathBuf, FileReader)>,
+    /// Messages read of the open file.
+    read: u64,
+    last: BTreeMap<Name, Place>,
+    head: Option<(PathBuf, Message)>,
+}
+
+impl Stream {
+    /// Puts the next message that counts into `head`.
+    fn advance(&mut self) -> Result<(), Error> {
+        loop {
+            let Some((path, reader)) = &mut self.reader else {
+                let Some(path) = self.files.pop_front().map(followed) else { return Ok(()) };
+                let reader = FileReader::open(&path)?;
+                (self.opened, self.read) = (self.opened + 1, 0);
+                self.reader = Some((path, reader));
+                continue;
+            };
+            let Some(message) = reader.next_message()? else {
+                self.reader = None;
+                continue;
+            };
+            let place = (self.opened - 1, self.read);
+            self.read += 1;
+            if self.last.get(&name_of(path, &message)?) == Some(&place) {
+                self.head = Some((path.clone(), message));
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Notes where each record of a file is; those noted before under the same name count no more.
+fn last_of_each_name(
+    path: &Path,
+    reader: &mut FileReader,
+    number: usize,
+    last: &mut BTreeMap<Name, Place>,
+) -> Result<u64, Error> {
+    let (mut read, mut repeated) = (0, 0);
+    while let Some(message) = reader.next_message()? {
+        let before = last.insert(name_of(path, &message)?, (number, read));
+        repeated += u64::from(before.is_some());
+        read += 1;
+    }
+    Ok(repeated)
+}
+
+fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Error> {
+    if metadata.kind != Kind::Run {
+        let (expected, found) = (Kind::Run.name(), metadata.kind.name());
+        return Err(read_error(path, format!("expected metadata `{expected}`, found `{found}`")));
+    }
+    for name in ["task", "seed"] {
+        let [expected, found] = [first, metadata].map(|file| file.get(name).unwrap_or("none"));
+        if expected != found {
+            let message =
+                format!("expected {name} {expected} as in the run's first file, found {found}");
+            return Err(read_error(path, message));
+        }
+    }
+    if first.get("config") == metadata.get("config") {
+        return Ok(());
+    }
+    let (Some(expected), Some(found)) = (first.get("config"), metadata.get("config")) else {
+        return Ok(());
+    };
+    let table = |text: &str| {
+        let failed = |error: toml::de::Error| {
+            read_error(path, format!("configuration of the log: {}", error.message()))
+        };
+        text.parse::<Table>().map_err(failed)
+    };
+    let differing = result_differences(&table(expected)?, &table(found)?);
+    let Some((key, [expected, found])) = differing.first() else { return Ok(()) };
+    let message = format!("expected {key} = {expected} as in the run's first file, found {found}");
+    Err(read_error(path, message))
+}
+
+/// What makes two records the same thing recorded twice: topic, iteration, and what it is about
+/// within the iteration.
+type Name = (Topic, u64, u64, u64);
+
+fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
+    let bytes = message.bytes.as_ref();
+    let topic = message.topic;
+    let name = match topic {
+        Topic::Scene => {
+            let message = "topic /evaluation/scene: expected the log of a run, found an evaluation";
+            return Err(read_error(path, message));
+        }
+        Topic::Trajectory | Topic::EvaluationTrajectory => {
+            TrajectoryName::decode(bytes).map(|name| (name.iteration, name.lane, name.episode))
+        }
+        Topic::Score => {
+            ScoreName::decode(bytes).map(|name| (name.iteration, name.lane, name.episode))
+        }
+        Topic::RewardUpdate => {
+            RewardUpdateName::decode(bytes).map(|name| (name.iteration, name.model_version, 0))
+        }
+        Topic::PolicyUpdate | Topic::Checkpoint => {
+            IterationName::decode(bytes).map(|name| (name.iteration, 0, 0))
+        }
+    };
+    let (iteration, second, third) = name.map_err(|cause| {
+        let (name, schema) = (topic.name(), topic.schema());
+        read_error(path, format!("topic {name}: undecodable {schema}: {cause}"))
+    })?;
+    Ok((topic, iteration, second, third))
+}
+
+/// The fields of a trajectory that name it; decoding them leaves the rest alone.
+#[derive(Clone, PartialEq, prost::Message)]
+struct TrajectoryName {
+    #[prost(uint64, tag = "3")]
+    iteration: u64,
+    #[prost(uint64, tag = "4")]
+    lane: u64,
+    #[prost(uint64, tag = "5")]
+    episode: u64,
+}
+
+/// The fields of a score that name it.
+#[derive(Clone, PartialEq, prost::Message)]
+struct ScoreName {
+    #[prost(uint64, tag = "1")]
+    iteration: u64,
+    #[prost(uint64, tag = "2")]
+    lane: u64,
+    #[prost(uint64, tag = "3")]
+    episode: u64,
+}
+
+/// The fields of an update of the reward model that name it. The offline training and the first
+/// online update are of the same iteration.
+#[derive(Clone, PartialEq, prost::Message)]
+struct RewardUpdateName {
+    #[prost(uint64, tag = "1")]
+    iteration: u64,
+    #[prost(uint64, tag = "2")]
+    model_version: u64,
+}
+
+/// The field that names a policy update or a checkpoint.
+#[derive(Clone, PartialEq, prost::Message)]
+struct IterationName {
+    #[prost(uint64, tag = "1")]
+    iteration: u64,
+}
+
+/// What the files of a run's log say of themselves, oldest first, as far as they can be read: a file may
+/// be cut off, or of an older build.
+pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
+    let metadata = |file: LogFile| Some(FileReader::open(&file.path).ok()?.metadata().clone());
+    Ok(log_files(folder)?.into_iter().filter_map(metadata).collect())
+}
+
+/// The builds that a run was trained by, one after another, as far as the files of its log tell.
+///
+/// # Errors
+/// [`Error::LogRead`] if the folder cannot be listed.
+pub fn recorded_builds(folder: &Path) -> Result<Vec<Build>, Error> {
+    let mut builds = Vec::new();
+    // Whoever begins to write a log begins a file of each contents.
+    let is_of_updates = |file: &LogFile| file.contents == Contents::Updates;
+    for file in log_files(folder)?.into_iter().filter(is_of_updates) {
+        let Ok(Some(reader)) = FileReader::open_begun(&followed(file.path)) else { continue };
+        let build = reader.metadata().build();
+        if builds.last() != Some(&build) {
+            builds.push(build);
+        }
+    }
+    Ok(builds)
+}

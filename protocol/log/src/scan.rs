@@ -1,0 +1,452 @@
+//! From the bytes of a file to blocks of messages, whatever state the file is in.
+//!
+//! An MCAP file is a sequence of records: kind, length, content. Messages are in chunks, which are
+//! records with a checksum of their own. So a damaged chunk costs that chunk: its length still says
+//! where the next record is. Memory is bounded by one chunk, whose limits are in `chunk`.
+
+use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use mcap::McapError;
+use mcap::records::{self, MessageHeader, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use protocol::Error;
+
+use super::chunk::{Chunks, RECORD_HEADER, each};
+use super::metadata::{Metadata, not_ours};
+use super::read_error;
+use super::record::{self, LONGEST_RECORD, Trouble};
+use super::topic::Topic;
+
+/// Longest record that declares something. Ours have some thousand bytes; in memory they become
+/// several times as long.
+const LONGEST_DECLARATION: usize = 1 << 20;
+
+/// Letters of a foreign schema's name that are kept, for words about it.
+const LETTERS_KEPT: usize = 100;
+
+/// A message as recorded.
+#[derive(PartialEq)]
+pub(super) struct Message {
+    pub(super) topic: Topic,
+    pub(super) log_time_ns: u64,
+    pub(super) bytes: Bytes,
+}
+
+/// What comes next in a file.
+pub(super) enum Block {
+    /// A chunk whose checksum is right; none of its messages is missing.
+    Messages(Vec<Message>),
+    /// Something that is not as it was written. Scanning can go on behind it.
+    Damage(Damage),
+}
+
+/// Where a file is not as it was written, and in which way.
+#[derive(Clone, Debug)]
+pub(super) struct Damage {
+    pub(super) offset: u64,
+    pub(super) reason: String,
+}
+
+/// How the bytes of a file end.
+#[derive(Clone, Debug)]
+pub(super) enum Tail {
+    /// As a sealed file does.
+    Sealed,
+    /// Behind a whole record, without the end of a sealed file.
+    Unsealed,
+    /// Within the record that starts at `offset`.
+    Cut { offset: u64, bytes: u64 },
+    /// In bytes from which no next record can be found.
+    Lost(Damage),
+}
+
+/// Reads a file block by block.
+pub(super) struct Scanner {
+    path: PathBuf,
+    metadata: Metadata,
+    source: Source,
+    chunks: Chunks,
+    directory: Directory,
+    /// Whether the end of the file was looked at for channels that its beginning lacks.
+    summary_read: bool,
+    /// A block found together with the damage before it.
+    held: Option<Block>,
+    tail: Option<Tail>,
+}
+
+impl Scanner {
+    /// Opens a file and reads up to its metadata. None if it ends before: a crash can leave that.
+    pub(super) fn open(path: &Path) -> Result<Option<Self>, Error> {
+        let mut source = Source::open(path)?;
+        let header = source.next(path)?;
+        if !matches!(header, Frame::Record { kind: op::HEADER, .. }) {
+            return match header {
+                Frame::End(Tail::Unsealed | Tail::Cut { .. }) => Ok(None),
+                _ => Err(read_error(path, "expected an MCAP header first, found something else")),
+            };
+        }
+        let metadata = match source.next(path)? {
+            Frame::Record { kind: op::METADATA, content, .. } => metadata(content),
+            Frame::Record { kind, .. } => Err(not_ours(&format!("a record of kind {kind:#04x}"))),
+            Frame::End(Tail::Unsealed | Tail::Cut { .. }) => return Ok(None),
+            Frame::End(_) => Err(not_ours("damage")),
+        };
+        Ok(Some(Scanner {
+            path: path.to_owned(),
+            metadata: metadata.map_err(|message| read_error(path, message))?,
+            source,
+            chunks: Chunks::default(),
+            summary_read: false,
+            directory: Directory::default(),
+            held: None,
+            tail: None,
+        }))
+    }
+
+    pub(super) fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// How the file ends, once [`next_block`](Self::next_block) has given all of it.
+    pub(super) fn tail(&self) -> Option<&Tail> {
+        self.tail.as_ref()
+    }
+
+    /// Messages that sequence numbers show to be missing so far.
+    pub(super) fn missing(&self) -> u64 {
+        self.directory.missing
+    }
+
+    /// The topics that the file has declared so far.
+    pub(super) fn topics(&self) -> Vec<Topic> {
+        self.directory.channels.values().filter_map(|channel| channel.topic).collect()
+    }
+
+    /// Messages that a sealed file says it has; none if the file is not sealed.
+    pub(super) fn recorded_messages(&self) -> Option<u64> {
+        Summary::read(&self.path)?.messages
+    }
+
+    /// Length of the file.
+    pub(super) fn length(&self) -> u64 {
+        self.source.length
+    }
+
+    /// Whether a writer that lives has the file, or had it when this scanner had read all there was.
+    pub(super) fn is_being_written(&self) -> bool {
+        let file = self.source.file.get_ref();
+        let is_locked = match file.try_lock_shared() {
+            Ok(()) => {
+                file.unlock().ok();
+                false
+            }
+            Err(cause) => matches!(cause, TryLockError::WouldBlock),
+        };
+        is_locked || file.metadata().is_ok_and(|now| now.len() > self.source.length)
+    }
+
+    /// The next block; none at the end of what can be read.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] if the system cannot read the file, or if a topic of ours has messages
+    /// that are not ours. Damage is no error here.
+    pub(super) fn next_block(&mut self) -> Result<Option<Block>, Error> {
+        if let Some(block) = self.held.take() {
+            return Ok(Some(block));
+        }
+        while self.tail.is_none() {
+            let Scanner { path, source, chunks, directory, .. } = self;
+            let (content, kind, offset) = match source.next(path)? {
+                Frame::Record { content, kind, offset } => (content, kind, offset),
+                Frame::End(tail) => {
+                    self.tail = Some(tail);
+                    break;
+                }
+            };
+            let mut found = Found::default();
+            let taken = match kind {
+                op::CHUNK => {
+                    chunks.open(content, |kind, content| directory.take(kind, content, &mut found))
+                }
+                _ => directory.take(kind, content, &mut found),
+            };
+            match taken {
+                Ok(()) => {}
+                Err(Trouble::Foreign(message)) => {
+                    return Err(read_error(path, format!("byte {offset}: {message}")));
+                }
+                Err(Trouble::Damage(reason)) => {
+                    directory.forgive();
+                    if directory.channels.is_empty() && !self.summary_read {
+                        self.summary_read = true;
+                        directory.adopt(Summary::read(path));
+                    }
+                    return Ok(Some(Block::Damage(Damage { offset, reason })));
+                }
+            }
+            let messages = Block::Messages(found.messages);
+            if found.gap > 0 {
+                self.held = Some(messages);
+                let reason = format!("{} messages before this byte are missing", found.gap);
+                return Ok(Some(Block::Damage(Damage { offset, reason })));
+            }
+            if !matches!(&messages, Block::Messages(messages) if messages.is_empty()) {
+                return Ok(Some(messages));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// The outermost records of a file.
+struct Source {
+    file: BufReader<File>,
+    records: LinearReader,
+    kind: u8,
+    content: Vec<u8>,
+    /// Where the record given last starts, and where it ends.
+    start: u64,
+    end: u64,
+    length: u64,
+    read: u64,
+}
+
+enum Frame<'a> {
+    Record { kind: u8, content: &'a [u8], offset: u64 },
+    End(Tail),
+}
+
+impl Source {
+    fn open(path: &Path) -> Result<Self, Error> {
+        let failed = |cause| read_error(path, format!("cannot open: {cause}"));
+        let mut file = File::open(path).map_err(failed)?;
+        let length = file.metadata().map_err(failed)?.len();
+        let mut magic = Vec::new();
+        let magic_bytes = mcap::MAGIC.len() as u64;
+        file.by_ref().take(magic_bytes).read_to_end(&mut magic).map_err(failed)?;
+        if !mcap::MAGIC.starts_with(&magic) {
+            let found = magic.escape_ascii();
+            let message = format!("expected an MCAP file, found one that begins with `{found}`");
+            return Err(read_error(path, message));
+        }
+        file.rewind().map_err(failed)?;
+        let options = LinearReaderOptions::default()
+            .with_emit_chunks(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(LONGEST_RECORD);
+        let records = LinearReader::new_with_options(options);
+        let file = BufReader::with_capacity(64 << 10, file);
+        let (kind, content) = (0, Vec::new());
+        Ok(Source { file, records, kind, content, start: 0, end: magic_bytes, length, read: 0 })
+    }
+
+    fn next(&mut self, path: &Path) -> Result<Frame<'_>, Error> {
+        loop {
+            match self.records.next_event() {
+                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => self.fill(wanted, path)?,
+                Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                    (self.kind, self.start) = (opcode, self.end);
+                    self.end += (RECORD_HEADER + data.len()) as u64;
+                    self.content.clear();
+                    self.content.extend_from_slice(data);
+                    break;
+                }
+                Some(Err(cause)) => return Ok(Frame::End(self.tail(cause))),
+                None => return Ok(Frame::End(Tail::Sealed)),
+            }
+        }
+        Ok(Frame::Record { kind: self.kind, content: &self.content, offset: self.start })
+    }
+
+    /// Gives the parser what it asks for, as far as the file had it when it was opened.
+    fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Error> {
+        let left = usize::try_from(self.length - self.read).unwrap_or(usize::MAX);
+        let room = self.records.insert(wanted.min(left));
+        let count = loop {
+            match self.file.read(room) {
+                Err(cause) if cause.kind() == std::io::ErrorKind::Interrupted => {}
+                read => break read,
+            }
+        };
+        let count = count.map_err(|cause| {
+            read_error(path, format!("cannot read at byte {}: {cause}", self.read))
+        })?;
+        self.records.notify_read(count);
+        self.read += count as u64;
+        Ok(())
+    }
+
+    fn tail(&self, cause: McapError) -> Tail {
+        match cause {
+            McapError::UnexpectedEof if self.read <= self.end => Tail::Unsealed,
+            McapError::UnexpectedEof => Tail::Cut { offset: self.end, bytes: self.read - self.end },
+            cause => Tail::Lost(Damage { offset: self.end, reason: cause.to_string() }),
+        }
+    }
+}
+
+/// What a chunk, or a record outside of chunks, holds.
+#[derive(Default)]
+struct Found {
+    messages: Vec<Message>,
+    /// Messages that should have come before these, with no known damage to explain it.
+    gap: u64,
+}
+
+/// The schemas and channels of a file so far, and how many messages each channel had.
+#[derive(Default)]
+struct Directory {
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, Channel>,
+    missing: u64,
+}
+
+struct Channel {
+    /// None for a topic that is not ours: somebody added to the file, which is their right.
+    topic: Option<Topic>,
+    next: u32,
+    /// Damage has been met since its last message, so a gap in its numbers is no news.
+    forgiven: bool,
+}
+
+impl Directory {
+    /// Takes a record that is no chunk.
+    fn take(&mut self, kind: u8, content: &[u8], found: &mut Found) -> Result<(), Trouble> {
+        if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+            return Ok(());
+        }
+        if kind != op::MESSAGE && content.len() > LONGEST_DECLARATION {
+            let found = content.len();
+            return Err(Trouble::Damage(format!(
+                "record of kind {kind:#04x}: expected up to {LONGEST_DECLARATION} bytes, found {found}"
+            )));
+        }
+        let record = record::parse(kind, content)
+            .map_err(|cause| Trouble::Damage(format!("record of kind {kind:#04x}: {cause}")))?;
+        match record {
+            records::Record::Schema { header, .. } => {
+                let protobuf = header.encoding == "protobuf";
+                let name =
+                    if protobuf { header.name } else { format!("{} schema", header.encoding) };
+                self.schemas.insert(header.id, name.chars().take(LETTERS_KEPT).collect());
+                Ok(())
+            }
+            records::Record::Channel(channel) => self.take_channel(channel),
+            records::Record::Message { header, data } => self.take_message(&header, &data, found),
+            _ => Ok(()),
+        }
+    }
+
+    fn take_channel(&mut self, channel: records::Channel) -> Result<(), Trouble> {
+        let topic = Topic::named(&channel.topic);
+        if let Some(topic) = topic {
+            let schema = self.schemas.get(&channel.schema_id).map_or("none", String::as_str);
+            if schema != topic.schema() || channel.message_encoding != "protobuf" {
+                let (name, expected) = (topic.name(), topic.schema());
+                return Err(Trouble::Foreign(format!(
+                    "topic {name}: expected protobuf messages {expected}, found {} messages {schema}",
+                    channel.message_encoding,
+                )));
+            }
+        }
+        // The same channel again, in the summary at the end, changes nothing.
+        let new = Channel { topic, next: 0, forgiven: false };
+        self.channels.entry(channel.id).or_insert(new);
+        Ok(())
+    }
+
+    fn take_message(
+        &mut self,
+        header: &MessageHeader,
+        data: &[u8],
+        found: &mut Found,
+    ) -> Result<(), Trouble> {
+        let Some(channel) = self.channels.get_mut(&header.channel_id) else {
+            let id = header.channel_id;
+            return Err(Trouble::Damage(format!("message of channel {id}, which is not declared")));
+        };
+        let Some(topic) = channel.topic else { return Ok(()) };
+        let gap = u64::from(header.sequence.saturating_sub(channel.next));
+        self.missing += gap;
+        found.gap += if channel.forgiven { 0 } else { gap };
+        (channel.next, channel.forgiven) = (header.sequence.wrapping_add(1), false);
+        let (log_time_ns, bytes) = (header.log_time, Bytes::copy_from_slice(data));
+        found.messages.push(Message { topic, log_time_ns, bytes });
+        Ok(())
+    }
+
+    /// Takes the channels from the end of a sealed file, for a file whose beginning is damaged.
+    fn adopt(&mut self, summary: Option<Summary>) {
+        for (id, topic) in summary.into_iter().flat_map(|summary| summary.directory.topics()) {
+            self.channels.insert(id, Channel { topic, next: 0, forgiven: true });
+        }
+    }
+
+    /// The topic of each channel.
+    fn topics(self) -> impl Iterator<Item = (u16, Option<Topic>)> {
+        self.channels.into_iter().map(|(id, channel)| (id, channel.topic))
+    }
+
+    /// Damage has been reported; what it took is not reported again.
+    fn forgive(&mut self) {
+        for channel in self.channels.values_mut() {
+            channel.forgiven = true;
+        }
+    }
+}
+
+fn metadata(content: &[u8]) -> Result<Metadata, String> {
+    if content.len() > LONGEST_DECLARATION {
+        return Err(not_ours(&format!("one of {} bytes", content.len())));
+    }
+    match record::parse(op::METADATA, content) {
+        Ok(records::Record::Metadata(record)) => Metadata::check(&record.name, record.metadata),
+        Ok(_) => Err(not_ours("another record")),
+        Err(cause) => Err(not_ours(&format!("damage: {cause}"))),
+    }
+}
+
+/// The end of a sealed file, which repeats the channels and counts the messages.
+struct Summary {
+    directory: Directory,
+    messages: Option<u64>,
+}
+
+impl Summary {
+    /// Bytes of the last record, which says where the summary begins, and of the magic behind it.
+    const FOOTER: u64 = RECORD_HEADER as u64 + 20 + mcap::MAGIC.len() as u64;
+
+    /// Reads that of a file; none if it is not there or not readable.
+    fn read(path: &Path) -> Option<Summary> {
+        let mut file = File::open(path).ok()?;
+        let end = file.metadata().ok()?.len().checked_sub(Self::FOOTER)?;
+        file.seek(SeekFrom::Start(end)).ok()?;
+        let mut footer = [0; 17];
+        file.read_exact(&mut footer).ok()?;
+        let (header, begin) = footer.split_first_chunk::<RECORD_HEADER>()?;
+        let begin = u64::from_le_bytes(begin.try_into().ok()?);
+        let length = end.checked_sub(begin).filter(|&length| length <= LONGEST_RECORD as u64)?;
+        if header[0] != op::FOOTER || begin == 0 {
+            return None;
+        }
+        file.seek(SeekFrom::Start(begin)).ok()?;
+        let mut bytes = Vec::new();
+        file.take(length).read_to_end(&mut bytes).ok()?;
+        let mut summary = Summary { directory: Directory::default(), messages: None };
+        each(&bytes, |kind, content| summary.take(kind, content)).ok()?;
+        Some(summary)
+    }
+
+    fn take(&mut self, kind: u8, content: &[u8]) -> Result<(), Trouble> {
+        if kind == op::STATISTICS {
+            self.messages = content.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+        }
+        self.directory.take(kind, content, &mut Found::default())
+    }
+}

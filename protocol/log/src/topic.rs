@@ -1,0 +1,117 @@
+//! The topics of the log: their names, their schemas and the file they go to.
+//!
+//! The schemas are `schema/goalward.proto` and, for what viewers draw, `schema/scene.proto`, compiled
+//! and committed, so that neither building nor reading the log needs a protobuf compiler.
+
+use protocol::trajectory::{Source, Trajectory};
+
+/// `schema/goalward.proto` as a serialized `FileDescriptorSet`; `tests/schema.rs` makes it.
+pub const SCHEMA: &[u8] = include_bytes!("../../schema/goalward.bin");
+
+/// `schema/scene.proto` in the same form.
+pub const SCENE_SCHEMA: &[u8] = include_bytes!("../../schema/scene.bin");
+
+/// What a recorded message is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Topic {
+    /// An episode to learn from: a policy's, or an expert's in a file of demonstrations.
+    Trajectory,
+    /// An episode on evaluation seeds.
+    EvaluationTrajectory,
+    /// What the reward model said of a trajectory.
+    Score,
+    /// A policy update.
+    PolicyUpdate,
+    /// An update of the reward model.
+    RewardUpdate,
+    /// A checkpoint of both.
+    Checkpoint,
+    /// What a viewer draws of an evaluation episode.
+    Scene,
+}
+
+impl Topic {
+    /// Every topic.
+    pub const ALL: [Topic; 7] = [
+        Topic::Trajectory,
+        Topic::EvaluationTrajectory,
+        Topic::Score,
+        Topic::PolicyUpdate,
+        Topic::RewardUpdate,
+        Topic::Checkpoint,
+        Topic::Scene,
+    ];
+
+    /// The topic's name in MCAP.
+    pub fn name(self) -> &'static str {
+        match self {
+            Topic::Trajectory => "/trajectory",
+            Topic::EvaluationTrajectory => "/evaluation/trajectory",
+            Topic::Score => "/proximity/score",
+            Topic::PolicyUpdate => "/policy/update",
+            Topic::RewardUpdate => "/proximity/update",
+            Topic::Checkpoint => "/checkpoint",
+            Topic::Scene => "/evaluation/scene",
+        }
+    }
+
+    /// The full name of the topic's message in the schema.
+    pub fn schema(self) -> &'static str {
+        match self {
+            Topic::Trajectory | Topic::EvaluationTrajectory => "goalward.v1.Trajectory",
+            Topic::Score => "goalward.v1.Score",
+            Topic::PolicyUpdate => "goalward.v1.PolicyUpdate",
+            Topic::RewardUpdate => "goalward.v1.RewardUpdate",
+            Topic::Checkpoint => "goalward.v1.Checkpoint",
+            Topic::Scene => "foxglove.SceneUpdate",
+        }
+    }
+
+    /// The compiled schema that declares the topic's message.
+    pub fn schema_set(self) -> &'static [u8] {
+        if self == Topic::Scene { SCENE_SCHEMA } else { SCHEMA }
+    }
+
+    /// The topic that a trajectory goes to.
+    pub fn of(trajectory: &Trajectory) -> Topic {
+        match Source::try_from(trajectory.source) {
+            Ok(Source::Evaluation) => Topic::EvaluationTrajectory,
+            _ => Topic::Trajectory,
+        }
+    }
+
+    pub(super) fn named(name: &str) -> Option<Topic> {
+        Topic::ALL.into_iter().find(|topic| topic.name() == name)
+    }
+}
+
+/// What a file of a run holds. Reading one topic costs the decompression of its whole file, so the
+/// few bytes of updates are not mixed with the many of trajectories.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Contents {
+    /// Trajectories and their scores.
+    Trajectories,
+    /// Updates and checkpoints.
+    Updates,
+}
+
+impl Contents {
+    /// Both.
+    pub const ALL: [Contents; 2] = [Contents::Trajectories, Contents::Updates];
+
+    /// What the names of such files begin with.
+    pub fn name(self) -> &'static str {
+        match self {
+            Contents::Trajectories => "trajectories",
+            Contents::Updates => "updates",
+        }
+    }
+
+    /// The topics in such files.
+    pub fn topics(self) -> &'static [Topic] {
+        match self {
+            Contents::Trajectories => &Topic::ALL[..3],
+            Contents::Updates => &Topic::ALL[3..6],
+        }
+    }
+}

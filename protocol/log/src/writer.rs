@@ -1,0 +1,203 @@
+//! [`LogWriter`]: the log folder of a run, as its learner writes it.
+//!
+//! Two files are open at a time: trajectories with their scores, and updates with checkpoints.
+//! When one has grown enough the next number is opened and the old file sealed. Every sitting of a
+//! run (the first, and each resumption) opens new numbers; no file is ever appended to again.
+
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use prost::Message;
+use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
+use protocol::trajectory::Encoded;
+use protocol::{Error, durable};
+
+use super::file::FileWriter;
+use super::folder::{next_number, path};
+use super::metadata::Metadata;
+use super::topic::{Contents, Topic};
+use super::write_error;
+
+/// How a log is written.
+#[derive(Clone, Copy, Debug)]
+pub struct LogOptions {
+    /// Size at which a file is sealed and the next one opened.
+    pub rotate_bytes: u64,
+    /// Whether trajectories keep their observations.
+    pub observations: bool,
+}
+
+impl Default for LogOptions {
+    fn default() -> Self {
+        LogOptions { rotate_bytes: 512 << 20, observations: true }
+    }
+}
+
+/// Writes a run's log. When a call has returned, the message is laid out in the open chunk; the
+/// owner calls [`flush`](Self::flush) about every second and [`sync`](Self::sync) at checkpoints.
+///
+/// An [`Error::LogRefused`] means that a message is not recorded and will not be. An
+/// [`Error::LogWrite`] of any call means that the disk refuses, not that the message is lost:
+/// pause, call [`flush`](Self::flush) until it succeeds, go on; do not append the message again.
+pub struct LogWriter {
+    trajectories: Stream,
+    updates: Stream,
+    observations: bool,
+    clock: Clock,
+}
+
+impl LogWriter {
+    /// Opens the next file of both contents in `folder`, which is made if it is not there.
+    pub fn create(folder: &Path, metadata: &Metadata, options: LogOptions) -> Result<Self, Error> {
+        durable::create_folder(folder)
+            .map_err(|cause| write_error(folder, "make the folder", &cause))?;
+        let stream = |contents| Stream::open(folder, contents, metadata, options);
+        Ok(LogWriter {
+            trajectories: stream(Contents::Trajectories)?,
+            updates: stream(Contents::Updates)?,
+            observations: options.observations,
+            clock: Clock::default(),
+        })
+    }
+
+    /// Appends a trajectory: its encoded bytes as they are, or without observations.
+    pub fn trajectory(&mut self, encoded: &Encoded) -> Result<(), Error> {
+        let topic = Topic::of(&encoded.trajectory);
+        let now_ns = self.clock.now_ns();
+        if self.observations {
+            return self.trajectories.message(topic, now_ns, &encoded.bytes);
+        }
+        let actions_only = encoded.trajectory.clone().actions_only(encoded.key.hash);
+        self.trajectories.message(topic, now_ns, &actions_only.encode_to_vec())
+    }
+
+    /// Appends a score.
+    pub fn score(&mut self, score: &Score) -> Result<(), Error> {
+        self.trajectories.message(Topic::Score, self.clock.now_ns(), &score.encode_to_vec())
+    }
+
+    /// Appends a policy update.
+    pub fn policy_update(&mut self, update: &PolicyUpdate) -> Result<(), Error> {
+        self.updates.message(Topic::PolicyUpdate, self.clock.now_ns(), &update.encode_to_vec())
+    }
+
+    /// Appends an update of the reward model.
+    pub fn reward_update(&mut self, update: &RewardUpdate) -> Result<(), Error> {
+        self.updates.message(Topic::RewardUpdate, self.clock.now_ns(), &update.encode_to_vec())
+    }
+
+    /// Appends a checkpoint.
+    pub fn checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+        self.updates.message(Topic::Checkpoint, self.clock.now_ns(), &checkpoint.encode_to_vec())
+    }
+
+    /// Closes the open chunks: what was appended before survives the death of this process.
+    pub fn flush(&mut self) -> Result<(), Error> {
+        let trajectories = self.trajectories.flush();
+        self.updates.flush()?;
+        trajectories
+    }
+
+    /// Flushes and waits for the disk: what was appended before survives the machine's death.
+    pub fn sync(&mut self) -> Result<(), Error> {
+        self.flush()?;
+        self.trajectories.current.sync()?;
+        self.updates.current.sync()
+    }
+
+    /// Seals all files; can be called again after an error. Nothing can be appended afterwards.
+    pub fn finish(&mut self) -> Result<(), Error> {
+        self.flush()?;
+        self.trajectories.current.seal()?;
+        self.updates.current.seal()
+    }
+
+    /// Bytes that the operating system has taken since [`create`](Self::create).
+    pub fn bytes_written(&self) -> u64 {
+        self.trajectories.bytes_written() + self.updates.bytes_written()
+    }
+}
+
+/// The files of one contents, one after another.
+struct Stream {
+    folder: PathBuf,
+    contents: Contents,
+    metadata: Metadata,
+    rotate_bytes: u64,
+    number: u32,
+    current: FileWriter,
+    /// The file before, while the disk does not let it be sealed.
+    unsealed: Option<FileWriter>,
+    earlier_bytes: u64,
+}
+
+impl Stream {
+    fn open(
+        folder: &Path,
+        contents: Contents,
+        metadata: &Metadata,
+        options: LogOptions,
+    ) -> Result<Self, Error> {
+        let number = next_number(folder, contents)?;
+        let current =
+            FileWriter::create(&path(folder, contents, number), metadata, contents.topics())?;
+        Ok(Stream {
+            folder: folder.to_owned(),
+            contents,
+            metadata: metadata.clone(),
+            rotate_bytes: options.rotate_bytes,
+            number,
+            current,
+            unsealed: None,
+            earlier_bytes: 0,
+        })
+    }
+
+    fn message(&mut self, topic: Topic, log_time_ns: u64, bytes: &[u8]) -> Result<(), Error> {
+        self.current.message(topic, log_time_ns, bytes)?;
+        self.rotate()
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        self.current.flush()?;
+        self.rotate()
+    }
+
+    /// Goes on to the next file when this one has grown enough, and seals the one before.
+    fn rotate(&mut self) -> Result<(), Error> {
+        let grown = self.current.is_open() && self.current.bytes_written() >= self.rotate_bytes;
+        if grown && self.unsealed.is_none() {
+            let path = path(&self.folder, self.contents, self.number + 1);
+            let next = FileWriter::create(&path, &self.metadata, self.contents.topics())?;
+            self.number += 1;
+            self.unsealed = Some(std::mem::replace(&mut self.current, next));
+        }
+        if let Some(file) = &mut self.unsealed {
+            file.seal()?;
+            self.earlier_bytes += file.bytes_written();
+            self.unsealed = None;
+        }
+        Ok(())
+    }
+
+    fn bytes_written(&self) -> u64 {
+        let unsealed = self.unsealed.as_ref().map_or(0, FileWriter::bytes_written);
+        self.earlier_bytes + unsealed + self.current.bytes_written()
+    }
+}
+
+/// Log times: wall time that never goes back. The only clock of this crate; no result sees it.
+#[derive(Default)]
+struct Clock {
+    last_ns: u64,
+}
+
+impl Clock {
+    /// Nanoseconds since 1970.
+    fn now_ns(&mut self) -> u64 {
+        let elapsed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let wall_ns = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
+        self.last_ns = self.last_ns.max(wall_ns);
+        self.last_ns
+    }
+}

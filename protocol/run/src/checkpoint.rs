@@ -1,0 +1,298 @@
+//! Where a run goes on from: the newest checkpoint that holds. One holds if each of its files is the one
+//! the log says was saved, and has finite numbers only.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mcap_log::{Contents, Record, log_files, read_contents};
+use protocol::messages::Checkpoint as Recorded;
+use protocol::tensors::Tensors;
+use protocol::weights::Weights;
+use protocol::{Error, digest, durable};
+
+use crate::folder::{CHECKPOINT_FILES, LEARNER_FILE, POLICY_FILE, RunFolder};
+
+/// What a checkpoint's folder is called behind its number once it has been laid aside.
+const DAMAGED: &str = "damaged";
+
+/// A checkpoint that holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Checkpoint {
+    /// Iterations finished.
+    pub iteration: u64,
+    /// Where it is.
+    pub folder: PathBuf,
+}
+
+impl Checkpoint {
+    /// Reads one of its files.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] if it cannot be read.
+    pub fn load(&self, name: &str) -> Result<Tensors, Error> {
+        Tensors::load(&self.folder.join(name))
+    }
+
+    /// Reads its policy.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] if it cannot be read.
+    pub fn policy(&self) -> Result<Weights, Error> {
+        let failed = |message| Error::Checkpoint { path: self.folder.join(POLICY_FILE), message };
+        Weights::from_tensors(&self.load(POLICY_FILE)?).map_err(failed)
+    }
+}
+
+/// The newest checkpoint that holds, and those that were passed over for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Found {
+    /// Where to go on from; none where the run begins anew.
+    pub newest: Option<Checkpoint>,
+    /// Newer folders and what is wrong with them, the newest first.
+    pub damaged: Vec<(PathBuf, Error)>,
+}
+
+impl Found {
+    /// What its user is to know: a line for each checkpoint passed over, and what comes of it.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut lines: Vec<String> =
+            self.damaged.iter().map(|(_, error)| format!("not used: {error}")).collect();
+        if let (Some(last), None) = (lines.last_mut(), &self.newest) {
+            last.push_str("; no other one is left: the run begins anew");
+        }
+        lines
+    }
+}
+
+/// The newest checkpoint whose `files` hold; whoever needs the policy alone does not mind the others.
+///
+/// # Errors
+/// When there is a log and it cannot be read.
+pub fn newest(run: &RunFolder, files: &[&str]) -> Result<Found, Error> {
+    let mut found = Found::default();
+    let folders = run.checkpoint_folders();
+    if folders.is_empty() {
+        return Ok(found);
+    }
+    let recorded = recorded(run)?;
+    for (iteration, folder) in folders.into_iter().rev() {
+        let held_to = recorded.as_ref().map(|records| records.get(&iteration));
+        match files.iter().try_for_each(|name| check(&folder, name, held_to)) {
+            Ok(()) => {
+                found.newest = Some(Checkpoint { iteration, folder });
+                break;
+            }
+            Err(error) => found.damaged.push((folder, error)),
+        }
+    }
+    Ok(found)
+}
+
+/// The newest checkpoint that holds as a whole. Those passed over are laid aside, so that they can be
+/// saved again.
+///
+/// # Errors
+/// As [`newest`], and [`Error::Checkpoint`] if a folder cannot be renamed.
+pub fn settle(run: &RunFolder) -> Result<Found, Error> {
+    let found = newest(run, &CHECKPOINT_FILES)?;
+    for (folder, _) in &found.damaged {
+        let aside = folder.with_extension(DAMAGED);
+        let cleared = match aside.exists() {
+            true => durable::remove_folder(&aside),
+            false => Ok(()),
+        };
+        cleared.and_then(|()| durable::rename(folder, &aside)).map_err(|cause| {
+            let message = format!("cannot be laid aside as {}: {cause}", aside.display());
+            Error::Checkpoint { path: folder.clone(), message }
+        })?;
+    }
+    Ok(found)
+}
+
+/// What the log has of each checkpoint, by iteration; none where there is no log.
+fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
+    let files = log_files(&run.log()).unwrap_or_default();
+    if files.iter().all(|file| file.contents != Contents::Updates) {
+        return Ok(None);
+    }
+    let mut records = BTreeMap::new();
+    for entry in read_contents(&run.log(), Contents::Updates)? {
+        if let Record::Checkpoint(checkpoint) = entry?.record {
+            records.insert(checkpoint.iteration, checkpoint);
+        }
+    }
+    Ok(Some(records))
+}
+
+/// Checks a file against what the log has of its checkpoint, if there is a log.
+fn check(folder: &Path, name: &str, held_to: Option<Option<&Recorded>>) -> Result<(), Error> {
+    let path = folder.join(name);
+    let failed = |message: String| Error::Checkpoint { path: path.clone(), message };
+    let bytes = fs::read(&path).map_err(|cause| failed(cause.to_string()))?;
+    match held_to {
+        Some(None) => return Err(failed("expected its record in the log, found none".to_owned())),
+        Some(Some(recorded)) => hold_to(recorded, name, &bytes).map_err(failed)?,
+        None => {}
+    }
+    let tensors = Tensors::from_file(&bytes).map_err(failed)?;
+    tensors.expect_finite().map_err(failed)
+}
+
+fn hold_to(recorded: &Recorded, name: &str, bytes: &[u8]) -> Result<(), String> {
+    let of_file = match name {
+        POLICY_FILE => &recorded.policy_file_sha256,
+        LEARNER_FILE => &recorded.learner_file_sha256,
+        _ => &recorded.proximity_file_sha256,
+    };
+    let (what, expected, found) = if of_file.is_empty() {
+        let tensors = Tensors::from_file(bytes)?;
+        match name {
+            POLICY_FILE => {
+                ("weights", &recorded.policy_sha256, Weights::from_tensors(&tensors)?.sha256())
+            }
+            LEARNER_FILE => ("weights", &recorded.policy_sha256, learners_policy(&tensors)?),
+            _ => ("weights", &recorded.proximity_sha256, members(&tensors)),
+        }
+    } else {
+        ("a file", of_file, digest::sha256([bytes]))
+    };
+    if *expected == found {
+        return Ok(());
+    }
+    let [expected, found] = [expected, &found].map(|hash| hash.get(..12).unwrap_or(hash));
+    Err(format!("expected {what} of SHA-256 {expected}... as in the log, found {found}..."))
+}
+
+/// Hash of the policy in a learner's file.
+fn learners_policy(tensors: &Tensors) -> Result<String, String> {
+    let parameters = tensors.f32("policy.parameters")?;
+    Ok(Weights::new(0, &parameters, &tensors.f64("policy.moments")?).sha256())
+}
+
+/// Hash of the ensemble in a service's file.
+fn members(tensors: &Tensors) -> String {
+    let member = |number| tensors.f32_bytes(&format!("member{number}.parameters")).ok();
+    digest::sha256((0..).map_while(member))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::folder::PROXIMITY_FILE;
+    use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
+
+    fn run(iterations: &[u64], records: impl Fn(Recorded) -> Recorded) -> tempfile::TempDir {
+        let home = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(home.path());
+        let metadata = Metadata::new(Kind::Run, "navigation", 1);
+        let mut log = LogWriter::create(&run.log(), &metadata, LogOptions::default()).unwrap();
+        for &iteration in iterations {
+            let folder = run.checkpoint_folder(iteration);
+            fs::create_dir_all(&folder).unwrap();
+            let number = iteration as f32;
+            let policy = Weights::new(iteration, &[number, 1.0], &[2.0]);
+            let mut learner = Tensors::default();
+            learner.put_f32("policy.parameters", [number, 1.0]);
+            learner.put_f64("policy.moments", [2.0]);
+            let mut proximity = Tensors::default();
+            proximity.put_f32("member0.parameters", [number]);
+            proximity.put_f32("member1.parameters", [1.0]);
+            log.checkpoint(&records(Recorded {
+                iteration,
+                path: String::new(),
+                policy_sha256: policy.sha256(),
+                proximity_sha256: members(&proximity),
+                policy_file_sha256: policy.save(&folder.join(POLICY_FILE)).unwrap(),
+                learner_file_sha256: learner.save(&folder.join(LEARNER_FILE)).unwrap(),
+                proximity_file_sha256: proximity.save(&folder.join(PROXIMITY_FILE)).unwrap(),
+            }))
+            .unwrap();
+        }
+        log.finish().unwrap();
+        home
+    }
+
+    fn of_older_builds(recorded: Recorded) -> Recorded {
+        let [policy_file_sha256, learner_file_sha256, proximity_file_sha256] =
+            [(); 3].map(|()| String::new());
+        Recorded { policy_file_sha256, learner_file_sha256, proximity_file_sha256, ..recorded }
+    }
+
+    fn newest_of(run: &RunFolder) -> Option<u64> {
+        Some(newest(run, &CHECKPOINT_FILES).unwrap().newest?.iteration)
+    }
+
+    /// Damages a file of the checkpoint after 8 iterations.
+    fn damage(run: &RunFolder, name: &str, how: impl Fn(Vec<u8>) -> Vec<u8>) {
+        let path = run.checkpoint_folder(8).join(name);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, how(bytes)).unwrap();
+    }
+
+    fn flip(mut bytes: Vec<u8>) -> Vec<u8> {
+        // The third-last byte is one of a number's.
+        let at = bytes.len() - 3;
+        bytes[at] ^= 1;
+        bytes
+    }
+
+    fn put_nan(mut bytes: Vec<u8>) -> Vec<u8> {
+        let at = bytes.len() - 4;
+        bytes[at..].copy_from_slice(&f32::NAN.to_le_bytes());
+        bytes
+    }
+
+    fn halve(mut bytes: Vec<u8>) -> Vec<u8> {
+        bytes.truncate(bytes.len() / 2);
+        bytes
+    }
+
+    #[test]
+    fn a_damaged_checkpoint_is_passed_over_whatever_file_and_damage_it_is() {
+        for records in [std::convert::identity as fn(Recorded) -> Recorded, of_older_builds] {
+            for name in CHECKPOINT_FILES {
+                for how in [flip as fn(Vec<u8>) -> Vec<u8>, put_nan, halve] {
+                    let home = run(&[4, 8], records);
+                    let run = RunFolder::new(home.path());
+                    assert_eq!(newest_of(&run), Some(8));
+                    damage(&run, name, how);
+                    let found = newest(&run, &CHECKPOINT_FILES).unwrap();
+                    assert_eq!(found.newest.as_ref().unwrap().iteration, 4, "{name}");
+                    let remarks = found.remarks();
+                    assert!(remarks.len() == 1 && remarks[0].contains(name), "{remarks:?}");
+                    let others: Vec<_> =
+                        CHECKPOINT_FILES.into_iter().filter(|other| *other != name).collect();
+                    assert_eq!(newest(&run, &others).unwrap().newest.unwrap().iteration, 8);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_passed_over_is_laid_aside_and_the_last_one_too() {
+        let home = run(&[4, 8], |recorded| recorded);
+        let run = RunFolder::new(home.path());
+        for iteration in [4, 8] {
+            fs::remove_file(run.checkpoint_folder(iteration).join(LEARNER_FILE)).unwrap();
+        }
+        let found = settle(&run).unwrap();
+        assert_eq!((found.newest.as_ref(), found.damaged.len()), (None, 2));
+        assert!(found.remarks()[1].ends_with("the run begins anew"), "{:?}", found.remarks());
+        assert!(run.checkpoint_folders().is_empty());
+        assert!(run.checkpoints().join("000008.damaged").exists());
+        assert_eq!(settle(&run).unwrap(), Found::default());
+    }
+
+    #[test]
+    fn a_checkpoint_that_the_log_does_not_have_is_passed_over_unless_there_is_no_log() {
+        let home = run(&[4, 8], |recorded| recorded);
+        let run = RunFolder::new(home.path());
+        fs::rename(run.checkpoint_folder(8), run.checkpoint_folder(9)).unwrap();
+        let found = newest(&run, &CHECKPOINT_FILES).unwrap();
+        assert!(found.remarks()[0].contains("found none"), "{:?}", found.remarks());
+        assert_eq!(found.newest.unwrap().iteration, 4);
+        fs::remove_dir_all(run.log()).unwrap();
+        assert_eq!(newest_of(&run), Some(9));
+    }
+}

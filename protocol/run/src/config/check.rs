@@ -1,0 +1,254 @@
+//! What a configuration must fulfil. Everything behind it reads checked values only.
+
+use protocol::Error;
+use protocol::error::within;
+use protocol::task::ObservationSpec;
+
+use super::{
+    CloningConfig, InverseDynamicsConfig, Learner, RewardForm, RewardInput, RewardModel, RunConfig,
+    SqilConfig,
+};
+
+impl RunConfig {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let at_least_one = [
+            ("demonstrations.episodes", self.demonstrations.episodes),
+            ("rollout.lanes", self.rollout.lanes),
+            ("rollout.lane_steps", self.rollout.lane_steps),
+            ("policy.features", self.policy.features as u64),
+            ("ppo.epochs", self.ppo.epochs),
+            ("ppo.minibatches", self.ppo.minibatches),
+            ("reward.features", self.reward.features as u64),
+            ("reward.batch", self.reward.batch as u64),
+            ("reward.experience", self.reward.experience as u64),
+            ("checkpoint.iterations", self.checkpoint.iterations),
+            ("checkpoint.keep", self.checkpoint.keep as u64),
+            ("log.file_mib", self.log.file_mib),
+            ("resources.actors", self.resources.actors),
+            ("resources.lease_timeout_ms", self.resources.lease_timeout_ms),
+        ];
+        for (key, number) in at_least_one {
+            within(key, number >= 1, "at least 1", number)?;
+        }
+        // Beyond these, sums and sizes in bytes would overflow.
+        let at_most = [
+            ("rollout.lane_steps", self.rollout.lane_steps, 1 << 40),
+            ("reward.experience", self.reward.experience as u64, 1 << 40),
+            ("log.file_mib", self.log.file_mib, 1 << 20),
+        ];
+        for (key, number, most) in at_most {
+            within(key, number <= most, &format!("at most {most}"), number)?;
+        }
+        let spec = self.task.spec();
+        self.environment.check("environment", &spec)?;
+        self.demonstration_setting().check("demonstrations", &spec)?;
+        self.check_widths()?;
+        self.check_limits()?;
+        self.check_learner()?;
+        self.check_reward()?;
+        self.check_fractions()
+    }
+
+    /// A layer of no width has no outputs, and a network behind it nothing to see.
+    fn check_widths(&self) -> Result<(), Error> {
+        let (policy, reward) = (&self.policy, &self.reward);
+        let mut layers = vec![
+            ("policy.convolution_channels", &policy.convolution_channels[..]),
+            ("policy.hidden", &policy.hidden),
+            ("reward.convolution_channels", &reward.convolution_channels),
+            ("reward.hidden", &reward.hidden),
+        ];
+        if let Some(inverse) = &self.inverse_dynamics {
+            layers.push(("inverse_dynamics.convolution_channels", &inverse.convolution_channels));
+            layers.push(("inverse_dynamics.hidden", &inverse.hidden));
+        }
+        layers.extend(self.sqil.as_ref().map(|sqil| ("sqil.hidden", &sqil.hidden[..])));
+        for (key, widths) in layers {
+            within(key, !widths.contains(&0), "widths of at least 1", format!("{widths:?}"))?;
+        }
+        Ok(())
+    }
+
+    fn check_learner(&self) -> Result<(), Error> {
+        let (cloning, inverse, sqil) = match self.learner {
+            Learner::Ppo => (false, false, false),
+            Learner::Bc => (true, false, false),
+            Learner::Bco => (true, true, false),
+            Learner::Sqil => (false, false, true),
+        };
+        let acts = self.learner != Learner::Bc;
+        within("steps", !acts || self.steps >= 1, "at least 1", self.steps)?;
+        let given = |present: bool| if present { "some" } else { "none" };
+        for (key, wanted, found) in [
+            ("cloning", cloning, self.cloning.is_some()),
+            ("inverse_dynamics", inverse, self.inverse_dynamics.is_some()),
+            ("sqil", sqil, self.sqil.is_some()),
+        ] {
+            within(key, found || !wanted, "there for this learner", given(found))?;
+        }
+        if let Some(cloning) = &self.cloning {
+            cloning.check()?;
+        }
+        if let Some(inverse) = &self.inverse_dynamics {
+            inverse.check()?;
+        }
+        if let Some(sqil) = &self.sqil {
+            sqil.check()?;
+        }
+        // A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
+        let scale = &self.environment.action_scale;
+        let unscaled = scale.is_empty() || self.learner != Learner::Sqil;
+        within("environment.action_scale", unscaled, "none for sqil", format!("{scale:?}"))?;
+        // What they replay comes from the log when a run is continued.
+        let replays = matches!(self.learner, Learner::Bco | Learner::Sqil);
+        let kept = self.log.observations;
+        within("log.observations", kept || !replays, "true for bco and sqil", kept)
+    }
+
+    fn check_reward(&self) -> Result<(), Error> {
+        let reward = &self.reward;
+        let found = self.learner;
+        let rewarded = reward.model != RewardModel::None;
+        within("reward.model", rewarded || found != Learner::Ppo, "some for ppo", "none")?;
+        let adversarial = reward.model == RewardModel::Discriminator;
+        let (expected, fits) = match reward.form {
+            RewardForm::Difference | RewardForm::Absolute => {
+                ("airl or gail for a discriminator", !adversarial)
+            }
+            RewardForm::Gail => ("another than gail but for a discriminator", adversarial),
+            RewardForm::Airl => ("airl", true),
+        };
+        within(
+            "reward.form",
+            fits || !reward.model.learns(),
+            expected,
+            format!("{:?}", reward.form),
+        )?;
+        let single = reward.input != RewardInput::Transition;
+        within("reward.input", single || adversarial, "state or state-action", "transition")?;
+        let penalty = reward.gradient_penalty;
+        let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
+        within(
+            "reward.gradient_penalty",
+            penalty >= 0.0 && penalty.is_finite(),
+            "0 or above",
+            penalty,
+        )?;
+        let holds = penalty == 0.0 || (adversarial && vector);
+        within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)
+    }
+
+    fn check_limits(&self) -> Result<(), Error> {
+        let seed = self.seed;
+        within("seed", seed <= i64::MAX as u64, "below 2^63", seed)?;
+        within("rollout.lag", self.rollout.lag <= 1, "0 or 1", self.rollout.lag)?;
+        within("rollout.lanes", self.rollout.lanes <= 4096, "at most 4096", self.rollout.lanes)?;
+        let (lane_steps, horizon) = (self.rollout.lane_steps, self.task.spec().horizon_steps);
+        let expected = format!("at least the longest episode, {horizon}");
+        within("rollout.lane_steps", lane_steps >= u64::from(horizon), &expected, lane_steps)?;
+        let normalized = self.policy.normalize_observations;
+        let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
+        within("policy.normalize_observations", vector || !normalized, "false for a grid", true)?;
+        let normalized = self.reward.normalize_observations;
+        within("reward.normalize_observations", vector || !normalized, "false for a grid", true)?;
+        let actors = self.resources.actors;
+        within("resources.actors", actors <= 64, "at most 64", actors)?;
+        let (file_mib, timeout_ms) = (self.log.file_mib, self.resources.lease_timeout_ms);
+        within("log.file_mib", file_mib <= 1 << 20, "at most 1048576", file_mib)?;
+        let expected = "at most a day, 86400000";
+        within("resources.lease_timeout_ms", timeout_ms <= 86_400_000, expected, timeout_ms)?;
+        let ensemble = self.reward.ensemble;
+        within("reward.ensemble", (1..=32).contains(&ensemble), "1 to 32", ensemble)?;
+        let needs_two = self.reward.uncertainty > 0.0;
+        within("reward.ensemble", ensemble >= 2 || !needs_two, "2 for uncertainty", ensemble)?;
+        let (samples, batch) = (self.reward.samples, self.reward.batch);
+        within(
+            "reward.samples",
+            samples == 0 || samples >= batch,
+            "0 or at least a batch",
+            samples,
+        )?;
+        let (minibatches, steps) = (self.ppo.minibatches, self.iteration_steps());
+        within("ppo.minibatches", minibatches <= steps / 2, "at most half the steps", minibatches)
+    }
+
+    fn check_fractions(&self) -> Result<(), Error> {
+        let above_zero = [
+            ("ppo.learning_rate", self.ppo.learning_rate),
+            ("ppo.adam_epsilon", self.ppo.adam_epsilon),
+            ("ppo.clip", self.ppo.clip),
+            ("ppo.max_gradient_norm", self.ppo.max_gradient_norm),
+            ("reward.learning_rate", self.reward.learning_rate),
+        ];
+        for (key, number) in above_zero {
+            positive(key, number)?;
+        }
+        let not_negative = [
+            ("ppo.value_clip", self.ppo.value_clip),
+            ("ppo.value_coefficient", self.ppo.value_coefficient),
+            ("ppo.entropy_coefficient", self.ppo.entropy_coefficient),
+            ("ppo.target_kl", self.ppo.target_kl),
+            ("reward.uncertainty", self.reward.uncertainty),
+        ];
+        for (key, number) in not_negative {
+            within(key, number.is_finite() && number >= 0.0, "0 or above", number)?;
+        }
+        let unit = [
+            ("ppo.gamma", self.ppo.gamma),
+            ("ppo.gae_lambda", self.ppo.gae_lambda),
+            ("reward.delta", self.reward.delta),
+        ];
+        for (key, number) in unit {
+            within(key, number > 0.0 && number <= 1.0, "above 0 and at most 1", number)?;
+        }
+        Ok(())
+    }
+}
+
+impl CloningConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("cloning.learning_rate", self.learning_rate)?;
+        positive("cloning.adam_epsilon", self.adam_epsilon)?;
+        positive("cloning.max_gradient_norm", self.max_gradient_norm)?;
+        within("cloning.batch", self.batch >= 1, "at least 1", self.batch)?;
+        within("cloning.epochs", self.epochs >= 1, "at least 1", self.epochs)?;
+        let held_out = self.validation;
+        within(
+            "cloning.validation",
+            (0.0..1.0).contains(&held_out),
+            "0 or above, below 1",
+            held_out,
+        )?;
+        within("cloning.patience", self.patience >= 1, "at least 1", self.patience)
+    }
+}
+
+impl InverseDynamicsConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("inverse_dynamics.learning_rate", self.learning_rate)?;
+        within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;
+        let (batch, samples) = (self.batch, self.samples);
+        within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
+        within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;
+        let kept = self.experience;
+        within("inverse_dynamics.experience", kept >= samples, "at least the samples", kept)
+    }
+}
+
+impl SqilConfig {
+    fn check(&self) -> Result<(), Error> {
+        positive("sqil.learning_rate", self.learning_rate)?;
+        positive("sqil.temperature", self.temperature)?;
+        positive("sqil.updates_per_step", self.updates_per_step)?;
+        let (gamma, rate) = (self.gamma, self.target_rate);
+        within("sqil.gamma", gamma > 0.0 && gamma < 1.0, "above 0 and below 1", gamma)?;
+        within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
+        let (batch, kept) = (self.batch, self.experience);
+        within("sqil.batch", batch >= 1, "at least 1", batch)?;
+        within("sqil.experience", kept >= batch, "at least a batch", kept)
+    }
+}
+
+fn positive(key: &str, number: f64) -> Result<(), Error> {
+    within(key, number.is_finite() && number > 0.0, "above 0", number)
+}

@@ -1,0 +1,138 @@
+//! What a configuration must fulfil so that a run of it learns something: values that are sound one by
+//! one may contradict each other. This is asked of what somebody wants to train; a recorded
+//! configuration is what it is.
+
+use protocol::Error;
+use protocol::error::within;
+use protocol::task::ActionSpec;
+
+use super::{Discounting, Learner, RewardModel, RunConfig};
+
+/// Least label of a state two steps from the goal, and how far labels fall at least over an episode.
+const LEAST_LABEL: f64 = 0.01;
+
+impl RunConfig {
+    pub(super) fn check_learning(&self) -> Result<(), Error> {
+        self.check_magnitudes()?;
+        self.check_policy_learner()?;
+        if self.reward.model.learns() {
+            self.check_ensemble()?;
+        }
+        if self.reward.model == RewardModel::Proximity { self.check_labels() } else { Ok(()) }
+    }
+
+    /// What is so small that no weight moves, or so large that numbers of 32 bits cannot hold it. A rate
+    /// that leads beyond all numbers is let pass: the first update refuses what comes of it.
+    fn check_magnitudes(&self) -> Result<(), Error> {
+        const RATE: [f64; 2] = [1e-9, 1e30];
+        const EPSILON: [f64; 2] = [1e-20, 1.0];
+        const NORM: [f64; 2] = [1e-9, 1e9];
+        const SOME: [f64; 2] = [1e-6, 1e6];
+        const ANY: [f64; 2] = [0.0, 1e6];
+        let (ppo, reward) = (&self.ppo, &self.reward);
+        let mut numbers = vec![
+            ("ppo.learning_rate", ppo.learning_rate, RATE),
+            ("ppo.adam_epsilon", ppo.adam_epsilon, EPSILON),
+            ("ppo.max_gradient_norm", ppo.max_gradient_norm, NORM),
+            ("ppo.clip", ppo.clip, SOME),
+            ("ppo.value_clip", ppo.value_clip, ANY),
+            ("ppo.value_coefficient", ppo.value_coefficient, ANY),
+            ("ppo.entropy_coefficient", ppo.entropy_coefficient, ANY),
+            ("reward.learning_rate", reward.learning_rate, RATE),
+            ("reward.uncertainty", reward.uncertainty, ANY),
+            ("reward.gradient_penalty", reward.gradient_penalty, ANY),
+        ];
+        if let Some(cloning) = &self.cloning {
+            numbers.push(("cloning.learning_rate", cloning.learning_rate, RATE));
+            numbers.push(("cloning.adam_epsilon", cloning.adam_epsilon, EPSILON));
+            numbers.push(("cloning.max_gradient_norm", cloning.max_gradient_norm, NORM));
+        }
+        if let Some(inverse) = &self.inverse_dynamics {
+            numbers.push(("inverse_dynamics.learning_rate", inverse.learning_rate, RATE));
+        }
+        if let Some(sqil) = &self.sqil {
+            numbers.push(("sqil.learning_rate", sqil.learning_rate, RATE));
+            numbers.push(("sqil.temperature", sqil.temperature, SOME));
+        }
+        for (key, found, [least, most]) in numbers {
+            let expected = format!("between {least:e} and {most:e}");
+            within(key, (least..=most).contains(&found), &expected, found)?;
+        }
+        Ok(())
+    }
+
+    fn check_policy_learner(&self) -> Result<(), Error> {
+        let (learner, model) = (self.learner.name(), self.reward.model.name());
+        let rewarded = self.learner == Learner::Ppo || self.reward.model == RewardModel::None;
+        let expected = format!("none for {learner}, which asks for no rewards");
+        within("reward.model", rewarded, &expected, model)?;
+        let steps = self.steps;
+        match (self.learner, &self.sqil, &self.inverse_dynamics) {
+            (Learner::Ppo, ..) => self.check_minibatches(),
+            (Learner::Sqil, Some(sqil), _) => {
+                let (key, found) = ("sqil.exploration_steps", sqil.exploration_steps);
+                within(key, found < steps, &format!("below steps = {steps}"), found)?;
+                let squashed = self.policy.is_squashed();
+                let discrete = matches!(self.task.spec().action, ActionSpec::Discrete { .. });
+                let expected = "squashed-gaussian for sqil";
+                within("policy.distribution", discrete || squashed, expected, "gaussian")
+            }
+            (Learner::Bco, _, Some(inverse)) => {
+                let (key, found) =
+                    ("inverse_dynamics.exploration_steps", inverse.exploration_steps);
+                within(key, found <= steps, &format!("at most steps = {steps}"), found)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An iteration of a lane ends with an episode, so one that began long before the last iteration's
+    /// end leaves the next as little as `lane_steps` less the rest of the longest episode.
+    fn check_minibatches(&self) -> Result<(), Error> {
+        let horizon = u64::from(self.task.spec().horizon_steps);
+        let (lanes, lane_steps) = (self.rollout.lanes, self.rollout.lane_steps);
+        let least = lanes.saturating_mul((lane_steps + 1).saturating_sub(horizon));
+        let expected = format!(
+            "at most the {least} steps that an iteration has at least, with rollout.lanes = {lanes} \
+             and rollout.lane_steps = {lane_steps}"
+        );
+        let minibatches = self.ppo.minibatches;
+        within("ppo.minibatches", minibatches <= least, &expected, minibatches)
+    }
+
+    fn check_ensemble(&self) -> Result<(), Error> {
+        let reward = &self.reward;
+        let (samples, kept) = (reward.samples, reward.experience);
+        let expected = format!("at most reward.experience = {kept}");
+        within("reward.samples", samples <= kept, &expected, samples)?;
+        let adversarial = reward.model == RewardModel::Discriminator;
+        within("reward.samples", samples > 0 || !adversarial, "above 0 for a discriminator", 0)?;
+        let trains = samples > 0 || reward.pretraining_epochs > 0;
+        within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;
+        let (episodes, horizon) = (self.demonstrations.episodes, self.task.spec().horizon_steps);
+        let most = episodes.saturating_mul(u64::from(horizon) + u64::from(!adversarial));
+        let expected = format!(
+            "at most the {most} rows that demonstrations.episodes = {episodes} can have, of at most \
+             {horizon} steps"
+        );
+        within("reward.batch", reward.batch as u64 <= most, &expected, reward.batch)
+    }
+
+    /// Labels must tell near from far: neither are all states beyond the goal's neighbours alike, nor
+    /// all of an episode.
+    fn check_labels(&self) -> Result<(), Error> {
+        let (delta, horizon) = (self.reward.delta, self.task.spec().horizon_steps);
+        let label = |steps: u32| self.reward.label(steps);
+        let discounting = match self.reward.discounting {
+            Discounting::Linear => "linear",
+            Discounting::Exponential => "exponential",
+        };
+        let expected = format!(
+            "such that {discounting} labels fall from 1 at the goal to {LEAST_LABEL} or more two \
+             steps from it and to {} or less {horizon} steps from it",
+            1.0 - LEAST_LABEL
+        );
+        let holds = label(2) >= LEAST_LABEL && label(horizon) <= 1.0 - LEAST_LABEL;
+        within("reward.delta", holds, &expected, delta)
+    }
+}

@@ -1,0 +1,374 @@
+//! What a run is: the effective configuration, complete, checked once, recorded first in its log.
+//!
+//! A task's file (`deploy/tasks/*.toml`) holds the default preset and, under `[preset.NAME]`, what
+//! other presets change. Flags of the command line change single keys. Everything after
+//! [`RunConfig::assemble`] reads checked values only.
+
+mod check;
+mod estimate;
+mod learner;
+mod learning;
+mod parameters;
+mod reward;
+mod unread;
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use protocol::Error;
+use protocol::dropped::shortened;
+use protocol::error::{MESSAGE_CHARS, out_of_range};
+use protocol::setting::Setting;
+use protocol::table::{flat, merge, parse_setting, result_differences};
+use protocol::task::Task;
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+pub use estimate::Estimate;
+pub use learner::{CloningConfig, InverseDynamicsConfig, Learner, PpoConfig, SqilConfig};
+use mcap_log::Metadata;
+pub use parameters::NetworkSize;
+pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
+pub use reward::{Discounting, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder};
+
+/// The preset a task's file holds without a table of its own.
+pub const DEFAULT_PRESET: &str = "goalward";
+
+/// What chooses the values that settings change, and the words that choose it.
+const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
+
+/// The effective configuration of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// The task.
+    pub task: Task,
+    /// Name of the method, a policy learner with a reward model.
+    pub method: String,
+    /// Name of the preset it came from.
+    pub preset: String,
+    /// What improves the policy.
+    pub learner: Learner,
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Environment steps to train for; the run ends with the iteration that reaches them. Behavioral
+    /// cloning takes none.
+    pub steps: u64,
+    /// The starts and goals the agent is trained and evaluated on, and how its actions act.
+    #[serde(default)]
+    pub environment: Setting,
+    /// Which demonstrations the run learns from.
+    pub demonstrations: DemonstrationConfig,
+    /// How the policy is rolled out.
+    pub rollout: RolloutConfig,
+    /// Shape of the policy (paper, Appendix G.2).
+    pub policy: PolicyConfig,
+    /// Proximal policy optimization (Table 2).
+    pub ppo: PpoConfig,
+    /// Supervised learning of the policy, for learners that clone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cloning: Option<CloningConfig>,
+    /// The inverse dynamics model, for behavioral cloning from observation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inverse_dynamics: Option<InverseDynamicsConfig>,
+    /// Soft Q imitation learning.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sqil: Option<SqilConfig>,
+    /// The reward model and the reward made from it (Table 3).
+    pub reward: RewardConfig,
+    /// Episodes run when training ends.
+    pub evaluation: EvaluationConfig,
+    /// When the run is saved.
+    pub checkpoint: CheckpointConfig,
+    /// How the run is recorded.
+    pub log: LogConfig,
+    /// Processes and threads. They never change a result.
+    pub resources: ResourceConfig,
+}
+
+/// Demonstrations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DemonstrationConfig {
+    /// MCAP file; where it is not given, the expert records one for the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// How many are learned from.
+    pub episodes: u64,
+    /// Part of starts and goals they may use, in (0, 1].
+    pub coverage: f64,
+    /// How far their starts and goals spread ([`Setting::noise`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
+}
+
+/// Lanes and their steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RolloutConfig {
+    /// Environment streams.
+    pub lanes: u64,
+    /// Steps of a lane per iteration, on average; a lane ends at an episode's end.
+    pub lane_steps: u64,
+    /// Iterations that actors may be ahead of the policy update: 0 or 1.
+    pub lag: u64,
+}
+
+impl RolloutConfig {
+    /// A number of episodes spread evenly over the lanes: how many each of the first lanes runs.
+    pub fn spread(&self, episodes: u64) -> Vec<u64> {
+        let lanes = self.lanes.min(episodes);
+        (0..lanes).map(|lane| episodes / lanes + u64::from(lane < episodes % lanes)).collect()
+    }
+}
+
+/// Episodes run when training ends.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// How many.
+    pub episodes: u64,
+    /// How actions are chosen.
+    pub actions: ActionChoice,
+}
+
+/// How a policy's actions are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActionChoice {
+    /// Drawn from the policy, as in training and in the paper's curves.
+    Sample,
+    /// The most probable action, or the mean.
+    Mode,
+}
+
+/// When a run is saved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Iterations between checkpoints.
+    pub iterations: u64,
+    /// How many are kept.
+    pub keep: usize,
+}
+
+/// How a run is recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogConfig {
+    /// A file is sealed and the next one opened at this size, MiB.
+    pub file_mib: u64,
+    /// Whether trajectories are recorded with their observations, or with actions only, from which
+    /// `goalward log restore` makes the observations again.
+    pub observations: bool,
+}
+
+/// Processes and threads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResourceConfig {
+    /// Actor processes.
+    pub actors: u64,
+    /// Threads of the learner; 0 takes one per core.
+    pub learner_threads: usize,
+    /// Threads of the proximity service; 0 takes one per core.
+    pub service_threads: usize,
+    /// A lease not finished after this long is handed out again, milliseconds.
+    pub lease_timeout_ms: u64,
+}
+
+impl RunConfig {
+    /// Puts a configuration together: a task's file, a preset of it, what a method changes, then
+    /// `key=value` settings. `methods` has a table for each method, and in it under `task` what it
+    /// changes for single tasks only.
+    pub fn assemble(
+        file: &str,
+        methods: &str,
+        preset: &str,
+        settings: &[String],
+    ) -> Result<Self, Error> {
+        let mut table = parse(file, "file")?;
+        let presets = taken(&mut table, "preset");
+        if preset != DEFAULT_PRESET {
+            let Some(Value::Table(changes)) = presets.get(preset) else {
+                let known = format!("one of {DEFAULT_PRESET}, {}", names(&presets));
+                return Err(out_of_range("preset", &known, preset));
+            };
+            merge(&mut table, changes.clone());
+        }
+        table.insert("preset".to_owned(), Value::String(preset.to_owned()));
+        let settings = merged(settings)?;
+        let method = settings.get("method").or(table.get("method")).and_then(Value::as_str);
+        let method = method.unwrap_or("none").to_owned();
+        let methods = parse(methods, "methods")?;
+        let Some(Value::Table(changes)) = methods.get(&method) else {
+            let known = format!("one of {}", names(&methods));
+            return Err(out_of_range("method", &known, &method));
+        };
+        let mut changes = changes.clone();
+        let of_tasks = taken(&mut changes, "task");
+        let task = table.get("task").and_then(Value::as_str).unwrap_or("none");
+        let of_task = of_tasks.get(task).and_then(Value::as_table).cloned();
+        merge(&mut table, changes);
+        merge(&mut table, of_task.unwrap_or_default());
+        Self::changed(table, settings)
+    }
+
+    /// This configuration with `key=value` settings laid over it.
+    pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
+        Self::changed(parse(&self.to_text(), "configuration")?, merged(settings)?)
+    }
+
+    /// A configuration that is to be trained: every setting means something, and it can learn.
+    fn changed(mut table: Table, settings: Table) -> Result<Self, Error> {
+        let (before, set) = (flat(&table), flat(&settings));
+        merge(&mut table, settings);
+        if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
+            unread::check_tables(learner, &set)?;
+        }
+        let config = Self::from_table(table)?;
+        config.check_all_is_read(&set, &before)?;
+        config.check_learning()?;
+        Ok(config)
+    }
+
+    /// The configuration that a file of a log was recorded under; none in one of demonstrations.
+    pub fn recorded(metadata: &Metadata) -> Option<Result<Self, Error>> {
+        metadata.get("config").map(|text| Self::from_text(text, "of the log"))
+    }
+
+    /// Reads a complete configuration, as a run's `config.toml` holds it.
+    pub fn from_text(text: &str, origin: &str) -> Result<Self, Error> {
+        Self::from_table(parse(text, origin)?)
+    }
+
+    fn from_table(table: Table) -> Result<Self, Error> {
+        let config: RunConfig =
+            Value::Table(table).try_into().map_err(|error: toml::de::Error| {
+                Error::ConfigurationText {
+                    origin: "values".to_owned(),
+                    message: line_of(&error.to_string()),
+                }
+            })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The configuration as a complete TOML text.
+    pub fn to_text(&self) -> String {
+        toml::to_string(self).expect("a configuration has only tables, numbers and texts")
+    }
+
+    /// Whether another configuration gives the same weights, bit for bit.
+    pub fn same_result_as(&self, other: &Self) -> bool {
+        self.result_difference(other).is_none()
+    }
+
+    /// The first key of those that decide the result whose value is another one in `other`, with
+    /// both values.
+    pub fn result_difference(&self, other: &Self) -> Option<(String, [String; 2])> {
+        self.result_differences(other).into_iter().next()
+    }
+
+    /// Every such key, in order.
+    pub fn result_differences(&self, other: &Self) -> Vec<(String, [String; 2])> {
+        let table =
+            |config: &Self| config.to_text().parse::<Table>().expect("it has just been written");
+        result_differences(&table(self), &table(other))
+    }
+
+    /// What an expert's demonstrations for this run start from and reach.
+    pub fn demonstration_setting(&self) -> Setting {
+        let DemonstrationConfig { coverage, noise, .. } = self.demonstrations;
+        Setting { coverage, noise, ..self.environment.clone() }
+    }
+
+    /// Environment steps of one iteration, on average.
+    pub fn iteration_steps(&self) -> u64 {
+        self.rollout.lanes.saturating_mul(self.rollout.lane_steps)
+    }
+
+    /// Iterations the run takes, at most: behavioral cloning has one for each pass.
+    pub fn iterations(&self) -> u64 {
+        match (self.learner, &self.cloning) {
+            (Learner::Bc, Some(cloning)) => cloning.epochs,
+            _ => self.steps.div_ceil(self.iteration_steps()),
+        }
+    }
+
+    /// Environment steps the run takes; behavioral cloning takes none.
+    pub fn steps_wanted(&self) -> u64 {
+        if self.learner == Learner::Bc { 0 } else { self.steps }
+    }
+
+    /// Whether the run learns from demonstrations.
+    pub fn imitates(&self) -> bool {
+        self.learner != Learner::Ppo || self.reward.model.learns()
+    }
+
+    /// Whether it needs the actions of the demonstrations, too.
+    pub fn needs_expert_actions(&self) -> bool {
+        let clones = matches!(self.learner, Learner::Bc | Learner::Sqil);
+        let discriminates = self.reward.model.learns();
+        clones || (discriminates && self.reward.input == RewardInput::StateAction)
+    }
+}
+
+fn parse(text: &str, origin: &str) -> Result<Table, Error> {
+    text.parse::<Table>().map_err(|error| Error::ConfigurationText {
+        origin: origin.to_owned(),
+        message: format!("{}: {}", place(text, error.span()), line_of(error.message())),
+    })
+}
+
+/// The keys that settings name, and the values they give them.
+///
+/// # Errors
+/// [`Error::ConfigurationText`] if one is no `key=value`.
+pub(crate) fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
+    Ok(flat(&merged(settings)?))
+}
+
+/// Where in a text something is, for an error.
+fn place(text: &str, span: Option<Range<usize>>) -> String {
+    let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
+    format!("line {}", before.matches('\n').count() + 1)
+}
+
+/// A parser's words in one line.
+fn line_of(words: &str) -> String {
+    shortened(&words.trim().replace('\n', " "), MESSAGE_CHARS)
+}
+
+/// Settings as one table, the later over the earlier.
+fn merged(settings: &[String]) -> Result<Table, Error> {
+    let mut table = Table::new();
+    for setting in settings {
+        let refused = |message: &str| Error::ConfigurationText {
+            origin: format!("--set {}", line_of(setting)),
+            message: line_of(message),
+        };
+        let change = parse_setting(setting).map_err(|message| refused(&message))?;
+        for (name, flag) in CHOICES {
+            if let Some(choice) = change.get(name) {
+                let choice = choice.as_str().unwrap_or("NAME");
+                return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
+            }
+        }
+        merge(&mut table, change);
+    }
+    Ok(table)
+}
+
+/// Takes the table called `key` out of another one; an empty one if there is none.
+fn taken(table: &mut Table, key: &str) -> Table {
+    match table.remove(key) {
+        Some(Value::Table(inner)) => inner,
+        _ => Table::new(),
+    }
+}
+
+fn names(table: &Table) -> String {
+    table.keys().map(String::as_str).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,133 @@
+//! What a run's log says the run began with, and whether it is still there.
+
+use mcap_log::{FileReader, recorded_metadata};
+use protocol::build::{Build, short};
+use protocol::{Error, digest};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+use crate::config::RunConfig;
+use crate::demonstrations::file_of;
+use crate::folder::RunFolder;
+
+/// What the metadata of demonstrations calls who acted.
+pub const EXPERT: &str = "expert";
+
+/// The expert that comes with the task.
+pub const TASKS_OWN: &str = "of the task";
+
+/// What the metadata of a run's log calls the hash of its demonstrations.
+pub const DEMONSTRATIONS_SHA256: &str = "demonstrations_sha256";
+
+/// SHA-256 of the file of demonstrations that a run learns from; none where it imitates nobody.
+///
+/// # Errors
+/// [`Error::Demonstrations`] if the file cannot be read, or is not the one that the run began with.
+pub fn demonstrations_sha256(
+    folder: &RunFolder,
+    config: &RunConfig,
+) -> Result<Option<String>, Error> {
+    if !config.imitates() {
+        return Ok(None);
+    }
+    let path = file_of(folder, config);
+    let failed = |message: String| Error::Demonstrations { path: path.clone(), message };
+    let found = digest::sha256_of_file(&path).map_err(|cause| failed(cause.to_string()))?;
+    let metadata = recorded_metadata(&folder.log()).unwrap_or_default();
+    let mut recorded = metadata.iter().filter_map(|file| file.get(DEMONSTRATIONS_SHA256));
+    match recorded.find(|expected| *expected != found) {
+        None => Ok(Some(found)),
+        Some(expected) => Err(failed(format!(
+            "expected SHA-256 {expected}, which the run began with, found {found}: other \
+             demonstrations make another run"
+        ))),
+    }
+}
+
+/// What a run imitated.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Demonstrations {
+    /// SHA-256 of their file.
+    pub sha256: String,
+    /// Whether the task's own expert recorded them for the run's seed. Such demonstrations differ
+    /// from seed to seed as everything does that a seed decides.
+    pub of_own_seed: bool,
+    /// The build that recorded them.
+    pub build: Build,
+}
+
+impl Demonstrations {
+    /// Those of a run; none if it imitates nobody.
+    ///
+    /// # Errors
+    /// When their file cannot be read.
+    pub fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Option<Demonstrations>, Error> {
+        if !config.imitates() {
+            return Ok(None);
+        }
+        let path = file_of(folder, config);
+        let failed = |message: String| Error::Demonstrations { path: path.clone(), message };
+        let sha256 = digest::sha256_of_file(&path).map_err(|error| failed(error.to_string()))?;
+        let reader = FileReader::open(&path)?;
+        let metadata = reader.metadata();
+        let is_of_seed = metadata.get("seed") == Some(config.seed.to_string().as_str());
+        let is_of_expert = metadata.get(EXPERT) == Some(TASKS_OWN);
+        Ok(Some(Demonstrations {
+            sha256,
+            of_own_seed: is_of_seed && is_of_expert,
+            build: metadata.build(),
+        }))
+    }
+
+    /// Whether two runs that differ in nothing but their seeds imitated the same.
+    pub fn are_alike(&self, other: &Demonstrations) -> bool {
+        let of_seeds = self.of_own_seed && other.of_own_seed && self.build == other.build;
+        of_seeds || self.sha256 == other.sha256
+    }
+}
+
+/// One phrase.
+impl fmt::Display for Demonstrations {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.of_own_seed {
+            true => write!(formatter, "demonstrations by {}", self.build),
+            false => write!(formatter, "demonstrations {}", short(&self.sha256)),
+        }
+    }
+}
+
+/// The configurations that the files of a run's log were recorded under, oldest first, as far as they
+/// can be read.
+///
+/// # Errors
+/// [`Error::LogRead`] if the folder cannot be listed.
+pub fn recorded_configs(folder: &RunFolder) -> Result<Vec<RunConfig>, Error> {
+    let metadata = recorded_metadata(&folder.log())?;
+    Ok(metadata.iter().filter_map(|metadata| RunConfig::recorded(metadata)?.ok()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
+
+    #[test]
+    fn demonstrations_that_were_swapped_are_noticed() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(home.path());
+        let task = include_str!("../../../deploy/tasks/navigation.toml");
+        let methods = include_str!("../../../deploy/methods.toml");
+        let config = RunConfig::assemble(task, methods, "goalward", &[]).unwrap();
+        let missing = demonstrations_sha256(&folder, &config).unwrap_err().to_string();
+        assert!(missing.contains("demonstrations.mcap"), "{missing}");
+        std::fs::write(folder.demonstrations_file(), "some").unwrap();
+        let hash = demonstrations_sha256(&folder, &config).unwrap().unwrap();
+        let metadata = Metadata::new(Kind::Run, "navigation", 1).with(DEMONSTRATIONS_SHA256, &hash);
+        let mut log = LogWriter::create(&folder.log(), &metadata, LogOptions::default()).unwrap();
+        log.finish().unwrap();
+        assert_eq!(demonstrations_sha256(&folder, &config).unwrap(), Some(hash));
+        std::fs::write(folder.demonstrations_file(), "other").unwrap();
+        let message = demonstrations_sha256(&folder, &config).unwrap_err().to_string();
+        assert!(message.contains("which the run began with"), "{message}");
+    }
+}

@@ -1,0 +1,313 @@
+//! Configurations that cannot learn, or say what nobody reads: each is refused with the values that
+//! contradict each other, and what stands in a task's file or method is not.
+
+use protocol::Error;
+use protocol::task::Task;
+use run::config::RunConfig;
+
+const METHODS: &str = include_str!("../../../deploy/methods.toml");
+
+fn file(task: Task) -> &'static str {
+    match task {
+        Task::Navigation => include_str!("../../../deploy/tasks/navigation.toml"),
+        Task::FetchPick => include_str!("../../../deploy/tasks/fetch_pick.toml"),
+        Task::FetchPush => include_str!("../../../deploy/tasks/fetch_push.toml"),
+        Task::AntReach => include_str!("../../../deploy/tasks/ant_reach.toml"),
+    }
+}
+
+/// Settings between spaces.
+fn assemble(task: Task, settings: &str) -> Result<RunConfig, Error> {
+    let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
+    RunConfig::assemble(file(task), METHODS, "goalward", &settings)
+}
+
+/// Settings of a task, and words of its refusal; no words where it is none.
+fn judge(task: Task, cases: &[(&str, &[&str])]) {
+    for (settings, words) in cases {
+        match assemble(task, settings) {
+            Ok(_) => assert!(words.is_empty(), "{task} {settings}: expected a refusal"),
+            Err(error) => {
+                let said = error.to_string();
+                assert!(!words.is_empty(), "{task} {settings}: {said}");
+                assert!(!said.contains('\n'), "{task} {settings}: one line, found {said}");
+                for word in *words {
+                    assert!(said.contains(word), "{task} {settings}: expected `{word}` in {said}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn layers_have_a_width() {
+    judge(
+        Task::Navigation,
+        &[
+            ("reward.hidden=[0]", &["`reward.hidden`", "at least 1", "[0]"]),
+            ("reward.hidden=[64,0,64]", &["`reward.hidden`", "[64, 0, 64]"]),
+            ("reward.hidden=[]", &[]),
+            ("reward.features=0", &["`reward.features`", "found 0"]),
+            ("policy.features=0", &["`policy.features`", "found 0"]),
+            ("policy.convolution_channels=[0,0,0]", &["`policy.convolution_channels`"]),
+            ("reward.convolution_channels=[16,0,64]", &["`reward.convolution_channels`"]),
+            ("method=bco inverse_dynamics.features=0", &["`inverse_dynamics.features`"]),
+            (
+                "method=bco inverse_dynamics.convolution_channels=[0,1,1]",
+                &["`inverse_dynamics.convolution_channels`"],
+            ),
+        ],
+    );
+    judge(
+        Task::FetchPush,
+        &[
+            ("policy.hidden=[0]", &["`policy.hidden`", "[0]"]),
+            ("method=bco inverse_dynamics.hidden=[0]", &["`inverse_dynamics.hidden`"]),
+            ("method=sqil sqil.hidden=[0,8]", &["`sqil.hidden`"]),
+        ],
+    );
+}
+
+#[test]
+fn the_ensemble_gets_what_it_trains_on() {
+    judge(
+        Task::Navigation,
+        &[
+            (
+                "reward.samples=128 reward.experience=100",
+                &["`reward.samples`", "reward.experience = 100", "found 128"],
+            ),
+            ("reward.samples=128 reward.experience=128", &[]),
+            ("method=gaifo-s reward.experience=4095", &["`reward.samples`", "4095", "4096"]),
+            (
+                "reward.samples=0 reward.pretraining_epochs=0",
+                &["`reward.samples`", "reward.pretraining_epochs = 0", "found 0"],
+            ),
+            ("method=no-online", &[]),
+            ("method=no-offline", &[]),
+            ("method=gaifo-s reward.samples=0", &["`reward.samples`", "discriminator"]),
+            (
+                "demonstrations.episodes=1 reward.samples=128 reward.batch=102",
+                &["`reward.batch`", "101", "found 102"],
+            ),
+        ],
+    );
+}
+
+#[test]
+fn labels_tell_near_from_far() {
+    let both = |settings: &str, words: &[&str]| {
+        for task in Task::ALL {
+            judge(task, &[(settings, words)]);
+        }
+    };
+    both("reward.delta=1", &["`reward.delta`", "exponential", "found 1"]);
+    both("reward.discounting=exponential reward.delta=0.05", &["`reward.delta`"]);
+    both("reward.discounting=exponential reward.delta=0.999", &[]);
+    both("reward.discounting=linear reward.delta=0.95", &["`reward.delta`", "linear", "0.95"]);
+    both("reward.discounting=linear reward.delta=0.5", &["`reward.delta`"]);
+    both("reward.discounting=linear reward.delta=0.1", &[]);
+    both("reward.discounting=linear reward.delta=0.005", &[]);
+    both("reward.discounting=linear reward.delta=1e-6", &["`reward.delta`", "0.000001"]);
+    // The file's exponential delta with the other discounting.
+    judge(Task::Navigation, &[("reward.discounting=linear", &["`reward.delta`", "0.95"])]);
+}
+
+#[test]
+fn numbers_move_weights_and_fit_them() {
+    judge(
+        Task::Navigation,
+        &[
+            ("ppo.learning_rate=1e-300", &["`ppo.learning_rate`", "between 1e-9 and 1e30"]),
+            ("ppo.learning_rate=1e308", &["`ppo.learning_rate`"]),
+            ("ppo.learning_rate=0.5", &[]),
+            ("ppo.adam_epsilon=1e308", &["`ppo.adam_epsilon`"]),
+            ("ppo.max_gradient_norm=1e-300", &["`ppo.max_gradient_norm`"]),
+            ("ppo.clip=1e-300", &["`ppo.clip`"]),
+            ("ppo.value_clip=1e308", &["`ppo.value_clip`"]),
+            ("ppo.value_clip=0", &[]),
+            ("ppo.value_coefficient=1e308", &["`ppo.value_coefficient`"]),
+            ("ppo.entropy_coefficient=1e308", &["`ppo.entropy_coefficient`"]),
+            ("reward.learning_rate=1e308", &["`reward.learning_rate`"]),
+            ("reward.uncertainty=1e308", &["`reward.uncertainty`"]),
+            ("method=bc cloning.learning_rate=1e-300", &["`cloning.learning_rate`"]),
+            (
+                "method=bco inverse_dynamics.learning_rate=1e40",
+                &["`inverse_dynamics.learning_rate`"],
+            ),
+            ("method=sqil sqil.temperature=1e-300", &["`sqil.temperature`"]),
+        ],
+    );
+}
+
+#[test]
+fn no_minibatch_can_be_empty() {
+    judge(
+        Task::Navigation,
+        &[
+            (
+                "rollout.lanes=1 rollout.lane_steps=100",
+                &["`ppo.minibatches`", "1 steps", "rollout.lanes = 1", "found 8"],
+            ),
+            ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=4", &[]),
+            ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=5", &["`ppo.minibatches`"]),
+            ("rollout.lanes=1 rollout.lane_steps=107", &[]),
+            // Whoever makes no minibatches of a rollout may have the shortest.
+            ("method=sqil rollout.lanes=1 rollout.lane_steps=100", &[]),
+        ],
+    );
+}
+
+#[test]
+fn a_learner_comes_to_its_first_update() {
+    judge(
+        Task::Navigation,
+        &[
+            ("method=sqil steps=5000", &["`sqil.exploration_steps`", "steps = 5000", "found 5000"]),
+            ("method=sqil steps=5004", &[]),
+            ("method=bco steps=9999", &["`inverse_dynamics.exploration_steps`", "9999", "10000"]),
+            ("method=bco steps=10000", &[]),
+            ("method=bc reward.model=proximity", &["`reward.model`", "none", "bc"]),
+            ("method=bco reward.model=discriminator reward.form=airl", &["`reward.model`", "bco"]),
+            ("method=sqil reward.model=environment", &["`reward.model`", "sqil"]),
+        ],
+    );
+    judge(
+        Task::FetchPush,
+        &[(
+            "method=sqil policy.distribution=gaussian",
+            &["`policy.distribution`", "squashed-gaussian", "sqil"],
+        )],
+    );
+}
+
+#[test]
+fn a_name_is_no_setting() {
+    judge(
+        Task::Navigation,
+        &[
+            ("preset=paper", &["--set preset=paper", "--preset paper"]),
+            ("preset=goalward", &["--preset goalward"]),
+            ("task=fetch-pick", &["--set task=fetch-pick", "goalward train fetch-pick"]),
+        ],
+    );
+    let config = assemble(Task::Navigation, "").unwrap();
+    let relabelled = config.with_settings(&["preset=paper".to_owned()]);
+    assert!(relabelled.unwrap_err().to_string().contains("--preset paper"));
+}
+
+#[test]
+fn what_nobody_reads_is_refused_unless_it_is_the_files() {
+    const OUT: &str = "left out";
+    judge(
+        Task::Navigation,
+        &[
+            ("policy.hidden=[8]", &["`policy.hidden`", OUT, "grid", "[8]"]),
+            ("policy.hidden=[]", &[]),
+            ("policy.activation=relu", &["`policy.activation`", OUT]),
+            ("policy.distribution=squashed-gaussian", &["`policy.distribution`", OUT]),
+            ("cloning.batch=3", &["`cloning.batch`", OUT, "ppo"]),
+            ("sqil.batch=3", &["`sqil.batch`", OUT]),
+            ("inverse_dynamics.batch=3", &["`inverse_dynamics.batch`", OUT]),
+            ("method=bc ppo.clip=0.3", &["`ppo.clip`", OUT, "bc"]),
+            ("method=bc ppo.clip=0.2", &[]),
+            ("method=bc reward.ensemble=7", &["`reward.ensemble`", OUT]),
+            ("method=bco cloning.patience=3", &["`cloning.patience`", OUT]),
+            ("method=bco inverse_dynamics.hidden=[8]", &["`inverse_dynamics.hidden`", OUT]),
+            ("method=sqil ppo.max_gradient_norm=0.1", &[]),
+            ("method=sqil ppo.clip=0.1", &["`ppo.clip`", OUT]),
+            ("method=sqil sqil.hidden=[8]", &["`sqil.hidden`", OUT]),
+            ("method=sqil sqil.tune_temperature=true", &["`sqil.tune_temperature`", OUT]),
+            ("method=environment-reward reward.delta=0.9", &["`reward.delta`", OUT]),
+            ("method=environment-reward demonstrations.file=x", &["`demonstrations.file`", OUT]),
+            ("method=environment-reward demonstrations.coverage=0.25", &[]),
+            ("method=ranking reward.delta=0.9", &["`reward.delta`", OUT, "ranking"]),
+            ("method=ranking reward.pretraining_epochs=3", &[]),
+            ("method=gail reward.discounting=linear", &["`reward.discounting`", OUT]),
+            ("method=gail reward.pretraining_epochs=3", &["`reward.pretraining_epochs`", OUT]),
+            ("method=gail reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
+            ("reward.decay_steps=9", &["`reward.decay_steps`", OUT]),
+            ("reward.decay_steps=9 reward.learning_rate_decay=true", &[]),
+            ("ppo.decay_steps=9 ppo.learning_rate_decay=false", &["`ppo.decay_steps`", OUT]),
+        ],
+    );
+    judge(
+        Task::AntReach,
+        &[
+            ("policy.shared_trunk=true", &["`policy.shared_trunk`", OUT]),
+            ("policy.features=8", &["`policy.features`", OUT]),
+            ("policy.convolution_channels=[1,2,3]", &["`policy.convolution_channels`", OUT]),
+            ("reward.convolution_channels=[1,2,3]", &["`reward.convolution_channels`", OUT]),
+            ("reward.features=8", &["`reward.features`", OUT]),
+            ("policy.hidden=[8]", &[]),
+            ("method=bco inverse_dynamics.features=8", &["`inverse_dynamics.features`", OUT]),
+            ("method=sqil ppo.max_gradient_norm=0.1", &["`ppo.max_gradient_norm`", OUT]),
+            ("method=sqil sqil.hidden=[8]", &[]),
+            ("method=sqil sqil.tune_temperature=false", &[]),
+        ],
+    );
+}
+
+#[test]
+fn a_recorded_configuration_is_read_as_it_is() {
+    let text = assemble(Task::Navigation, "").unwrap().to_text();
+    let never_learned = text.replace("experience = 10000", "experience = 100");
+    assert_ne!(never_learned, text);
+    RunConfig::from_text(&never_learned, "an old run").unwrap();
+}
+
+/// Every key of every method with values at the edges of what can be written: a refusal or a
+/// configuration whose size can be told, never a panic.
+#[test]
+fn no_value_breaks_the_judgement() {
+    const EDGES: [&str; 12] = [
+        "0",
+        "1",
+        "-1",
+        "9223372036854775807",
+        "0.0",
+        "1.0",
+        "1e308",
+        "5e-324",
+        "nan",
+        "inf",
+        "[]",
+        "[9223372036854775807, 9223372036854775807, 9223372036854775807]",
+    ];
+    let methods = ["goal-proximity", "ranking", "gail", "bc", "bco", "sqil", "environment-reward"];
+    let mut taken = 0;
+    for (task, method) in [Task::Navigation, Task::AntReach]
+        .into_iter()
+        .flat_map(|task| methods.map(|method| (task, method)))
+    {
+        let method = format!("method={method}");
+        let config = assemble(task, &method).unwrap();
+        let keys = keys_of(&config.to_text());
+        assert!(keys.len() > 50, "{keys:?}");
+        for (key, edge) in keys.iter().flat_map(|key| EDGES.map(|edge| (key, edge))) {
+            let settings = [method.clone(), format!("{key}={edge}")];
+            if let Ok(config) = RunConfig::assemble(file(task), METHODS, "goalward", &settings) {
+                let estimate = config.estimate(2);
+                let figures = [estimate.bytes(), estimate.environment_steps, estimate.row_passes];
+                // Infinite is more than any machine has.
+                let sound = figures.iter().all(|figure| *figure >= 0.0);
+                assert!(sound, "{task} {settings:?}: {estimate:?}");
+                taken += 1;
+            }
+        }
+    }
+    assert!(taken > 500, "{taken}");
+}
+
+/// The dotted keys of a configuration's text.
+fn keys_of(text: &str) -> Vec<String> {
+    let (mut table, mut keys) = (String::new(), Vec::new());
+    for line in text.lines() {
+        if let Some(name) = line.strip_prefix('[') {
+            table = format!("{}.", name.trim_end_matches(']'));
+        } else if let Some((key, _)) = line.split_once(" = ") {
+            keys.push(format!("{table}{key}"));
+        }
+    }
+    keys
+}

@@ -1,0 +1,122 @@
+//! The configuration: presets and settings over a task's file, and what is refused with which words.
+
+use protocol::Error;
+use run::config::{RewardModel, RunConfig, UpdateOrder};
+
+const FILE: &str = include_str!("../../../deploy/tasks/navigation.toml");
+
+const METHODS: &str = include_str!("../../../deploy/methods.toml");
+
+fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
+    let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+    RunConfig::assemble(FILE, METHODS, preset, &settings)
+}
+
+fn refusal(preset: &str, settings: &[&str]) -> String {
+    assemble(preset, settings).expect_err("to be refused").to_string()
+}
+
+#[test]
+fn a_preset_changes_the_file_and_a_setting_changes_the_preset() {
+    let paper = assemble("paper", &[]).unwrap();
+    assert_eq!((paper.preset.as_str(), paper.reward.delta), ("paper", 0.01));
+    assert_eq!(paper.reward.order, UpdateOrder::ScoreFirst);
+    let authors = assemble("authors", &["seed=7", "reward.delta=0.9"]).unwrap();
+    assert_eq!((authors.seed, authors.reward.delta), (7, 0.9));
+    assert_eq!(authors.reward.order, UpdateOrder::ImproveFirst);
+    let other = assemble("goalward", &["method=environment-reward"]).unwrap();
+    assert_eq!(other.reward.model, RewardModel::Environment);
+    assert!(!other.imitates() && !other.needs_expert_actions());
+}
+
+#[test]
+fn a_method_changes_the_preset_and_a_setting_changes_the_method() {
+    let cloning = |settings: &[&str]| {
+        let settings = [&["method=bc"], settings].concat();
+        assemble("paper", &settings).unwrap().cloning.unwrap()
+    };
+    assert_eq!((cloning(&[]).epochs, cloning(&[]).batch), (1000, 64), "a task's own change");
+    assert_eq!(cloning(&["cloning.batch=32"]).batch, 32);
+    let bc = assemble("goalward", &["method=bc"]).unwrap();
+    assert_eq!((bc.iterations(), bc.steps_wanted()), (1000, 0));
+    assert!(bc.imitates() && bc.needs_expert_actions());
+    assert!(!assemble("goalward", &["method=bco"]).unwrap().needs_expert_actions());
+    let message = refusal("goalward", &["method=sqil", "log.observations=false"]);
+    assert!(message.contains("`log.observations` must be true for bco and sqil"), "{message}");
+    let gail = assemble("goalward", &["method=gail"]).unwrap();
+    assert!(gail.needs_expert_actions() && gail.iterations() > 300);
+}
+
+#[test]
+fn the_effective_configuration_reads_back_the_same() {
+    for preset in ["goalward", "paper", "authors"] {
+        let config = assemble(preset, &["demonstrations.file=some/where.mcap"]).unwrap();
+        assert_eq!(RunConfig::from_text(&config.to_text(), "test").unwrap(), config);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    for (setting, words) in [
+        ("ppo.clipp=0.3", "clipp"),
+        ("ppo.clip", "key=value"),
+        ("ppo.clip=0", "`ppo.clip` must be above 0, found 0"),
+        ("ppo.gamma=1.5", "`ppo.gamma` must be above 0 and at most 1, found 1.5"),
+        ("demonstrations.coverage=0.0", "`demonstrations.coverage`"),
+        ("resources.actors=0", "`resources.actors` must be at least 1, found 0"),
+        ("resources.actors=65", "at most 64"),
+        ("resources.lease_timeout_ms=9223372036854775807", "at most a day"),
+        ("log.file_mib=9223372036854775807", "at most 1048576"),
+        ("rollout.lag=2", "0 or 1"),
+        ("rollout.lane_steps=64", "at least the longest episode, 100, found 64"),
+        ("reward.samples=8", "0 or at least a batch"),
+        ("reward.ensemble=1", "2 for uncertainty"),
+        ("steps=-1", "-1"),
+        ("task=chess", "chess"),
+        ("method=magic", "`method` must be one of absolute, "),
+        ("learner=bc", "`cloning` must be there for this learner, found none"),
+        ("reward.model=none", "`reward.model` must be some for ppo"),
+        ("reward.form=gail", "`reward.form`"),
+        ("reward.input=transition", "`reward.input` must be state or state-action"),
+        ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
+    ] {
+        let message = refusal("goalward", &[setting]);
+        assert!(message.contains(words), "{setting}: expected {words} in: {message}");
+        assert!(!message.contains('\n'), "{setting}: one line, found: {message}");
+    }
+    assert!(refusal("best", &[]).contains("one of goalward, authors, paper"));
+}
+
+#[test]
+fn only_what_changes_weights_makes_another_result() {
+    let base = assemble("goalward", &[]).unwrap();
+    let same = |setting: &str| base.same_result_as(&assemble("goalward", &[setting]).unwrap());
+    for setting in ["resources.actors=7", "checkpoint.keep=9", "log.file_mib=10"] {
+        assert!(same(setting), "{setting}");
+    }
+    for setting in ["seed=2", "steps=9000", "rollout.lag=1", "ppo.clip=0.1"] {
+        assert!(!same(setting), "{setting}");
+    }
+}
+
+#[test]
+fn learning_rates_fall_over_their_own_steps_or_over_the_run() {
+    let rates = |settings: &[&str]| {
+        let config = assemble("goalward", settings).unwrap();
+        [config.policy_learning_rate(), config.reward_learning_rate()]
+    };
+    let at_first = ["ppo.learning_rate=0.5", "reward.learning_rate=0.25", "steps=8192"];
+    let [policy, reward] = rates(&at_first);
+    assert_eq!([0, 1, 2, 3].map(|iteration| policy.at(iteration)), [0.5, 0.25, 0.0, 0.0]);
+    assert_eq!((reward.at(0), reward.at(99)), (0.25, 0.25), "stays by default");
+    let decays = ["reward.learning_rate_decay=true", "reward.decay_steps=16384"];
+    let [_, reward] = rates(&[&at_first[..], &decays].concat());
+    assert_eq!([0, 1, 4, 5].map(|iteration| reward.at(iteration)), [0.25, 0.1875, 0.0, 0.0]);
+}
+
+#[test]
+fn episodes_are_spread_over_lanes() {
+    let rollout = assemble("goalward", &["rollout.lanes=4"]).unwrap().rollout;
+    assert_eq!(rollout.spread(10), [3, 3, 2, 2]);
+    assert_eq!(rollout.spread(2), [1, 1]);
+}

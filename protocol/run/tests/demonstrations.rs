@@ -1,0 +1,189 @@
+//! Demonstrations out of files made by hand: what a file says of itself decides, and what it does not
+//! say, or says against the configuration, is refused in words.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::path::PathBuf;
+
+use mcap_log::{FileWriter, Kind, Metadata, Topic};
+use protocol::ending::Ending;
+use protocol::task::{Task, write_floats};
+use protocol::trajectory::{Encoded, Source, Trajectory};
+use run::config::RunConfig;
+use run::demonstrations::{adopt, load};
+use run::folder::RunFolder;
+
+const FILE: &str = include_str!("../../../deploy/tasks/fetch_push.toml");
+
+const METHODS: &str = include_str!("../../../deploy/methods.toml");
+
+/// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
+fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
+    let spec = Task::FetchPush.spec();
+    let numbered = |count: u32, bytes: usize| {
+        let mut all = vec![0; count as usize * bytes];
+        let numbers = (0..count).flat_map(|step| vec![step as f32; bytes / 4]);
+        write_floats(numbers, &mut all);
+        all
+    };
+    Trajectory {
+        task: spec.task.name().to_owned(),
+        source: Source::Demonstration as i32,
+        steps,
+        observation_shape: spec.observation.shape(),
+        values: numbered(steps + 1, spec.observation.bytes()).into(),
+        continuous_actions: numbered(steps, spec.action.bytes()).into(),
+        environment_rewards: numbered(steps, 4).into(),
+        ending: ending as i32,
+        success: true,
+        steps_to_goal,
+        state_hash: 7,
+        ..Trajectory::default()
+    }
+}
+
+struct Given {
+    /// Removed with this.
+    _folder: tempfile::TempDir,
+    settings: Vec<String>,
+}
+
+impl Given {
+    /// A file of these demonstrations, recorded in `setting` if it tells, and a run that learns from
+    /// it.
+    fn new(setting: Option<&str>, trajectories: &[Trajectory]) -> Given {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("given.mcap");
+        let mut metadata = Metadata::new(Kind::Demonstrations, "fetch-push", 1);
+        if let Some(setting) = setting {
+            metadata = metadata.with("setting", setting);
+        }
+        let mut writer = FileWriter::create(&file, &metadata, &[Topic::Trajectory]).unwrap();
+        for (time, trajectory) in (0..).zip(trajectories) {
+            writer.trajectory(&Encoded::encode(trajectory.clone()), time).unwrap();
+        }
+        writer.seal().unwrap();
+        let episodes = trajectories.len();
+        let settings = vec![
+            format!("demonstrations.file={:?}", file.to_string_lossy()),
+            format!("demonstrations.episodes={episodes}"),
+            "reward.batch=2".to_owned(),
+            "environment.action_scale=[]".to_owned(),
+        ];
+        Given { _folder: folder, settings }
+    }
+
+    fn with(mut self, setting: &str) -> Given {
+        self.settings.push(setting.to_owned());
+        self
+    }
+
+    fn config(&self) -> Result<RunConfig, protocol::Error> {
+        let config = RunConfig::assemble(FILE, METHODS, "goalward", &self.settings)?;
+        adopt(config, &self.settings)
+    }
+
+    fn load(&self) -> Result<Vec<Trajectory>, protocol::Error> {
+        load(&RunFolder::new(PathBuf::from("none")), &self.config()?)
+    }
+
+    fn refusal(&self) -> String {
+        let message = self.load().expect_err("to be refused").to_string();
+        assert!(message.contains("given.mcap") && !message.contains('\n'), "{message}");
+        message
+    }
+}
+
+/// In the setting that the task's file has for demonstrations.
+fn usual(trajectories: &[Trajectory]) -> Given {
+    Given::new(Some("{\"coverage\":1.0,\"noise\":1.0}"), trajectories)
+}
+
+#[test]
+fn what_runs_on_after_the_goal_is_cut_there() {
+    let [long, short] = [(60, 25), (12, 12)].map(|(steps, goal)| {
+        let ending = if steps == 60 { Ending::Truncated } else { Ending::Terminated };
+        demonstration(steps, goal, ending)
+    });
+    // Of a file that does not tell where the goal was, an end at the goal does.
+    let untold = demonstration(9, 0, Ending::Terminated);
+    let given = usual(&[long, short.clone(), untold.clone()]);
+    let found = given.load().unwrap();
+    // State hashes are of final states, and the last one is another now.
+    let expected = Trajectory { state_hash: 0, ..demonstration(25, 25, Ending::Terminated) };
+    assert_eq!(found[0], expected);
+    assert_eq!(found[1..], [short, untold]);
+}
+
+#[test]
+fn a_goal_without_its_step_is_refused() {
+    let untold = demonstration(60, 0, Ending::Truncated);
+    let said = usual(&[demonstration(9, 9, Ending::Terminated), untold]).refusal();
+    assert!(said.contains("demonstration 1: expected the step that reached the goal"), "{said}");
+    let said = usual(&[demonstration(9, 10, Ending::Terminated)]).refusal();
+    assert!(
+        said.contains("demonstration 0: trajectory: expected steps to the goal 0..=9, found 10"),
+        "{said}"
+    );
+}
+
+#[test]
+fn the_setting_of_a_file_decides() {
+    let whole = [demonstration(9, 9, Ending::Terminated)];
+    let recorded = |setting| Given::new(Some(setting), &whole);
+    let quarter = recorded("{\"coverage\":0.25,\"noise\":1.5}");
+    let found = quarter.config().unwrap().demonstrations;
+    assert_eq!((found.coverage, found.noise), (0.25, Some(1.5)));
+    quarter.load().unwrap();
+    // Said and true.
+    let said = ["demonstrations.coverage=0.25", "demonstrations.noise=1.5"];
+    said.iter().fold(quarter, |given, said| given.with(said)).load().unwrap();
+
+    let full = || recorded("{\"coverage\":1.0,\"noise\":1.0}");
+    let refusal = full().with("demonstrations.coverage=0.25").refusal();
+    assert!(refusal.contains("demonstrations.coverage = 0.25"), "{refusal}");
+    assert!(refusal.contains("found them recorded with 1"), "{refusal}");
+    let refusal = full().with("demonstrations.noise=2.0").refusal();
+    assert!(refusal.contains("demonstrations.noise = 2"), "{refusal}");
+    // The spread of demonstrations is what a file without one has.
+    recorded("{\"coverage\":1.0}").with("demonstrations.noise=1.0").load().unwrap();
+}
+
+#[test]
+fn a_setting_that_cannot_be_read_is_refused() {
+    let whole = [demonstration(9, 9, Ending::Terminated)];
+    for (setting, words) in [
+        ("{\"coverage\":", "setting"),
+        ("{\"coverage\":1.0,\"wind\":3}", "wind"),
+        ("{\"coverage\":0.6}", "0.25, 0.5, 0.75 or 1, found 0.6"),
+        ("{\"coverage\":1.0,\"action_scale\":[0.1]}", "3 numbers"),
+    ] {
+        let refusal = Given::new(Some(setting), &whole).refusal();
+        assert!(refusal.contains(words), "{setting}: {refusal}");
+    }
+}
+
+#[test]
+fn a_file_without_a_setting_takes_the_word_of_the_user() {
+    let whole = [demonstration(9, 9, Ending::Terminated)];
+    let silent = Given::new(None, &whole);
+    let found = silent.config().unwrap().demonstrations;
+    assert_eq!((found.coverage, found.noise), (1.0, Some(1.0)));
+    silent.load().unwrap();
+    let told = silent.with("demonstrations.coverage=0.5");
+    assert_eq!(told.config().unwrap().demonstrations.coverage, 0.5);
+    told.load().unwrap();
+}
+
+#[test]
+fn too_few_rows_for_a_batch_are_refused() {
+    let whole = [demonstration(9, 9, Ending::Terminated), demonstration(8, 8, Ending::Terminated)];
+    let batch = |rows: u32| usual(&whole).with(&format!("reward.batch={rows}"));
+    batch(19).load().unwrap();
+    let refusal = batch(20).refusal();
+    assert!(refusal.contains("reward.batch = 20"), "{refusal}");
+    assert!(refusal.contains("found 19 in 2 demonstrations"), "{refusal}");
+    // A discriminator does not see where nobody acts.
+    let gail = |rows| batch(rows).with("method=gail").with(&format!("reward.batch={rows}"));
+    gail(17).load().unwrap();
+    assert!(gail(18).refusal().contains("found 17"));
+}

@@ -1,0 +1,65 @@
+//! TOML tables, such as a run's configuration: one laid over another, one made of a setting, one without
+//! its nesting, and what differs between two.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use toml::{Table, Value};
+
+/// The parts of a configuration that change no result.
+pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
+
+/// Lays `changes` over `table`, table by table.
+pub fn merge(table: &mut Table, changes: Table) {
+    for (key, change) in changes {
+        match (table.get_mut(&key), change) {
+            (Some(Value::Table(old)), Value::Table(new)) => merge(old, new),
+            (_, change) => {
+                table.insert(key, change);
+            }
+        }
+    }
+}
+
+/// Reads `a.b.c=value`; a value that is no TOML is taken as text.
+///
+/// # Errors
+/// Says what is wrong with the key, or that there is no `=`.
+pub fn parse_setting(setting: &str) -> Result<Table, String> {
+    let (key, value) = setting.split_once('=').ok_or("expected key=value, found no `=`")?;
+    let line = format!("{key} = {value}");
+    let quoted = || format!("{key} = {value:?}");
+    line.parse::<Table>()
+        .or_else(|_| quoted().parse::<Table>())
+        .map_err(|error| error.message().to_owned())
+}
+
+/// The values of a table and of those in it, by dotted key.
+pub fn flat(table: &Table) -> BTreeMap<String, Value> {
+    let mut values = BTreeMap::new();
+    for (key, value) in table {
+        match value {
+            Value::Table(inner) => {
+                let named = |(rest, value)| (format!("{key}.{rest}"), value);
+                values.extend(flat(inner).into_iter().map(named));
+            }
+            value => drop(values.insert(key.clone(), value.clone())),
+        }
+    }
+    values
+}
+
+/// The keys of two configurations that decide a result and have different values, with both, in order.
+pub fn result_differences(expected: &Table, found: &Table) -> Vec<(String, [String; 2])> {
+    let deciding = |table: &Table| {
+        let mut table = table.clone();
+        table.retain(|part, _| !CHANGES_NO_RESULT.contains(&part));
+        flat(&table)
+    };
+    let both = [deciding(expected), deciding(found)];
+    let keys: BTreeSet<&String> = both.iter().flat_map(BTreeMap::keys).collect();
+    let shown = |key: &String| {
+        both.each_ref().map(|values| values.get(key).map_or("nothing".to_owned(), Value::to_string))
+    };
+    let differing = keys.into_iter().filter(|key| both[0].get(*key) != both[1].get(*key));
+    differing.map(|key| (key.clone(), shown(key))).collect()
+}

@@ -1,0 +1,86 @@
+//! One version of the policy: on the bus for actors, in a checkpoint for everybody else.
+
+use std::path::Path;
+
+use bytes::Bytes;
+use prost::Message;
+
+use crate::tensors::Tensors;
+use crate::{Error, digest, task};
+
+/// One version of the policy.
+#[derive(Clone, PartialEq, Message)]
+pub struct Weights {
+    /// Updates the policy has had.
+    #[prost(uint64, tag = "1")]
+    pub version: u64,
+    /// Little-endian `f32` parameters, in the order of `networks::ActorCritic`.
+    #[prost(bytes = "bytes", tag = "2")]
+    pub parameters: Bytes,
+    /// Little-endian `f64` moments that observations are normalized by, in the order of
+    /// `networks::RunningNormalizer`; empty where they are taken as they are.
+    #[prost(bytes = "bytes", tag = "3")]
+    pub moments: Bytes,
+}
+
+impl Weights {
+    /// A version of the policy with these parameters and moments.
+    pub fn new(version: u64, parameters: &[f32], moments: &[f64]) -> Weights {
+        let moments = moments.iter().flat_map(|number| number.to_le_bytes()).collect();
+        Weights { version, parameters: to_bytes(parameters), moments }
+    }
+
+    /// The parameters as numbers.
+    pub fn parameter_numbers(&self) -> Vec<f32> {
+        task::floats(&self.parameters).collect()
+    }
+
+    /// The moments as numbers.
+    pub fn moment_numbers(&self) -> Vec<f64> {
+        self.moments.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+    }
+
+    /// SHA-256 of parameters and moments, in lower-case hexadecimal.
+    pub fn sha256(&self) -> String {
+        digest::sha256([&self.parameters, &self.moments])
+    }
+
+    /// Writes a safetensors file; returns the file's SHA-256.
+    pub fn save(&self, path: &Path) -> Result<String, Error> {
+        let mut tensors = Tensors::default();
+        tensors.put_u64("version", [self.version]);
+        tensors.put_f32("parameters", self.parameter_numbers());
+        tensors.put_f64("moments", self.moment_numbers());
+        tensors.save(path)
+    }
+
+    /// Reads the bytes of a file that [`Weights::save`] wrote.
+    pub fn from_file(bytes: &[u8]) -> Result<Weights, String> {
+        Weights::from_tensors(&Tensors::from_file(bytes)?)
+    }
+
+    /// Takes over what a file that [`Weights::save`] wrote holds.
+    ///
+    /// # Errors
+    /// When the arrays are not those of a policy.
+    pub fn from_tensors(tensors: &Tensors) -> Result<Weights, String> {
+        let parameters = tensors.f32("parameters")?;
+        let moments = tensors.f64("moments")?;
+        match tensors.u64("version")?[..] {
+            [version] => Ok(Weights::new(version, &parameters, &moments)),
+            _ => Err("expected one version".to_owned()),
+        }
+    }
+}
+
+/// Numbers as little-endian bytes.
+pub fn to_bytes(numbers: &[f32]) -> Bytes {
+    let mut bytes = vec![0; 4 * numbers.len()];
+    task::write_floats(numbers.iter().copied(), &mut bytes);
+    bytes.into()
+}
+
+/// SHA-256 of numbers as little-endian bytes, in lower-case hexadecimal.
+pub fn sha256<'a>(parts: impl IntoIterator<Item = &'a [f32]>) -> String {
+    digest::sha256(parts.into_iter().map(to_bytes))
+}
