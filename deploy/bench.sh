@@ -4,7 +4,7 @@
 #   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
 #   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
 #
-# Runs are thrown away afterwards. Costs of single parts: cargo bench -p environments|networks|protocol
+# Runs are thrown away afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)

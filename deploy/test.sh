@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test of Goalward: one command, from any folder.
 #
-#   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh -p protocol
+#   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh --workspace --test ledger
 #
 # One test reads a log with the public Python packages for MCAP. They go into an environment of
 # their own in target/python; nothing of your Python is touched. GOALWARD_PYTHON names another

@@ -2,7 +2,7 @@
 //! since the checkpoint, which learner and service do again, comes on top.
 //!
 //! Method: one process of a small run is killed four times in its middle; the log times of the policy
-//! updates say the rest. `cargo test -p system-tests --test recovery -- --nocapture` prints the seconds.
+//! updates say the rest. `cargo test --workspace --test recovery -- --nocapture` prints the seconds.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::io::Write;

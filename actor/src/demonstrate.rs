@@ -11,8 +11,7 @@ use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::ActionChoice;
 use run::headway::{Headway, Teller};
-use run::origin::EXPERT;
-use run::origin::TASKS_OWN;
+use run::origin::{EXPERT, TASKS_OWN};
 use run::process::Stop;
 
 use crate::expert::Expert;

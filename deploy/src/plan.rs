@@ -23,7 +23,7 @@ use crate::{demonstrations, destination, tasks};
 const RUNS: &str = "runs";
 
 /// What the command line says about the run.
-pub(crate) struct Wishes {
+pub(crate) struct TrainRequest {
     /// The task; the default task where it is not given.
     pub(crate) task: Option<Task>,
     /// The preset; the default preset where it is not given.
@@ -50,7 +50,7 @@ impl Plan {
     ///
     /// # Errors
     /// When the configuration is not sound, or the folder is not free.
-    pub(crate) fn new_run(wishes: Wishes) -> Result<Plan> {
+    pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
         let task = wishes.task.unwrap_or(Task::Navigation);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
         let config = tasks::configuration(task, preset, &wishes.settings)?;
@@ -75,7 +75,7 @@ impl Plan {
     ///
     /// # Errors
     /// When the folder holds no run, or a wish would change what comes out.
-    pub(crate) fn resumed_run(wishes: Wishes) -> Result<Plan> {
+    pub(crate) fn resumed_run(wishes: TrainRequest) -> Result<Plan> {
         let path = wishes
             .folder
             .ok_or_else(|| wrong_usage("expected the run to continue: --resume needs --run DIR"))?;
@@ -261,8 +261,8 @@ mod tests {
     use super::*;
     use crate::supervisor::want_actors;
 
-    fn wishes(folder: &Path, settings: &[&str]) -> Wishes {
-        Wishes {
+    fn wishes(folder: &Path, settings: &[&str]) -> TrainRequest {
+        TrainRequest {
             task: None,
             preset: None,
             settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
@@ -317,7 +317,7 @@ mod tests {
     #[test]
     fn a_resumed_run_keeps_what_makes_its_result() {
         let directory = tempfile::tempdir().unwrap();
-        let first = Wishes {
+        let first = TrainRequest {
             preset: Some("paper".to_owned()),
             ..wishes(directory.path(), &["seed=3", "resources.actors=1"])
         };
@@ -332,7 +332,8 @@ mod tests {
 
         let other = Plan::resumed_run(wishes(directory.path(), &["ppo.clip=0.3"])).unwrap_err();
         assert!(other.to_string().contains("ppo.clip=0.3 would change"), "{other}");
-        let preset = Wishes { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
+        let preset =
+            TrainRequest { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
         assert!(Plan::resumed_run(preset).is_err());
     }
 

@@ -127,7 +127,7 @@ pub(crate) fn offline(progress: &Progress) -> String {
 
 /// What a line of progress says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Standing {
+pub(crate) struct LineProgress {
     /// Percents of the steps that are done.
     pub(crate) percent: u64,
     /// Success rate in percents, where the line has one.
@@ -135,13 +135,13 @@ pub(crate) struct Standing {
 }
 
 /// Reads a line of progress that another `goalward train` has printed; none if it is something else.
-pub(crate) fn read_line(line: &str) -> Option<Standing> {
+pub(crate) fn read_line(line: &str) -> Option<LineProgress> {
     let percent = |text: &str| text.strip_suffix(" %")?.parse().ok();
     let mut parts = line.split("  ").skip_while(|part| !part.ends_with(" steps"));
     parts.next()?;
     let done = percent(parts.next()?)?;
     let success = parts.next()?.strip_prefix("success ").and_then(percent);
-    Some(Standing { percent: done, success })
+    Some(LineProgress { percent: done, success })
 }
 
 /// How fast the run has been lately.
@@ -233,8 +233,8 @@ mod tests {
             progress.phase = Phase::Evaluating as i32;
             read_line(&line(&progress, 5000.0)).unwrap()
         };
-        assert_eq!(standing(0.5), Standing { percent: 27, success: Some(50) });
-        assert_eq!(standing(f64::NAN), Standing { percent: 27, success: None });
+        assert_eq!(standing(0.5), LineProgress { percent: 27, success: Some(50) });
+        assert_eq!(standing(f64::NAN), LineProgress { percent: 27, success: None });
         assert_eq!(read_line("stopped; the run is in runs/a"), None);
         assert_eq!(read_line("first rollout: 1,024 steps received"), None);
     }

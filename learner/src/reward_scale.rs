@@ -31,7 +31,7 @@ impl RewardScale {
     /// side, as if they had been stepped together, and each step's returns enter the deviation
     /// before that step's rewards are divided by it.
     pub fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
-        let mut lanes = Lane::of(episodes);
+        let mut lanes = LaneCursor::of(episodes);
         while lanes.iter().any(|lane| lane.next < lane.end) {
             let mut returns = Vec::with_capacity(lanes.len());
             let mut steps = Vec::with_capacity(lanes.len());
@@ -68,22 +68,25 @@ impl RewardScale {
 }
 
 /// A lane's place in its episodes.
-struct Lane {
+struct LaneCursor {
     next: usize,
     end: usize,
     step: usize,
     discounted: f64,
 }
 
-impl Lane {
-    fn of(episodes: &[EpisodeRewards<'_>]) -> Vec<Lane> {
-        let mut lanes: Vec<Lane> = Vec::new();
+impl LaneCursor {
+    fn of(episodes: &[EpisodeRewards<'_>]) -> Vec<LaneCursor> {
+        let mut lanes: Vec<LaneCursor> = Vec::new();
         for (position, episode) in episodes.iter().enumerate() {
             match lanes.last_mut() {
                 Some(lane) if episodes[lane.next].lane == episode.lane => lane.end = position + 1,
-                _ => {
-                    lanes.push(Lane { next: position, end: position + 1, step: 0, discounted: 0.0 })
-                }
+                _ => lanes.push(LaneCursor {
+                    next: position,
+                    end: position + 1,
+                    step: 0,
+                    discounted: 0.0,
+                }),
             }
         }
         lanes

@@ -9,7 +9,7 @@ use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
 
-use crate::rollout::LanePlan;
+use crate::ledger::LanePlan;
 
 /// Training episodes the success rate is taken over (paper, Section 4: the last 100).
 const SUCCESS_WINDOW: usize = 100;
@@ -32,7 +32,7 @@ pub struct State {
     pub policy: PolicyState,
     /// The policy one update older: with lag 1 it still acts.
     pub previous_policy: PolicyState,
-    lanes: Vec<Lane>,
+    lanes: Vec<LaneTotals>,
     successes: VecDeque<bool>,
 }
 
@@ -71,7 +71,7 @@ impl PolicyState {
 
 /// What a lane has run over its whole life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Lane {
+struct LaneTotals {
     episodes: u64,
     steps: u64,
 }
@@ -86,7 +86,7 @@ impl State {
             wall_s: 0.0,
             previous_policy: policy.clone(),
             policy,
-            lanes: vec![Lane::default(); lanes as usize],
+            lanes: vec![LaneTotals::default(); lanes as usize],
             successes: VecDeque::with_capacity(SUCCESS_WINDOW),
         }
     }
@@ -94,7 +94,7 @@ impl State {
     /// What each lane is to run: up to the first episode end at or past `lane_steps` steps per
     /// iteration, counted over the lane's whole life.
     pub fn plans(&self, iteration: u64, lane_steps: u64) -> Vec<LanePlan> {
-        let plan = |lane: &Lane| LanePlan {
+        let plan = |lane: &LaneTotals| LanePlan {
             first_episode: lane.episodes,
             steps_owed: lane_steps.saturating_mul(iteration + 1).saturating_sub(lane.steps),
             episodes_owed: 0,
@@ -157,7 +157,7 @@ impl State {
         let lane_numbers =
             |name| countable(name, tensors.exactly(name, self.lanes.len(), Tensors::u64)?);
         let lanes = lane_numbers("lanes.episodes")?.into_iter().zip(lane_numbers("lanes.steps")?);
-        self.lanes = lanes.map(|(episodes, steps)| Lane { episodes, steps }).collect();
+        self.lanes = lanes.map(|(episodes, steps)| LaneTotals { episodes, steps }).collect();
         let successes = tensors.u8("successes")?;
         if successes.len() > SUCCESS_WINDOW {
             let found = successes.len();

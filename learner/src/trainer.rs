@@ -14,10 +14,10 @@ use run::origin::{self, DEMONSTRATIONS_SHA256};
 use run::process::{Final, Stop};
 use run::summary::Seconds;
 
-use crate::algorithm::{Figures, PolicyLearner, Schedule};
+use crate::algorithm::{Metrics, PolicyLearner, Schedule};
 use crate::beginning::Beginning;
 use crate::desk::{DeskHandle, Entry, Order, Setup};
-use crate::rollout::{LanePlan, Rollout};
+use crate::ledger::{LanePlan, LeaseLedger};
 use crate::scoring::{Begun, Scoring};
 use crate::state::State;
 
@@ -161,7 +161,7 @@ impl Trainer {
         }
         let version = iteration.saturating_sub(self.config.rollout.lag);
         let plans = self.state.plans(iteration, self.config.rollout.lane_steps);
-        self.desk.order(Order::Open(Rollout::open(Source::Training, iteration, version, plans)))
+        self.desk.order(Order::Open(LeaseLedger::open(Source::Training, iteration, version, plans)))
     }
 
     /// The batch of an iteration, empty for a learner that needs none; none if a stop comes first.
@@ -202,7 +202,7 @@ impl Trainer {
         let scoring_s = begun.elapsed().as_secs_f64() - improved_s;
         let begun = Instant::now();
         let learning_rate = self.config.policy_learning_rate().at(iteration);
-        let figures = self.improve_policy(trajectories, &scores, learning_rate)?;
+        let metrics = self.improve_policy(trajectories, &scores, learning_rate)?;
         let update_s = begun.elapsed().as_secs_f64();
         if let Some(under_way) = improvement {
             reward_update = Some(self.scoring.improved(under_way)?);
@@ -214,7 +214,7 @@ impl Trainer {
         self.seconds.policy_update += update_s;
         self.seconds.reward_update += reward_update.as_ref().map_or(0.0, |update| update.seconds);
         let times = Times { rollout_s, scoring_s, update_s };
-        let update = self.policy_update(trajectories, &scores, &figures, learning_rate, times);
+        let update = self.policy_update(trajectories, &scores, &metrics, learning_rate, times);
         self.record(scores, update, reward_update)
     }
 
@@ -224,25 +224,25 @@ impl Trainer {
         trajectories: &[Encoded],
         scores: &[Score],
         learning_rate: f64,
-    ) -> Result<Figures> {
+    ) -> Result<Metrics> {
         let (run_seed, iteration) = (self.config.seed, self.state.iteration);
         let schedule = Schedule { run_seed, iteration, learning_rate };
         let State { policy, previous_policy, .. } = &mut self.state;
         previous_policy.clone_from(policy);
         let updated = self.learner.update(policy, trajectories, scores, &schedule);
-        let figures = updated.with_context(|| format!("iteration {iteration}"))?;
+        let metrics = updated.with_context(|| format!("iteration {iteration}"))?;
         if !policy.is_finite() {
             let message = "the learner diverged: expected finite parameters after the update";
             return Err(Final(format!("iteration {iteration}: {message}")).into());
         }
-        Ok(figures)
+        Ok(metrics)
     }
 
     fn policy_update(
         &self,
         trajectories: &[Encoded],
         scores: &[Score],
-        figures: &Figures,
+        metrics: &Metrics,
         learning_rate: f64,
         times: Times,
     ) -> PolicyUpdate {
@@ -255,12 +255,12 @@ impl Trainer {
             consumed: trajectories.iter().map(|encoded| encoded.key).collect(),
             minibatch_seed: self.state.iteration - 1,
             learning_rate,
-            policy_loss: figures.policy_loss,
-            value_loss: figures.value_loss,
-            entropy: figures.entropy,
-            approximate_kl: figures.approximate_kl,
-            clip_fraction: figures.clip_fraction,
-            gradient_norm: figures.gradient_norm,
+            policy_loss: metrics.policy_loss,
+            value_loss: metrics.value_loss,
+            entropy: metrics.entropy,
+            approximate_kl: metrics.approximate_kl,
+            clip_fraction: metrics.clip_fraction,
+            gradient_norm: metrics.gradient_norm,
             success_rate: self.state.success_rate(),
             mean_reward: mean(scores, |score| &score.rewards),
             mean_proximity: mean(scores, |score| &score.proximity),
@@ -270,7 +270,7 @@ impl Trainer {
             rollout_s: times.rollout_s,
             scoring_s: times.scoring_s,
             update_s: times.update_s,
-            held_out_loss: figures.held_out_loss,
+            held_out_loss: metrics.held_out_loss,
         }
     }
 
@@ -327,7 +327,7 @@ impl Trainer {
         let plan = |episodes_owed| LanePlan { first_episode: 0, steps_owed: 0, episodes_owed };
         let plans = self.config.rollout.spread(episodes).into_iter().map(plan).collect();
         let version = self.state.iteration;
-        let rollout = Rollout::open(Source::Evaluation, version, version, plans);
+        let rollout = LeaseLedger::open(Source::Evaluation, version, version, plans);
         self.desk.order(Order::Open(rollout))?;
         self.rolled_out()
     }

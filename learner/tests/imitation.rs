@@ -146,9 +146,9 @@ fn wander(
     for iteration in 0..iterations {
         let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
         let batch = Corridor::wandering(&mut draws, 20);
-        let figures =
+        let metrics =
             learner.update(&mut policy, &batch, &[], &schedule(config, iteration)).unwrap();
-        assert!(figures.policy_loss.is_finite() && figures.value_loss.is_finite());
+        assert!(metrics.policy_loss.is_finite() && metrics.value_loss.is_finite());
     }
     (learner, policy)
 }
@@ -202,8 +202,8 @@ fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
         if learner.is_finished() {
             break;
         }
-        let figures = learner.update(&mut policy, &[], &[], &schedule(&config, iteration)).unwrap();
-        losses.push(figures.held_out_loss);
+        let metrics = learner.update(&mut policy, &[], &[], &schedule(&config, iteration)).unwrap();
+        losses.push(metrics.held_out_loss);
     }
     assert!(learner.is_finished() && losses.len() < 1000, "{} passes", losses.len());
     let best = losses.iter().copied().fold(f64::INFINITY, f64::min);

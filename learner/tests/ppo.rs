@@ -83,8 +83,8 @@ fn train_with(config: PpoConfig, threads: usize, iterations: u64) -> (Vec<f32>, 
         let batch = batch(&network, &parameters, iteration);
         mean = batch.rewards.iter().sum::<f32>() / ROWS as f32;
         let schedule = Schedule { run_seed: 1, iteration, learning_rate: 0.003 };
-        let figures = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
-        assert!(figures.gradient_norm.is_finite() && figures.entropy >= 0.0);
+        let metrics = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
+        assert!(metrics.gradient_norm.is_finite() && metrics.entropy >= 0.0);
     }
     (parameters, mean)
 }
@@ -127,9 +127,9 @@ fn every_row_is_learned_from_where_there_are_fewer_than_minibatches() {
         let (mut parameters, mut optimizer) = (first.clone(), Adam::new(first.len(), 1e-5));
         let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
         let updated = ppo.update(&mut parameters, &mut optimizer, &few(rows), &schedule);
-        let figures = updated.expect("finite numbers");
+        let metrics = updated.expect("finite numbers");
         assert_eq!(optimizer.step, 4 * rows as u64, "a step for every row and epoch");
-        assert!(figures.value_loss.is_finite() && parameters != first, "{rows} rows");
+        assert!(metrics.value_loss.is_finite() && parameters != first, "{rows} rows");
     }
 }
 
@@ -178,10 +178,10 @@ proptest! {
         batch.rewards = rewards;
         let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
         match ppo.update(&mut parameters, &mut optimizer, &batch, &schedule) {
-            Ok(figures) => {
+            Ok(metrics) => {
                 let moments = optimizer.first_moment.iter().chain(&optimizer.second_moment);
                 prop_assert!(parameters.iter().chain(moments).all(|number| number.is_finite()));
-                prop_assert!(figures.expect_finite("").is_ok(), "{figures:?}");
+                prop_assert!(metrics.expect_finite("").is_ok(), "{metrics:?}");
             }
             Err(refused) => {
                 let message = refused.to_string();
@@ -206,7 +206,7 @@ fn a_ratio_beyond_all_numbers_is_clipped() {
         batch.rewards.iter().zip(&mut batch.log_probs).filter(|(reward, _)| **reward > 0.0);
     better.for_each(|(_, log_prob)| *log_prob = -1000.0);
     let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
-    let figures = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
-    assert!(figures.approximate_kl > 1e30 && figures.approximate_kl.is_finite(), "{figures:?}");
+    let metrics = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
+    assert!(metrics.approximate_kl > 1e30 && metrics.approximate_kl.is_finite(), "{metrics:?}");
     assert!(parameters != before && parameters.iter().all(|number| number.is_finite()));
 }

@@ -87,7 +87,7 @@ impl Case {
     }
 }
 
-/// Eight passes over the batch end at PyTorch's parameters, with its figures.
+/// Eight passes over the batch end at PyTorch's parameters, with its metrics.
 fn check(name: &'static str, action: ActionSpec, squashed: bool) {
     let case = Case::open(name);
     let observation = ObservationSpec::Vector { len: NUMBERS };
@@ -102,7 +102,7 @@ fn check(name: &'static str, action: ActionSpec, squashed: bool) {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let mut update = PpoUpdate::new(spec, config, network, Arc::new(threads));
     let found = update.update(&mut parameters, &mut optimizer, &case.batch(), &schedule).unwrap();
-    let figures = [
+    let metrics = [
         found.policy_loss,
         found.value_loss,
         found.entropy,
@@ -110,7 +110,7 @@ fn check(name: &'static str, action: ActionSpec, squashed: bool) {
         found.clip_fraction,
         found.gradient_norm,
     ];
-    case.assert_close("figures", &figures.map(|figure| figure as f32));
+    case.assert_close("figures", &metrics.map(|figure| figure as f32));
     case.assert_close("trained", &parameters);
 }
 

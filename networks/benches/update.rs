@@ -45,8 +45,8 @@ fn policy(
     let mut prepared = policy.prepare(&parameters);
     let mut gradient = vec![0.0; parameters.len()];
     let mut adam = Adam::new(parameters.len(), 1e-5);
-    let slopes = DMatrix::from_element(policy.distribution().parameter_count(), rows, 1e-3);
-    let value_slopes = DMatrix::from_element(1, rows, 1e-3);
+    let gradients = DMatrix::from_element(policy.distribution().parameter_count(), rows, 1e-3);
+    let value_gradients = DMatrix::from_element(1, rows, 1e-3);
     let mut group = criterion.benchmark_group(name);
     group.throughput(Throughput::Elements(rows as u64));
     group.bench_function("act", |bencher| {
@@ -59,8 +59,8 @@ fn policy(
                 &prepared,
                 batch,
                 &mut workspace,
-                &slopes,
-                Some(&value_slopes),
+                &gradients,
+                Some(&value_gradients),
                 &mut gradient,
             );
         });
@@ -99,13 +99,13 @@ fn ensembles(criterion: &mut Criterion) {
                 ensemble.score(&prepared, batch, &mut workspace, &mut outputs, &mut scores);
             });
         });
-        let slopes = DMatrix::from_element(1, rows, 1e-3);
+        let gradients = DMatrix::from_element(1, rows, 1e-3);
         let mut gradient = vec![0.0; ensemble.network.parameter_count()];
         group.bench_function(format!("{name}: one member, forward and backward"), |bencher| {
             bencher.iter(|| {
                 ensemble.network.forward(&prepared[0], batch, &mut workspace);
                 let network = &ensemble.network;
-                network.backward(&prepared[0], batch, &mut workspace, &slopes, &mut gradient);
+                network.backward(&prepared[0], batch, &mut workspace, &gradients, &mut gradient);
             });
         });
     }

@@ -13,11 +13,11 @@ pub fn squared_error(
     gradient: &mut [f32],
 ) -> f64 {
     assert_eq!(predictions.len(), targets.len(), "one target for each prediction");
-    assert_eq!(predictions.len(), gradient.len(), "one slope for each prediction");
+    assert_eq!(predictions.len(), gradient.len(), "one derivative for each prediction");
     let mut total = 0.0;
-    for ((prediction, target), slope) in predictions.iter().zip(targets).zip(gradient) {
+    for ((prediction, target), derivative) in predictions.iter().zip(targets).zip(gradient) {
         let error = prediction - target;
-        *slope = 2.0 * weight * error;
+        *derivative = 2.0 * weight * error;
         total += f64::from(error) * f64::from(error);
     }
     f64::from(weight) * total
@@ -29,10 +29,10 @@ pub fn squared_error(
 /// # Panics
 /// If the lengths differ.
 pub fn binary_cross_entropy(logits: &[f32], label: f32, weight: f32, gradient: &mut [f32]) -> f64 {
-    assert_eq!(logits.len(), gradient.len(), "one slope for each logit");
+    assert_eq!(logits.len(), gradient.len(), "one derivative for each logit");
     let mut total = 0.0;
-    for (logit, slope) in logits.iter().zip(gradient) {
-        *slope = weight * (sigmoid(*logit) - label);
+    for (logit, derivative) in logits.iter().zip(gradient) {
+        *derivative = weight * (sigmoid(*logit) - label);
         total += f64::from(softplus(*logit)) - f64::from(label) * f64::from(*logit);
     }
     f64::from(weight) * total

@@ -13,7 +13,7 @@ use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 use crate::layer::affine::{Affine, Panels};
 use crate::layer::cells::Cells;
-use crate::layer::kernel::Lane;
+use crate::layer::kernel::Vector16;
 use crate::shape::NetworkShape;
 
 /// The layers of a network; its parameters are a flat slice kept elsewhere.
@@ -36,20 +36,20 @@ pub struct Batch<'a> {
     /// Observations as their bytes, `frames` to a row.
     pub observations: &'a [u8],
     /// The numbers beside each row's observations; empty if the network takes none.
-    pub beside: &'a [f32],
+    pub extra_inputs: &'a [f32],
 }
 
 impl<'a> Batch<'a> {
     /// Rows of observations with nothing beside them.
     pub fn new(observations: &'a [u8]) -> Self {
-        Self { observations, beside: &[] }
+        Self { observations, extra_inputs: &[] }
     }
 }
 
 /// One version of a network's parameters, packed for the kernels. Any number of threads may share it.
 #[derive(Clone, Debug, Default)]
 pub struct Prepared {
-    table: Vec<Lane>,
+    table: Vec<Vector16>,
     panels: Vec<Panels>,
 }
 
@@ -60,16 +60,16 @@ pub struct Workspace {
     /// The input of every affine layer, and the output of the last.
     values: Vec<DMatrix<f32>>,
     winners: Vec<u8>,
-    lanes: Vec<Lane>,
-    slopes: DMatrix<f32>,
-    input_slopes: DMatrix<f32>,
+    vectors: Vec<Vector16>,
+    output_gradients: DMatrix<f32>,
+    input_gradients: DMatrix<f32>,
 }
 
 impl Default for Workspace {
     fn default() -> Self {
-        let [slopes, input_slopes] = [(); 2].map(|()| DMatrix::zeros(0, 0));
-        let (values, winners, lanes) = (Vec::new(), Vec::new(), Vec::new());
-        Self { values, winners, lanes, slopes, input_slopes }
+        let [output_gradients, input_gradients] = [(); 2].map(|()| DMatrix::zeros(0, 0));
+        let (values, winners, vectors) = (Vec::new(), Vec::new(), Vec::new());
+        Self { values, winners, vectors, output_gradients, input_gradients }
     }
 }
 
@@ -109,7 +109,7 @@ impl Network {
             }
         };
         let join = affine.len();
-        width += shape.beside;
+        width += shape.extra_inputs;
         for &hidden in &shape.hidden {
             affine.push(Affine::dense(width, hidden, shape.activation));
             initializations.push(shape.hidden_initialization);
@@ -206,8 +206,12 @@ impl Network {
         let bytes = self.shape.frames * self.shape.observation.bytes();
         let rows = batch.observations.len() / bytes;
         assert_eq!(batch.observations.len(), rows * bytes, "rows have {bytes} observation bytes");
-        let beside = self.shape.beside;
-        assert_eq!(batch.beside.len(), rows * beside, "rows have {beside} numbers beside");
+        let extra_inputs = self.shape.extra_inputs;
+        assert_eq!(
+            batch.extra_inputs.len(),
+            rows * extra_inputs,
+            "rows have {extra_inputs} numbers extra_inputs"
+        );
         rows
     }
 
@@ -227,7 +231,7 @@ impl Network {
         self.encode(prepared, batch, rows, workspace);
         for (index, (layer, panels)) in self.affine.iter().zip(&prepared.panels).enumerate() {
             if index == self.join {
-                widen(&mut workspace.values[index], batch.beside, rows);
+                widen(&mut workspace.values[index], batch.extra_inputs, rows);
             }
             let [input, output] = workspace
                 .values
@@ -254,7 +258,7 @@ impl Network {
             winners.resize(rows * cells.row_outputs(), 0);
             cells.forward(&prepared.table, batch.observations, values.as_mut_slice(), winners);
         } else {
-            reshape(values, self.affine[0].inputs - self.shape.beside, rows);
+            reshape(values, self.affine[0].inputs - self.shape.extra_inputs, rows);
             let numbers = values.iter_mut().zip(floats(batch.observations));
             numbers.for_each(|(value, number)| *value = number);
         }
@@ -273,33 +277,50 @@ impl Network {
         output_gradient: &DMatrix<f32>,
         gradient: &mut [f32],
     ) {
-        let Workspace { values, winners, lanes, slopes, input_slopes } = workspace;
+        let Workspace { values, winners, vectors, output_gradients, input_gradients } = workspace;
         assert_eq!(gradient.len(), self.parameter_count(), "parameters of this network");
         assert_eq!(output_gradient.shape(), values[self.affine.len()].shape(), "outputs x rows");
         let rows = self.rows(batch);
         assert_eq!(rows, output_gradient.ncols(), "rows of the batch of the forward half");
-        reshape(slopes, output_gradient.nrows(), rows);
-        slopes.copy_from(output_gradient);
+        reshape(output_gradients, output_gradient.nrows(), rows);
+        output_gradients.copy_from(output_gradient);
         for (index, (layer, range)) in
             self.affine.iter().zip(self.affine_ranges()).enumerate().rev()
         {
-            layer.activation.backward(values[index + 1].as_slice(), slopes.as_mut_slice());
+            layer
+                .activation
+                .backward(values[index + 1].as_slice(), output_gradients.as_mut_slice());
             if index + 1 == self.join {
-                narrow(slopes, self.shape.beside, rows);
+                narrow(output_gradients, self.shape.extra_inputs, rows);
             }
             let own = &mut gradient[range.clone()];
-            layer.parameter_gradient(values[index].as_slice(), slopes.as_slice(), lanes, own);
+            layer.parameter_gradient(
+                values[index].as_slice(),
+                output_gradients.as_slice(),
+                vectors,
+                own,
+            );
             if index > 0 || self.cells.is_some() {
-                reshape(input_slopes, layer.inputs, rows);
+                reshape(input_gradients, layer.inputs, rows);
                 let panels = &prepared.panels[index];
-                layer.input_gradient(panels, slopes.as_slice(), input_slopes.as_mut_slice());
-                std::mem::swap(slopes, input_slopes);
+                layer.input_gradient(
+                    panels,
+                    output_gradients.as_slice(),
+                    input_gradients.as_mut_slice(),
+                );
+                std::mem::swap(output_gradients, input_gradients);
             }
         }
         if let Some(cells) = &self.cells {
-            Activation::Relu.backward(values[0].as_slice(), slopes.as_mut_slice());
+            Activation::Relu.backward(values[0].as_slice(), output_gradients.as_mut_slice());
             let own = &mut gradient[..cells.parameter_count()];
-            cells.parameter_gradient(batch.observations, winners, slopes.as_slice(), lanes, own);
+            cells.parameter_gradient(
+                batch.observations,
+                winners,
+                output_gradients.as_slice(),
+                vectors,
+                own,
+            );
         }
     }
 
@@ -316,22 +337,28 @@ impl Network {
         workspace: &'w mut Workspace,
         output_gradient: &DMatrix<f32>,
     ) -> &'w DMatrix<f32> {
-        let Workspace { values, slopes, input_slopes, .. } = workspace;
+        let Workspace { values, output_gradients, input_gradients, .. } = workspace;
         assert_eq!(output_gradient.shape(), values[self.affine.len()].shape(), "outputs x rows");
         let rows = output_gradient.ncols();
-        reshape(slopes, output_gradient.nrows(), rows);
-        slopes.copy_from(output_gradient);
+        reshape(output_gradients, output_gradient.nrows(), rows);
+        output_gradients.copy_from(output_gradient);
         for (index, layer) in self.affine.iter().enumerate().skip(self.join).rev() {
-            layer.activation.backward(values[index + 1].as_slice(), slopes.as_mut_slice());
-            reshape(input_slopes, layer.inputs, rows);
+            layer
+                .activation
+                .backward(values[index + 1].as_slice(), output_gradients.as_mut_slice());
+            reshape(input_gradients, layer.inputs, rows);
             let panels = &prepared.panels[index];
-            layer.input_gradient(panels, slopes.as_slice(), input_slopes.as_mut_slice());
-            std::mem::swap(slopes, input_slopes);
+            layer.input_gradient(
+                panels,
+                output_gradients.as_slice(),
+                input_gradients.as_mut_slice(),
+            );
+            std::mem::swap(output_gradients, input_gradients);
         }
         if self.cells.is_some() {
-            last(slopes, self.shape.beside, rows);
+            last(output_gradients, self.shape.extra_inputs, rows);
         }
-        slopes
+        output_gradients
     }
 }
 
@@ -345,17 +372,17 @@ pub(crate) fn reshape(matrix: &mut DMatrix<f32>, features: usize, rows: usize) {
 }
 
 /// Appends each row's numbers of `beside` to its features.
-fn widen(values: &mut DMatrix<f32>, beside: &[f32], rows: usize) {
-    if beside.is_empty() {
+fn widen(values: &mut DMatrix<f32>, extra_inputs: &[f32], rows: usize) {
+    if extra_inputs.is_empty() {
         return;
     }
-    let (features, further) = (values.nrows(), beside.len() / rows);
+    let (features, further) = (values.nrows(), extra_inputs.len() / rows);
     let width = features + further;
     reshape(values, width, rows);
     let numbers = values.as_mut_slice();
     for row in (0..rows).rev() {
         numbers.copy_within(row * features..(row + 1) * features, row * width);
-        let own = &beside[row * further..(row + 1) * further];
+        let own = &extra_inputs[row * further..(row + 1) * further];
         numbers[row * width + features..(row + 1) * width].copy_from_slice(own);
     }
 }

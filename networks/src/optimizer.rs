@@ -61,11 +61,11 @@ impl Adam {
         let (follow1, follow2) = ((1.0 - self.beta1) as f32, (1.0 - self.beta2) as f32);
         let (keep2, epsilon) = (self.beta2 as f32, self.epsilon as f32);
         let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
-        for ((parameter, slope), (first, second)) in
+        for ((parameter, derivative), (first, second)) in
             parameters.iter_mut().zip(gradient).zip(moments)
         {
-            *first += follow1 * (slope - *first);
-            *second = keep2 * *second + follow2 * slope * slope;
+            *first += follow1 * (derivative - *first);
+            *second = keep2 * *second + follow2 * derivative * derivative;
             *parameter -= rate * *first / (second.sqrt() * scale + epsilon);
         }
     }
@@ -78,7 +78,7 @@ pub fn clip_global_norm(gradient: &mut [f32], largest: f64) -> f64 {
     let factor = largest / (norm + 1e-6);
     if factor < 1.0 {
         let factor = factor as f32;
-        gradient.iter_mut().for_each(|slope| *slope *= factor);
+        gradient.iter_mut().for_each(|derivative| *derivative *= factor);
     }
     norm
 }
@@ -102,7 +102,7 @@ fn square_sum(numbers: &[f32]) -> f64 {
 /// If the lengths differ.
 pub fn add(sum: &mut [f32], shard: &[f32]) {
     assert_eq!(sum.len(), shard.len(), "gradients of the same parameters");
-    sum.iter_mut().zip(shard).for_each(|(sum, slope)| *sum += slope);
+    sum.iter_mut().zip(shard).for_each(|(sum, derivative)| *sum += derivative);
 }
 
 #[cfg(test)]

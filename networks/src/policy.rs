@@ -38,13 +38,13 @@ pub struct PolicyWorkspace {
     networks: [Workspace; 2],
     parameters: DMatrix<f32>,
     values: DMatrix<f32>,
-    slopes: DMatrix<f32>,
+    gradients: DMatrix<f32>,
 }
 
 impl Default for PolicyWorkspace {
     fn default() -> Self {
-        let [parameters, values, slopes] = [(); 3].map(|()| DMatrix::zeros(0, 0));
-        Self { networks: Default::default(), parameters, values, slopes }
+        let [parameters, values, gradients] = [(); 3].map(|()| DMatrix::zeros(0, 0));
+        Self { networks: Default::default(), parameters, values, gradients }
     }
 }
 
@@ -86,7 +86,7 @@ impl ActorCritic {
             Network::new(NetworkShape {
                 observation,
                 frames: architecture.frames,
-                beside: 0,
+                extra_inputs: 0,
                 cells: architecture.cells.clone(),
                 hidden: hidden.clone(),
                 activation: architecture.activation,
@@ -209,7 +209,7 @@ impl ActorCritic {
 
     /// Adds to `gradient` the gradient of all parameters, for the gradients of what the last
     /// [`ActorCritic::forward`] in this workspace gave on the same batch and parameters. Without
-    /// slopes of the values [`ActorCritic::act`] is enough, and the critic has no gradient.
+    /// gradients of the values [`ActorCritic::act`] is enough, and the critic has no gradient.
     ///
     /// # Panics
     /// If a shape is not that of the forward half.
@@ -218,40 +218,40 @@ impl ActorCritic {
         prepared: &PreparedPolicy,
         batch: Batch<'_>,
         workspace: &mut PolicyWorkspace,
-        parameter_slopes: &DMatrix<f32>,
-        value_slopes: Option<&DMatrix<f32>>,
+        parameter_gradients: &DMatrix<f32>,
+        value_gradients: Option<&DMatrix<f32>>,
         gradient: &mut [f32],
     ) {
-        let PolicyWorkspace { networks: [first, second], slopes, .. } = workspace;
+        let PolicyWorkspace { networks: [first, second], gradients, .. } = workspace;
         assert_eq!(gradient.len(), self.parameter_count(), "parameters of this policy");
         let width = self.actor_outputs + self.log_deviations;
-        assert_eq!(parameter_slopes.nrows(), width, "parameters of the action distribution");
-        let actor_slopes = parameter_slopes.rows(0, self.actor_outputs);
+        assert_eq!(parameter_gradients.nrows(), width, "parameters of the action distribution");
+        let actor_gradients = parameter_gradients.rows(0, self.actor_outputs);
         let (own, rest) = gradient.split_at_mut(self.networks[0].parameter_count());
-        reshape(slopes, self.networks[0].outputs(), parameter_slopes.ncols());
-        slopes.rows_mut(0, self.actor_outputs).copy_from(&actor_slopes);
+        reshape(gradients, self.networks[0].outputs(), parameter_gradients.ncols());
+        gradients.rows_mut(0, self.actor_outputs).copy_from(&actor_gradients);
         let log_deviations = match &self.networks[..] {
             [_, critic] => {
                 let (critic_own, rest) = rest.split_at_mut(critic.parameter_count());
-                if let Some(value_slopes) = value_slopes {
+                if let Some(value_gradients) = value_gradients {
                     let prepared = &prepared.networks[1];
-                    critic.backward(prepared, batch, second, value_slopes, critic_own);
+                    critic.backward(prepared, batch, second, value_gradients, critic_own);
                 }
                 rest
             }
             _ => {
-                let mut row = slopes.row_mut(self.actor_outputs);
-                match value_slopes {
-                    Some(value_slopes) => row.copy_from(&value_slopes.row(0)),
+                let mut row = gradients.row_mut(self.actor_outputs);
+                match value_gradients {
+                    Some(value_gradients) => row.copy_from(&value_gradients.row(0)),
                     None => row.fill(0.0),
                 }
                 rest
             }
         };
-        self.networks[0].backward(&prepared.networks[0], batch, first, slopes, own);
-        for row in parameter_slopes.column_iter() {
+        self.networks[0].backward(&prepared.networks[0], batch, first, gradients, own);
+        for row in parameter_gradients.column_iter() {
             let own = row.iter().skip(self.actor_outputs);
-            log_deviations.iter_mut().zip(own).for_each(|(sum, slope)| *sum += slope);
+            log_deviations.iter_mut().zip(own).for_each(|(sum, derivative)| *sum += derivative);
         }
     }
 }

@@ -103,12 +103,12 @@ impl RewardArchitecture {
         &self,
         observation: ObservationSpec,
         frames: usize,
-        beside: usize,
+        extra_inputs: usize,
     ) -> NetworkShape {
         NetworkShape {
             observation,
             frames,
-            beside,
+            extra_inputs,
             cells: self.cells.clone(),
             hidden: self.hidden.clone(),
             activation: self.activation,
@@ -126,7 +126,7 @@ pub struct NetworkShape {
     /// How many observations a row holds, one after another: one, or two for a transition.
     pub frames: usize,
     /// How many further numbers a row has beside its observations, such as an action.
-    pub beside: usize,
+    pub extra_inputs: usize,
     /// Encoder of cell observations; unused for vectors.
     pub cells: CellsArchitecture,
     /// Hidden layers, behind the encoder or over the vector.

@@ -41,9 +41,9 @@ fn differences(numbers: &[f32], step: f32, mut loss: impl FnMut(&[f32]) -> f64) 
         .map(|index| {
             [step, -step].map(|step| {
                 moved[index] = numbers[index] + step;
-                let slope = (loss(&moved) - here) / f64::from(moved[index] - numbers[index]);
+                let derivative = (loss(&moved) - here) / f64::from(moved[index] - numbers[index]);
                 moved[index] = numbers[index];
-                slope
+                derivative
             })
         })
         .collect()
@@ -72,7 +72,7 @@ fn shape(observation: ObservationSpec) -> NetworkShape {
     NetworkShape {
         observation,
         frames: 1,
-        beside: 0,
+        extra_inputs: 0,
         cells: CellsArchitecture { channels: vec![6, 5, 17], kernel: 2, pool: 2, features: 11 },
         hidden: vec![19, 7],
         activation: Activation::Tanh,
@@ -84,26 +84,26 @@ fn shape(observation: ObservationSpec) -> NetworkShape {
 /// Checks the gradient of a random linear function of the outputs, layer by layer.
 fn check_network(shape: NetworkShape) {
     let mut stream = random();
-    let (frames, beside_count) = (shape.frames, shape.beside);
+    let (frames, beside_count) = (shape.frames, shape.extra_inputs);
     let observations = observations(shape.observation, frames, &mut stream);
-    let beside: Vec<f32> = (0..ROWS * beside_count).map(|_| normal(&mut stream)).collect();
-    let batch = Batch { observations: &observations, beside: &beside };
+    let extra_inputs: Vec<f32> = (0..ROWS * beside_count).map(|_| normal(&mut stream)).collect();
+    let batch = Batch { observations: &observations, extra_inputs: &extra_inputs };
     let network = Network::new(shape);
     let count = network.parameter_count();
     let parameters: Vec<f32> = (0..count).map(|_| 0.4 * normal(&mut stream)).collect();
-    let slopes = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
+    let gradients = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
     let mut workspace = Workspace::default();
     let mut loss = |parameters: &[f32]| {
         let outputs = network.forward(&network.prepare(parameters), batch, &mut workspace);
-        let each = outputs.iter().zip(&slopes);
-        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+        let each = outputs.iter().zip(&gradients);
+        each.map(|(output, derivative)| f64::from(*output) * f64::from(*derivative)).sum::<f64>()
     };
     let expected = differences(&parameters, 5e-4, &mut loss);
     loss(&parameters);
     let mut gradient = vec![1.0; network.parameter_count()];
     let prepared = network.prepare(&parameters);
-    network.backward(&prepared, batch, &mut workspace, &slopes, &mut gradient);
-    gradient.iter_mut().for_each(|slope| *slope -= 1.0);
+    network.backward(&prepared, batch, &mut workspace, &gradients, &mut gradient);
+    gradient.iter_mut().for_each(|derivative| *derivative -= 1.0);
     for (layer, range) in network.parameter_ranges().iter().cloned().enumerate() {
         let what = format!("layer {layer}");
         assert_close(&what, &gradient[range.clone()], &expected[range], 0.01);
@@ -115,7 +115,7 @@ fn vector_networks() {
     check_network(shape(ObservationSpec::Vector { len: 5 }));
     check_network(NetworkShape {
         frames: 2,
-        beside: 3,
+        extra_inputs: 3,
         activation: Activation::Relu,
         ..shape(ObservationSpec::Vector { len: 4 })
     });
@@ -125,8 +125,8 @@ fn vector_networks() {
 fn cells_networks() {
     let observation = ObservationSpec::Cells { height: 10, width: 11, classes: 3 };
     check_network(shape(observation));
-    check_network(NetworkShape { frames: 2, beside: 2, ..shape(observation) });
-    check_network(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
+    check_network(NetworkShape { frames: 2, extra_inputs: 2, ..shape(observation) });
+    check_network(NetworkShape { hidden: Vec::new(), extra_inputs: 4, ..shape(observation) });
     let cells = CellsArchitecture { channels: vec![18, 3], kernel: 3, pool: 1, features: 5 };
     check_network(NetworkShape { cells, ..shape(observation) });
 }
@@ -137,20 +137,21 @@ fn check_inputs(shape: NetworkShape) {
     let mut stream = random();
     let vector = matches!(shape.observation, ObservationSpec::Vector { .. });
     let observations = observations(shape.observation, shape.frames, &mut stream);
-    let beside: Vec<f32> = (0..ROWS * shape.beside).map(|_| normal(&mut stream)).collect();
+    let extra_inputs: Vec<f32> =
+        (0..ROWS * shape.extra_inputs).map(|_| normal(&mut stream)).collect();
     let own = if vector { observations.len() / (4 * ROWS) } else { 0 };
-    let width = own + shape.beside;
+    let width = own + shape.extra_inputs;
     let network = Network::new(shape);
     let parameters: Vec<f32> =
         (0..network.parameter_count()).map(|_| 0.4 * normal(&mut stream)).collect();
     let prepared = network.prepare(&parameters);
-    let slopes = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
+    let gradients = DMatrix::from_fn(network.outputs(), ROWS, |_, _| normal(&mut stream));
     let mut workspace = Workspace::default();
     let seen: Vec<f32> = if vector { floats(&observations).collect() } else { Vec::new() };
     let mut numbers = Vec::new();
     for row in 0..ROWS {
         numbers.extend(&seen[row * own..(row + 1) * own]);
-        numbers.extend(&beside[row * (width - own)..(row + 1) * (width - own)]);
+        numbers.extend(&extra_inputs[row * (width - own)..(row + 1) * (width - own)]);
     }
     let expected = differences(&numbers, 5e-4, |numbers| {
         let rows = numbers.chunks_exact(width);
@@ -158,23 +159,23 @@ fn check_inputs(shape: NetworkShape) {
             .clone()
             .flat_map(|row| row[..own].iter().flat_map(|one| one.to_le_bytes()))
             .collect();
-        let beside: Vec<f32> = rows.flat_map(|row| row[own..].iter().copied()).collect();
+        let extra_inputs: Vec<f32> = rows.flat_map(|row| row[own..].iter().copied()).collect();
         let observations = if vector { &moved } else { &observations };
-        let batch = Batch { observations, beside: &beside };
+        let batch = Batch { observations, extra_inputs: &extra_inputs };
         let outputs = network.forward(&prepared, batch, &mut workspace);
-        let each = outputs.iter().zip(&slopes);
-        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+        let each = outputs.iter().zip(&gradients);
+        each.map(|(output, derivative)| f64::from(*output) * f64::from(*derivative)).sum::<f64>()
     });
-    let batch = Batch { observations: &observations, beside: &beside };
+    let batch = Batch { observations: &observations, extra_inputs: &extra_inputs };
     let [alone, after] = [false, true].map(|between| {
         network.forward(&prepared, batch, &mut workspace);
         if between {
-            let found = network.input_gradient(&prepared, &mut workspace, &slopes);
+            let found = network.input_gradient(&prepared, &mut workspace, &gradients);
             assert_eq!(found.shape(), (width, ROWS));
             assert_close("inputs", found.as_slice(), &expected, 0.01);
         }
         let mut gradient = vec![0.0; parameters.len()];
-        network.backward(&prepared, batch, &mut workspace, &slopes, &mut gradient);
+        network.backward(&prepared, batch, &mut workspace, &gradients, &mut gradient);
         gradient
     });
     assert_eq!(alone, after);
@@ -184,10 +185,15 @@ fn check_inputs(shape: NetworkShape) {
 fn inputs() {
     check_inputs(shape(ObservationSpec::Vector { len: 5 }));
     let vector = shape(ObservationSpec::Vector { len: 4 });
-    check_inputs(NetworkShape { frames: 2, beside: 3, activation: Activation::Relu, ..vector });
+    check_inputs(NetworkShape {
+        frames: 2,
+        extra_inputs: 3,
+        activation: Activation::Relu,
+        ..vector
+    });
     let observation = ObservationSpec::Cells { height: 10, width: 11, classes: 3 };
-    check_inputs(NetworkShape { frames: 2, beside: 2, ..shape(observation) });
-    check_inputs(NetworkShape { hidden: Vec::new(), beside: 4, ..shape(observation) });
+    check_inputs(NetworkShape { frames: 2, extra_inputs: 2, ..shape(observation) });
+    check_inputs(NetworkShape { hidden: Vec::new(), extra_inputs: 4, ..shape(observation) });
 }
 
 fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: bool) {
@@ -204,20 +210,30 @@ fn check_policy(observation: ObservationSpec, action: ActionSpec, shared_trunk: 
     let count = policy.parameter_count();
     let parameters: Vec<f32> = (0..count).map(|_| 0.4 * normal(&mut stream)).collect();
     let width = policy.distribution().parameter_count();
-    let slopes = DMatrix::from_fn(width, ROWS, |_, _| normal(&mut stream));
-    let value_slopes = DMatrix::from_fn(1, ROWS, |_, _| normal(&mut stream));
+    let gradients = DMatrix::from_fn(width, ROWS, |_, _| normal(&mut stream));
+    let value_gradients = DMatrix::from_fn(1, ROWS, |_, _| normal(&mut stream));
     let mut workspace = PolicyWorkspace::default();
     let mut loss = |parameters: &[f32]| {
         let found = policy.forward(&policy.prepare(parameters), batch, &mut workspace);
-        let each =
-            found.parameters.iter().zip(&slopes).chain(found.values.iter().zip(&value_slopes));
-        each.map(|(output, slope)| f64::from(*output) * f64::from(*slope)).sum::<f64>()
+        let each = found
+            .parameters
+            .iter()
+            .zip(&gradients)
+            .chain(found.values.iter().zip(&value_gradients));
+        each.map(|(output, derivative)| f64::from(*output) * f64::from(*derivative)).sum::<f64>()
     };
     let expected = differences(&parameters, 5e-4, &mut loss);
     loss(&parameters);
     let mut gradient = vec![0.0; count];
     let prepared = policy.prepare(&parameters);
-    policy.backward(&prepared, batch, &mut workspace, &slopes, Some(&value_slopes), &mut gradient);
+    policy.backward(
+        &prepared,
+        batch,
+        &mut workspace,
+        &gradients,
+        Some(&value_gradients),
+        &mut gradient,
+    );
     assert_close("policy", &gradient, &expected, 0.01);
     let tail = count.saturating_sub(3);
     assert_close("last parameters", &gradient[tail..], &expected[tail..], 0.01);

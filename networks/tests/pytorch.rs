@@ -55,17 +55,17 @@ impl Case {
         let mut parameters = self.numbers("parameters");
         let mut adam = Adam::new(parameters.len(), 1e-5);
         for step in 0..5 {
-            let mut slopes = vec![0.0; parameters.len()];
-            let loss = gradient(&parameters, &mut slopes);
+            let mut gradients = vec![0.0; parameters.len()];
+            let loss = gradient(&parameters, &mut gradients);
             if step == 0 {
                 self.assert_close("loss", &[loss], 1e-5);
-                self.assert_close("gradient", &slopes, 1e-5);
+                self.assert_close("gradient", &gradients, 1e-5);
             }
-            let norm = clip_global_norm(&mut slopes, 0.5);
+            let norm = clip_global_norm(&mut gradients, 0.5);
             if step == 0 {
                 self.assert_close("norm", &[norm as f32], 1e-5);
             }
-            adam.update(&mut parameters, &slopes, 1e-3);
+            adam.update(&mut parameters, &gradients, 1e-3);
         }
         self.assert_close("trained", &parameters, 1e-5);
     }
@@ -80,15 +80,15 @@ fn check_policy(case: &Case, policy: &ActorCritic) {
     case.train(|parameters, gradient| {
         let prepared = policy.prepare(parameters);
         let found = policy.forward(&prepared, batch, &mut workspace);
-        let mut slopes = found.parameters.clone();
-        let mut value_slopes = found.values.clone();
+        let mut gradients = found.parameters.clone();
+        let mut value_gradients = found.values.clone();
         let (mut log_probabilities, mut entropies) = (Vec::new(), Vec::new());
         let weight = 1.0 / rows as f32;
         let mut loss = squared_error(
             found.values.as_slice(),
             &returns,
             0.5 * weight,
-            value_slopes.as_mut_slice(),
+            value_gradients.as_mut_slice(),
         );
         for (row, action) in actions.chunks_exact(actions.len() / rows).enumerate() {
             let (column, advantage) = (found.parameters.column(row), advantages[row]);
@@ -96,17 +96,24 @@ fn check_policy(case: &Case, policy: &ActorCritic) {
             entropies.push(distribution.entropy(column.as_slice()));
             let own = log_probabilities[row] * advantage + 0.01 * entropies[row];
             loss -= f64::from(weight * own);
-            let mut slope = vec![0.0; distribution.parameter_count()];
+            let mut derivative = vec![0.0; distribution.parameter_count()];
             let (along, entropy) = (-weight * advantage, -0.01 * weight);
-            distribution.gradient(column.as_slice(), action, along, entropy, &mut slope);
-            slopes.column_mut(row).copy_from_slice(&slope);
+            distribution.gradient(column.as_slice(), action, along, entropy, &mut derivative);
+            gradients.column_mut(row).copy_from_slice(&derivative);
         }
         if parameters == case.numbers("parameters") {
             case.assert_close("log_probabilities", &log_probabilities, 1e-5);
             case.assert_close("entropies", &entropies, 1e-5);
             case.assert_close("values", found.values.as_slice(), 1e-5);
         }
-        policy.backward(&prepared, batch, &mut workspace, &slopes, Some(&value_slopes), gradient);
+        policy.backward(
+            &prepared,
+            batch,
+            &mut workspace,
+            &gradients,
+            Some(&value_gradients),
+            gradient,
+        );
         loss as f32
     });
 }
@@ -144,10 +151,10 @@ fn cells_proximity() {
         if parameters == case.numbers("parameters") {
             case.assert_close("outputs", outputs.as_slice(), 1e-5);
         }
-        let mut slopes = DMatrix::zeros(1, targets.len());
+        let mut gradients = DMatrix::zeros(1, targets.len());
         let weight = 1.0 / targets.len() as f32;
-        let loss = squared_error(outputs.as_slice(), &targets, weight, slopes.as_mut_slice());
-        network.backward(&prepared, batch, &mut workspace, &slopes, gradient);
+        let loss = squared_error(outputs.as_slice(), &targets, weight, gradients.as_mut_slice());
+        network.backward(&prepared, batch, &mut workspace, &gradients, gradient);
         loss as f32
     });
 }

@@ -59,10 +59,17 @@ fn sharded_gradient(policy: &ActorCritic, spec: ObservationSpec, threads: usize)
     let shard_gradient = |shard: &[u8], workspace: &mut PolicyWorkspace| {
         let batch = Batch::new(shard);
         let found = policy.forward(&prepared, batch, workspace);
-        let (slopes, value_slopes): (DMatrix<f32>, DMatrix<f32>) =
+        let (gradients, value_gradients): (DMatrix<f32>, DMatrix<f32>) =
             (found.parameters.map(|number| number - 0.3), found.values.map(|value| value - 1.0));
         let mut gradient = vec![0.0; parameters.len()];
-        policy.backward(&prepared, batch, workspace, &slopes, Some(&value_slopes), &mut gradient);
+        policy.backward(
+            &prepared,
+            batch,
+            workspace,
+            &gradients,
+            Some(&value_gradients),
+            &mut gradient,
+        );
         gradient
     };
     let mut gradients = vec![Vec::new(); shards.len()];
@@ -79,7 +86,7 @@ fn sharded_gradient(policy: &ActorCritic, spec: ObservationSpec, threads: usize)
     });
     let mut sum = vec![0.0; parameters.len()];
     gradients.iter().for_each(|gradient| add(&mut sum, gradient));
-    sum.iter().map(|slope| slope.to_bits()).collect()
+    sum.iter().map(|derivative| derivative.to_bits()).collect()
 }
 
 #[test]

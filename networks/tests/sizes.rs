@@ -30,7 +30,7 @@ fn action_numbers(task: Task) -> usize {
 
 /// A member of the ensemble, as the proximity service makes it.
 fn member(config: &RunConfig) -> Network {
-    let (frames, beside) = match config.reward.input {
+    let (frames, extra_inputs) = match config.reward.input {
         RewardInput::State => (1, 0),
         RewardInput::Transition => (2, 0),
         RewardInput::StateAction => (1, action_numbers(config.task)),
@@ -38,7 +38,7 @@ fn member(config: &RunConfig) -> Network {
     let reward = &config.reward;
     let architecture =
         RewardArchitecture::new(&reward.convolution_channels, reward.features, &reward.hidden);
-    Network::new(architecture.network_shape(config.task.spec().observation, frames, beside))
+    Network::new(architecture.network_shape(config.task.spec().observation, frames, extra_inputs))
 }
 
 fn assert_foreseen(config: &RunConfig) {
@@ -63,7 +63,7 @@ fn assert_foreseen(config: &RunConfig) {
         let q_function = Network::new(NetworkShape {
             observation: spec.observation,
             frames: 1,
-            beside: action_numbers(config.task),
+            extra_inputs: action_numbers(config.task),
             cells: CellsArchitecture::default(),
             hidden: own.hidden.clone(),
             activation: Activation::Relu,

@@ -10,7 +10,7 @@ use crate::reward_model;
 
 /// What a model says of observations, one number for each, as it is printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Said {
+pub struct PrintedEstimates {
     /// Proximity.
     pub proximity: Vec<f32>,
     /// Standard deviation of the ensemble.
@@ -21,11 +21,11 @@ pub struct Said {
 ///
 /// # Errors
 /// When there is no checkpoint, or the bytes are not observations of the run's task.
-pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<Said> {
+pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<PrintedEstimates> {
     let config = folder.config()?;
     config.task.spec().observation.check(observations)?;
     let mut model = reward_model(folder, &config)?;
     restore(&mut *model, folder)?;
     let estimates = model.estimate(observations)?;
-    Ok(Said { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
+    Ok(PrintedEstimates { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
 }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use learner::batch::Batch;
-use learner::rollout::{LanePlan, Rollout};
+use learner::ledger::{LanePlan, LeaseLedger};
 use prost::Message;
 use protocol::messages::{
     Checkpoint, LeaseReply, LeaseRequest, PolicyUpdate, Progress, RewardUpdate, Score,
@@ -18,9 +18,9 @@ use crate::{Memory, Reader, fuzz, whole};
 /// A repeated message of two bytes takes a hundred in memory, and its list grows by doubling.
 const OF_MESSAGES: Memory = Memory { bytes: 16 << 10, per_byte: 400 };
 
-fn rollout() -> Rollout {
+fn rollout() -> LeaseLedger {
     let plan = LanePlan { first_episode: 5, steps_owed: 30, episodes_owed: 0 };
-    Rollout::open(Source::Training, 3, 3, vec![plan; 4])
+    LeaseLedger::open(Source::Training, 3, 3, vec![plan; 4])
 }
 
 /// What learner and service do with a trajectory.

@@ -12,7 +12,7 @@ use run::folder::RunFolder;
 use run::summary::Summary;
 
 use crate::machine::Machine;
-use crate::plan::{self, Plan, Wishes};
+use crate::plan::{self, Plan, TrainRequest};
 use crate::print::{print_line, print_remark};
 use crate::progress::ProgressView;
 use crate::refusal::{Refusal, stopped};
@@ -74,7 +74,7 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    fn wishes(self) -> Wishes {
+    fn wishes(self) -> TrainRequest {
         let flags = [
             self.method.map(|method| format!("method={method}")),
             self.seed.map(|seed| format!("seed={seed}")),
@@ -88,7 +88,7 @@ impl Arguments {
             }),
         ];
         let settings = flags.into_iter().flatten().chain(self.settings).collect();
-        Wishes { task: self.task, preset: self.preset, settings, folder: self.run }
+        TrainRequest { task: self.task, preset: self.preset, settings, folder: self.run }
     }
 }
 

@@ -14,7 +14,7 @@ use super::archive::Archive;
 use super::planned_run::PlannedRun;
 use crate::demonstrations::{RECORDING, Recording};
 use crate::output::Output;
-use crate::progress::{Standing, read_line};
+use crate::progress::{LineProgress, read_line};
 use crate::{headway, plan};
 
 /// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
@@ -59,7 +59,7 @@ impl Running {
     }
 
     /// How far the run is, as far as it has said so.
-    pub(super) fn standing(&self) -> Option<Standing> {
+    pub(super) fn standing(&self) -> Option<LineProgress> {
         self.output.end().ok()?.lines().rev().find_map(read_line)
     }
 }

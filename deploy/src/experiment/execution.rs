@@ -260,9 +260,9 @@ fn finished(training: &Training) -> Option<Summary> {
 }
 
 /// A run that is under way.
-fn words(training: &Training, standing: Option<progress::Standing>) -> String {
+fn words(training: &Training, standing: Option<progress::LineProgress>) -> String {
     let name = &training.name;
-    let Some(progress::Standing { percent, success }) = standing else {
+    let Some(progress::LineProgress { percent, success }) = standing else {
         return name.clone();
     };
     match success {

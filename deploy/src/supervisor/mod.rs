@@ -176,10 +176,10 @@ impl Supervision<'_> {
             if status.success() && self.is_finished() {
                 return Ok(Some(Outcome::Finished));
             }
-            return self.restart_core(Core::Learner, status).await;
+            return self.restart_core(CoreProcess::Learner, status).await;
         }
         if let Some(status) = self.fleet.service.reap()? {
-            return self.restart_core(Core::Service, status).await;
+            return self.restart_core(CoreProcess::Service, status).await;
         }
         match self.wanted.changed() {
             Ok(None) => {}
@@ -208,16 +208,20 @@ impl Supervision<'_> {
     }
 
     /// Starts learner and proximity service again, one of which has died, unless the run is finished.
-    async fn restart_core(&mut self, dead: Core, status: ExitStatus) -> Result<Option<Outcome>> {
+    async fn restart_core(
+        &mut self,
+        dead: CoreProcess,
+        status: ExitStatus,
+    ) -> Result<Option<Outcome>> {
         let Fleet { learner, service, .. } = &mut self.fleet;
         if status.code() == Some(i32::from(FINAL_CODE)) {
-            let dead = if let Core::Learner = dead { learner } else { service };
+            let dead = if let CoreProcess::Learner = dead { learner } else { service };
             return Err(dead.give_up(status, "and would come to the same again"));
         }
         let (dead, survivor, patience) = match dead {
-            Core::Learner => (learner, service, SURVIVOR_PATIENCE),
+            CoreProcess::Learner => (learner, service, SURVIVOR_PATIENCE),
             // It waits for an answer that does not come, and does again what it has not recorded.
-            Core::Service => (service, learner, Duration::ZERO),
+            CoreProcess::Service => (service, learner, Duration::ZERO),
         };
         survivor.ask_to_stop();
         if survivor.is_running()
@@ -282,7 +286,7 @@ impl Supervision<'_> {
 
 /// The two processes that share a state.
 #[derive(Clone, Copy)]
-enum Core {
+enum CoreProcess {
     Learner,
     Service,
 }

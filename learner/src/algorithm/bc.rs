@@ -12,7 +12,7 @@ use rand::seq::SliceRandom;
 use run::config::CloningConfig;
 
 use crate::algorithm::cloning::{Cloning, Pairs, Settings};
-use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
+use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::state::PolicyState;
 
 /// The learner of behavioral cloning.
@@ -36,8 +36,8 @@ struct Best {
 
 impl Bc {
     /// A learner that has not learned yet.
-    pub(super) fn new(of: Materials<'_>) -> Bc {
-        let Materials { config, network, threads, normalizer, demonstrations } = of;
+    pub(super) fn new(of: Setup<'_>) -> Bc {
+        let Setup { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let (held_out, training) = split(demonstrations, cloning.validation, config.seed);
@@ -95,18 +95,18 @@ impl PolicyLearner for Bc {
         _trajectories: &[Encoded],
         _scores: &[Score],
         schedule: &Schedule,
-    ) -> Result<Figures> {
+    ) -> Result<Metrics> {
         let Schedule { run_seed, iteration, learning_rate } = *schedule;
         let count = self.training.observations.len() / self.cloning.row_bytes();
         let mut rows: Vec<u32> = (0..count as u32).collect();
         rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, 0));
         let parameters = &mut policy.parameters;
-        let mut figures = self.cloning.train(parameters, &self.training, &rows, learning_rate)?;
+        let mut metrics = self.cloning.train(parameters, &self.training, &rows, learning_rate)?;
         let held_out = self.cloning.loss(parameters, &self.held_out);
-        figures.held_out_loss = held_out.unwrap_or_default();
+        metrics.held_out_loss = held_out.unwrap_or_default();
         let last = iteration + 1 == self.passes;
         self.best.judge(parameters, held_out, self.config.patience, last);
-        Ok(figures)
+        Ok(metrics)
     }
 
     fn is_offline(&self) -> bool {

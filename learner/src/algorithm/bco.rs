@@ -16,7 +16,7 @@ use run::config::{CloningConfig, InverseDynamicsConfig};
 use crate::algorithm::bc::settings;
 use crate::algorithm::cloning::{Cloning, Pairs};
 use crate::algorithm::replay::Replay;
-use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
+use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::state::PolicyState;
 
 /// The learner of behavioral cloning from observation.
@@ -36,8 +36,8 @@ pub(super) struct Bco {
 
 impl Bco {
     /// A learner that has not learned yet.
-    pub(super) fn new(of: Materials<'_>) -> Bco {
-        let Materials { config, network, threads, normalizer, demonstrations } = of;
+    pub(super) fn new(of: Setup<'_>) -> Bco {
+        let Setup { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let inverse = config.inverse_dynamics.clone().expect("checked with the configuration");
@@ -107,23 +107,23 @@ impl PolicyLearner for Bco {
         trajectories: &[Encoded],
         _scores: &[Score],
         schedule: &Schedule,
-    ) -> Result<Figures> {
+    ) -> Result<Metrics> {
         self.remember(trajectories);
         if self.experience.steps() < self.config.exploration_steps {
-            return Ok(Figures::default());
+            return Ok(Metrics::default());
         }
         self.improve_inverse(schedule)?;
         self.pairs.actions = self.inverse.modes(&self.inverse_parameters, &self.transitions);
         let count = self.transitions.len() / self.inverse.row_bytes();
         let mut rows: Vec<u32> = (0..count as u32).collect();
-        let mut figures = Figures::default();
+        let mut metrics = Metrics::default();
         for pass in 0..self.cloning_config.epochs {
             let Schedule { run_seed, iteration, learning_rate } = *schedule;
             rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, pass));
             let parameters = &mut policy.parameters;
-            figures = self.policy.train(parameters, &self.pairs, &rows, learning_rate)?;
+            metrics = self.policy.train(parameters, &self.pairs, &rows, learning_rate)?;
         }
-        Ok(figures)
+        Ok(metrics)
     }
 
     fn remembers(&self) -> bool {

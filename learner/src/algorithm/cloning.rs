@@ -9,7 +9,7 @@ use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 use run::process::Final;
 
-use crate::algorithm::Figures;
+use crate::algorithm::Metrics;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
 
 /// What is cloned: rows of observations, as the network sees them, and the action of each.
@@ -65,8 +65,8 @@ impl Cloning {
         pairs: &Pairs,
         rows: &[u32],
         learning_rate: f64,
-    ) -> Result<Figures, Final> {
-        let mut figures = Figures::default();
+    ) -> Result<Metrics, Final> {
+        let mut metrics = Metrics::default();
         let minibatches = rows.chunks(self.settings.batch);
         let count = minibatches.len();
         for (number, minibatch) in minibatches.enumerate() {
@@ -83,9 +83,9 @@ impl Cloning {
             own.gradient_norm = networks::clip_global_norm(gradient, largest);
             own.expect_finite(format_args!("cloning, minibatch {} of {count}", number + 1))?;
             self.optimizer.update(parameters, gradient, learning_rate);
-            figures.add(&own);
+            metrics.add(&own);
         }
-        Ok(figures.divided_by(count.max(1) as f64))
+        Ok(metrics.divided_by(count.max(1) as f64))
     }
 
     /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.
@@ -139,20 +139,20 @@ struct Likelihood<'a> {
 impl RowLoss for Likelihood<'_> {
     const OF_VALUES: bool = false;
 
-    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {
         let action = &self.actions[row * self.action_bytes..(row + 1) * self.action_bytes];
         let distribution = self.distribution;
-        distribution.gradient(output.parameters, action, -self.weight, 0.0, slopes);
+        distribution.gradient(output.parameters, action, -self.weight, 0.0, gradients);
         if let (Distribution::Gaussian { len }, false) = (distribution, self.deviations) {
-            slopes[len..].fill(0.0);
+            gradients[len..].fill(0.0);
         }
         let weight = f64::from(self.weight);
         let log_probability = distribution.log_probability(output.parameters, action);
-        let figures = Figures {
+        let metrics = Metrics {
             policy_loss: -weight * f64::from(log_probability),
             entropy: weight * f64::from(distribution.entropy(output.parameters)),
-            ..Figures::default()
+            ..Metrics::default()
         };
-        (figures, 0.0)
+        (metrics, 0.0)
     }
 }

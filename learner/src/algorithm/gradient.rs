@@ -10,7 +10,7 @@ use networks::{ActorCritic, Batch as Rows, PolicyWorkspace, PreparedPolicy};
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
-use crate::algorithm::Figures;
+use crate::algorithm::Metrics;
 
 /// Most rows of a shard. Part of what a run means: changing it changes the order of sums.
 const SHARD_ROWS: usize = 128;
@@ -23,9 +23,9 @@ pub(crate) trait RowLoss: Sync {
     /// Whether it depends on the values as well as on the action parameters.
     const OF_VALUES: bool;
 
-    /// Figures of one row, of the batch and the parameters the network gave for it; writes the slopes of the parameters
+    /// Metrics of one row, of the batch and the parameters the network gave for it; writes the gradients of the parameters
     /// and returns that of the value.
-    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32);
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32);
 }
 
 /// What a network says about one row.
@@ -50,10 +50,10 @@ pub(crate) struct Gradient {
 struct Shard {
     workspace: PolicyWorkspace,
     observations: Vec<u8>,
-    parameter_slopes: DMatrix<f32>,
-    value_slopes: DMatrix<f32>,
+    parameter_gradients: DMatrix<f32>,
+    value_gradients: DMatrix<f32>,
     gradient: Vec<f32>,
-    figures: Figures,
+    metrics: Metrics,
 }
 
 impl Gradient {
@@ -110,14 +110,14 @@ impl Gradient {
         self.threads.install(rows).concat()
     }
 
-    /// The gradient of a loss over the rows of a minibatch, and the sum of their figures.
+    /// The gradient of a loss over the rows of a minibatch, and the sum of their metrics.
     pub(crate) fn of(
         &mut self,
         parameters: &[f32],
         observations: &[u8],
         minibatch: &[u32],
         loss: &impl RowLoss,
-    ) -> (&mut [f32], Figures) {
+    ) -> (&mut [f32], Metrics) {
         self.network.prepare_into(parameters, &mut self.prepared);
         let shard_rows = SHARD_ROWS.min(minibatch.len().div_ceil(SHARDS_MIN));
         let count = minibatch.len().div_ceil(shard_rows);
@@ -134,9 +134,9 @@ impl Gradient {
         let (sum, further) = shards.split_at_mut(1);
         for shard in further {
             networks::add(&mut sum[0].gradient, &shard.gradient);
-            sum[0].figures.add(&shard.figures);
+            sum[0].metrics.add(&shard.metrics);
         }
-        (&mut sum[0].gradient, sum[0].figures)
+        (&mut sum[0].gradient, sum[0].metrics)
     }
 
     fn grow(&mut self, count: usize) {
@@ -144,10 +144,10 @@ impl Gradient {
         let shard = || Shard {
             workspace: PolicyWorkspace::default(),
             observations: Vec::new(),
-            parameter_slopes: DMatrix::zeros(0, 0),
-            value_slopes: DMatrix::zeros(0, 0),
+            parameter_gradients: DMatrix::zeros(0, 0),
+            value_gradients: DMatrix::zeros(0, 0),
             gradient: vec![0.0; parameters],
-            figures: Figures::default(),
+            metrics: Metrics::default(),
         };
         if self.shards.len() < count {
             self.shards.resize_with(count, shard);
@@ -179,29 +179,29 @@ impl Shard {
             (network.act(prepared, batch, &mut self.workspace), None)
         };
         let width = parameters.nrows();
-        self.parameter_slopes.resize_mut(width, rows.len(), 0.0);
-        self.value_slopes.resize_mut(1, rows.len(), 0.0);
-        self.figures = Figures::default();
+        self.parameter_gradients.resize_mut(width, rows.len(), 0.0);
+        self.value_gradients.resize_mut(1, rows.len(), 0.0);
+        self.metrics = Metrics::default();
         let columns = parameters.as_slice().chunks_exact(width);
-        let slopes = self.parameter_slopes.as_mut_slice().chunks_exact_mut(width);
-        for (position, ((&row, parameters), slopes)) in
-            rows.iter().zip(columns).zip(slopes).enumerate()
+        let gradients = self.parameter_gradients.as_mut_slice().chunks_exact_mut(width);
+        for (position, ((&row, parameters), gradients)) in
+            rows.iter().zip(columns).zip(gradients).enumerate()
         {
             let value = values.map_or(0.0, |values| values[(0, position)]);
-            let (figures, slope) =
-                loss.of_row(row as usize, RowOutput { parameters, value }, slopes);
-            self.figures.add(&figures);
-            self.value_slopes[(0, position)] = slope;
+            let (metrics, derivative) =
+                loss.of_row(row as usize, RowOutput { parameters, value }, gradients);
+            self.metrics.add(&metrics);
+            self.value_gradients[(0, position)] = derivative;
         }
         self.gradient.fill(0.0);
-        let value_slopes = L::OF_VALUES.then_some(&self.value_slopes);
-        let slopes = &self.parameter_slopes;
+        let value_gradients = L::OF_VALUES.then_some(&self.value_gradients);
+        let gradients = &self.parameter_gradients;
         network.backward(
             prepared,
             batch,
             &mut self.workspace,
-            slopes,
-            value_slopes,
+            gradients,
+            value_gradients,
             &mut self.gradient,
         );
     }

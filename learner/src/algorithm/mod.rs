@@ -37,7 +37,7 @@ pub trait PolicyLearner {
         trajectories: &[Encoded],
         scores: &[Score],
         schedule: &Schedule,
-    ) -> Result<Figures>;
+    ) -> Result<Metrics>;
 
     /// Whether it learns from demonstrations alone, without environment steps.
     fn is_offline(&self) -> bool {
@@ -95,7 +95,7 @@ pub fn create(
         // Whoever learns actions from demonstrations sees observations as they lie there, for good.
         Learner::Bc | Learner::Bco | Learner::Sqil => moments(config, &spec, demonstrations),
     };
-    let of = Materials { config, network, threads, normalizer: &normalizer, demonstrations };
+    let of = Setup { config, network, threads, normalizer: &normalizer, demonstrations };
     let learner: Box<dyn PolicyLearner> = match config.learner {
         Learner::Ppo => Box::new(ppo::Ppo::new(of)),
         Learner::Bc => Box::new(bc::Bc::new(of)),
@@ -106,7 +106,7 @@ pub fn create(
 }
 
 /// What a policy learner is made of.
-struct Materials<'a> {
+struct Setup<'a> {
     /// The run's configuration.
     config: &'a RunConfig,
     /// The policy.
@@ -134,9 +134,9 @@ fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> Ru
     RunningNormalizer::of_demonstrations(normalized(config, spec), &observations.concat())
 }
 
-/// Figures of one update, means over its minibatches.
+/// Metrics of one update, means over its minibatches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Figures {
+pub struct Metrics {
     /// Loss of the policy: PPO's clipped surrogate, or the mean negative log-likelihood of actions.
     pub policy_loss: f64,
     /// Loss of values, or of Q-functions.
@@ -153,30 +153,30 @@ pub struct Figures {
     pub held_out_loss: f64,
 }
 
-impl Figures {
+impl Metrics {
     /// Refuses a gradient step that is no number any more.
     ///
     /// # Errors
     /// [`Final`], with the loss or norm and the place it came up.
     pub fn expect_finite(&self, place: impl Display) -> Result<(), Final> {
-        let figures = [
+        let metrics = [
             ("policy loss", self.policy_loss),
             ("value loss", self.value_loss),
             ("entropy", self.entropy),
             ("approximate KL", self.approximate_kl),
             ("gradient norm", self.gradient_norm),
         ];
-        match figures.into_iter().find(|(_, figure)| !figure.is_finite()) {
+        match metrics.into_iter().find(|(_, figure)| !figure.is_finite()) {
             None => Ok(()),
             Some((name, figure)) => {
-                let message = format!("expected finite figures, found {name} {figure}, {place}");
+                let message = format!("expected finite metrics, found {name} {figure}, {place}");
                 Err(Final(format!("the learner diverged: {message}")))
             }
         }
     }
 
-    /// Adds another minibatch's or shard's figures.
-    pub fn add(&mut self, other: &Figures) {
+    /// Adds another minibatch's or shard's metrics.
+    pub fn add(&mut self, other: &Metrics) {
         self.policy_loss += other.policy_loss;
         self.value_loss += other.value_loss;
         self.entropy += other.entropy;
@@ -187,8 +187,8 @@ impl Figures {
     }
 
     /// Divides every figure, to make a mean of a sum.
-    pub fn divided_by(&self, count: f64) -> Figures {
-        Figures {
+    pub fn divided_by(&self, count: f64) -> Metrics {
+        Metrics {
             policy_loss: self.policy_loss / count,
             value_loss: self.value_loss / count,
             entropy: self.entropy / count,

@@ -33,7 +33,7 @@ use protocol::weights::Weights;
 use run::folder::Place;
 use run::process::Stop;
 
-use crate::rollout::{Rollout, Unusable};
+use crate::ledger::{LeaseLedger, Unusable};
 
 pub use handle::DeskHandle;
 
@@ -58,7 +58,7 @@ const PROGRESS_BYTES: usize = 64 << 10;
 /// What the trainer orders.
 pub enum Order {
     /// Roll out; the batch comes back when it is complete.
-    Open(Rollout),
+    Open(LeaseLedger),
     /// Publish a version of the policy.
     Publish(Weights),
     /// Append to the log.
@@ -127,7 +127,7 @@ struct Desk {
     stop: Stop,
     orders: Receiver<Order>,
     batches: SyncSender<Vec<Encoded>>,
-    rollout: Option<Rollout>,
+    ledger: Option<LeaseLedger>,
     /// Actors that wait for leases; they are answered when there are some.
     waiting: Vec<(LeaseRequest, Request<SharedMemory>)>,
     dropped_trajectories: Dropped,
@@ -163,7 +163,7 @@ impl Desk {
             stop: setup.stop,
             orders,
             batches,
-            rollout: None,
+            ledger: None,
             waiting: Vec::new(),
             dropped_trajectories: Dropped::new("trajectories from the bus"),
             dropped_questions: Dropped::new("questions for leases"),
@@ -248,7 +248,7 @@ impl Desk {
 
     fn follow(&mut self, order: Order) -> Result<()> {
         match order {
-            Order::Open(rollout) => self.rollout = Some(rollout),
+            Order::Open(ledger) => self.ledger = Some(ledger),
             Order::Publish(weights) => self.weights.publish(&weights.encode_to_vec())?,
             Order::Record(entry) => self.record(&entry)?,
             Order::Tell(progress) => {
@@ -300,16 +300,16 @@ impl Desk {
 
     /// Takes a trajectory into the rollout; gives it back if it is new there.
     fn admit(&mut self, bytes: Bytes, announced: u64) -> Result<Option<Encoded>> {
-        let Some(rollout) = &mut self.rollout else { return Ok(None) };
+        let Some(ledger) = &mut self.ledger else { return Ok(None) };
         let encoded = Encoded::decode(bytes, &self.spec)?;
         let hash = encoded.key.hash;
         ensure!(announced == hash, "trajectory: expected hash {announced:016x}, found {hash:016x}");
         let (expected, found) = (self.run_seed, encoded.trajectory.run_seed);
         ensure!(expected == found, "trajectory: expected run seed {expected}, found {found}");
-        if let Some(actor) = rollout.holder(encoded.key.lane) {
+        if let Some(actor) = ledger.holder(encoded.key.lane) {
             self.heard.insert(actor.to_owned(), Instant::now());
         }
-        Ok(rollout.receive(encoded.clone())?.then_some(encoded))
+        Ok(ledger.receive(encoded.clone())?.then_some(encoded))
     }
 
     fn answer_actors(&mut self) -> Result<()> {
@@ -333,7 +333,7 @@ impl Desk {
         }
         self.waiting.retain(|(_, question)| question.is_awaited());
         while !self.waiting.is_empty() {
-            let open = self.rollout.as_ref().is_some_and(Rollout::has_open_leases);
+            let open = self.ledger.as_ref().is_some_and(LeaseLedger::has_open_leases);
             if !open && !self.finished {
                 break;
             }
@@ -362,9 +362,9 @@ impl Desk {
             self.seconds.actors.inference += seconds.inference;
             self.seconds.actors.transport += seconds.transport;
         }
-        if let Some(rollout) = &mut self.rollout {
+        if let Some(ledger) = &mut self.ledger {
             for lease in &request.finished {
-                rollout.hand_back(&request.actor, lease);
+                ledger.hand_back(&request.actor, lease);
             }
         }
         Ok(request)
@@ -372,16 +372,16 @@ impl Desk {
 
     fn grant(&mut self, request: &LeaseRequest) -> Vec<Lease> {
         let actors = self.actors();
-        let Some(rollout) = &mut self.rollout else { return Vec::new() };
-        rollout.grant(&request.actor, request.capacity as usize, actors, Instant::now())
+        let Some(ledger) = &mut self.ledger else { return Vec::new() };
+        ledger.grant(&request.actor, request.capacity as usize, actors, Instant::now())
     }
 
     fn hand_over_batch(&mut self) {
-        if self.rollout.as_ref().is_some_and(Rollout::is_complete)
-            && let Some(rollout) = self.rollout.take()
+        if self.ledger.as_ref().is_some_and(LeaseLedger::is_complete)
+            && let Some(ledger) = self.ledger.take()
         {
             // A trainer that is gone has failed and says why itself.
-            self.batches.send(rollout.into_batch()).ok();
+            self.batches.send(ledger.into_batch()).ok();
         }
     }
 
@@ -393,8 +393,8 @@ impl Desk {
         self.bus.clean_up();
         self.alive = self.bus.alive()?;
         self.heard.retain(|actor, _| self.alive.contains(actor));
-        let Some(rollout) = &mut self.rollout else { return Ok(()) };
-        let reopened = rollout.reopen(&self.alive, self.lease_timeout, Instant::now());
+        let Some(ledger) = &mut self.ledger else { return Ok(()) };
+        let reopened = ledger.reopen(&self.alive, self.lease_timeout, Instant::now());
         if reopened > 0 {
             tracing::warn!("{reopened} leases of lost actors are open again");
         }
@@ -408,18 +408,18 @@ impl Desk {
     fn actors_heard(&self) -> Vec<ActorHeard> {
         let heard = self.heard.iter().map(|(name, at)| ActorHeard {
             name: name.clone(),
-            leases: self.rollout.as_ref().map_or(0, |rollout| rollout.held_by(name)) as u32,
+            leases: self.ledger.as_ref().map_or(0, |ledger| ledger.held_by(name)) as u32,
             ago_s: at.elapsed().as_secs_f64(),
         });
         heard.collect()
     }
 
     fn tell(&mut self) -> Result<()> {
-        let rollout = self.rollout.as_ref();
+        let ledger = self.ledger.as_ref();
         let mut progress = self.told.clone();
-        progress.steps_received += rollout.map_or(0, Rollout::steps);
+        progress.steps_received += ledger.map_or(0, LeaseLedger::steps);
         progress.actors = self.actors() as u32;
-        progress.leases = rollout.map_or(0, Rollout::held) as u32;
+        progress.leases = ledger.map_or(0, LeaseLedger::held) as u32;
         progress.actors_heard = self.actors_heard();
         progress.log_bytes = self.log.bytes_written();
         Ok(self.progress.publish(&progress.encode_to_vec())?)

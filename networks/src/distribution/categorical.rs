@@ -58,15 +58,16 @@ pub(super) fn entropy(logits: &[f32]) -> f32 {
 pub(super) fn gradient(
     logits: &[f32],
     action: &[u8],
-    log_probability_slope: f32,
-    entropy_slope: f32,
+    log_probability_derivative: f32,
+    entropy_derivative: f32,
     gradient: &mut [f32],
 ) {
     let (total, entropy) = (log_sum_exp(logits), entropy(logits));
-    for (slope, logit) in gradient.iter_mut().zip(logits) {
+    for (derivative, logit) in gradient.iter_mut().zip(logits) {
         let log_probability = logit - total;
-        let through_all = log_probability_slope + entropy_slope * (log_probability + entropy);
-        *slope = -libm::expf(log_probability) * through_all;
+        let through_all =
+            log_probability_derivative + entropy_derivative * (log_probability + entropy);
+        *derivative = -libm::expf(log_probability) * through_all;
     }
-    gradient[index(action)] += log_probability_slope;
+    gradient[index(action)] += log_probability_derivative;
 }

@@ -49,14 +49,15 @@ pub(super) fn entropy(parameters: &[f32]) -> f32 {
 pub(super) fn gradient(
     parameters: &[f32],
     action: &[u8],
-    log_probability_slope: f32,
-    entropy_slope: f32,
+    log_probability_derivative: f32,
+    entropy_derivative: f32,
     gradient: &mut [f32],
 ) {
-    let (mean_slopes, log_slopes) = gradient.split_at_mut(parameters.len() / 2);
-    let slopes = mean_slopes.iter_mut().zip(log_slopes);
-    for ((distance, log), (mean, log_slope)) in distances(parameters, action).zip(slopes) {
-        *mean = log_probability_slope * distance * libm::expf(-log);
-        *log_slope = log_probability_slope * (distance * distance - 1.0) + entropy_slope;
+    let (mean_gradients, log_gradients) = gradient.split_at_mut(parameters.len() / 2);
+    let gradients = mean_gradients.iter_mut().zip(log_gradients);
+    for ((distance, log), (mean, log_derivative)) in distances(parameters, action).zip(gradients) {
+        *mean = log_probability_derivative * distance * libm::expf(-log);
+        *log_derivative =
+            log_probability_derivative * (distance * distance - 1.0) + entropy_derivative;
     }
 }

@@ -120,8 +120,8 @@ impl Distribution {
         self,
         parameters: &[f32],
         action: &[u8],
-        log_probability_slope: f32,
-        entropy_slope: f32,
+        log_probability_derivative: f32,
+        entropy_derivative: f32,
         gradient: &mut [f32],
     ) {
         self.check(parameters);
@@ -131,7 +131,7 @@ impl Distribution {
             Distribution::Gaussian { .. } => gaussian::gradient,
             Distribution::SquashedGaussian { .. } => squashed::gradient,
         };
-        of(parameters, action, log_probability_slope, entropy_slope, gradient);
+        of(parameters, action, log_probability_derivative, entropy_derivative, gradient);
     }
 
     /// Draws an action of squashed numbers and keeps the normal numbers it was made of in `noise`, so
@@ -163,8 +163,8 @@ impl Distribution {
         self,
         parameters: &[f32],
         noise: &[f32],
-        action_slopes: &[f32],
-        log_probability_slope: f32,
+        action_gradients: &[f32],
+        log_probability_derivative: f32,
         gradient: &mut [f32],
     ) {
         self.check(parameters);
@@ -172,8 +172,8 @@ impl Distribution {
         squashed::pathwise_gradient(
             parameters,
             noise,
-            action_slopes,
-            log_probability_slope,
+            action_gradients,
+            log_probability_derivative,
             gradient,
         );
     }

@@ -21,7 +21,7 @@ struct Normal {
     mean: f32,
     log: f32,
     /// Derivative of the logarithm of the deviation with respect to its parameter.
-    log_slope: f32,
+    log_derivative: f32,
 }
 
 fn normals(parameters: &[f32]) -> impl Iterator<Item = Normal> + '_ {
@@ -29,7 +29,7 @@ fn normals(parameters: &[f32]) -> impl Iterator<Item = Normal> + '_ {
     let (least, largest) = LOG_DEVIATIONS;
     means.iter().zip(logs).map(move |(&mean, &parameter)| {
         let within = (least..=largest).contains(&parameter);
-        Normal { mean, log: parameter.clamp(least, largest), log_slope: f32::from(within) }
+        Normal { mean, log: parameter.clamp(least, largest), log_derivative: f32::from(within) }
     })
 }
 
@@ -64,21 +64,21 @@ pub(super) fn draw(
 pub(super) fn pathwise_gradient(
     parameters: &[f32],
     noise: &[f32],
-    action_slopes: &[f32],
-    log_probability_slope: f32,
+    action_gradients: &[f32],
+    log_probability_derivative: f32,
     gradient: &mut [f32],
 ) {
-    let (mean_slopes, log_slopes) = gradient.split_at_mut(parameters.len() / 2);
-    let slopes = mean_slopes.iter_mut().zip(log_slopes);
-    let numbers = normals(parameters).zip(noise).zip(action_slopes);
-    for (((normal, noise), action_slope), (mean, log)) in numbers.zip(slopes) {
+    let (mean_gradients, log_gradients) = gradient.split_at_mut(parameters.len() / 2);
+    let gradients = mean_gradients.iter_mut().zip(log_gradients);
+    let numbers = normals(parameters).zip(noise).zip(action_gradients);
+    for (((normal, noise), action_derivative), (mean, log)) in numbers.zip(gradients) {
         let distance = libm::expf(normal.log) * noise;
         let squashed = tanh(normal.mean + distance);
         let flatness = 1.0 - squashed * squashed;
         let of_density = 2.0 * squashed * flatness / (flatness + FLATTEST);
-        let through = action_slope * flatness + log_probability_slope * of_density;
+        let through = action_derivative * flatness + log_probability_derivative * of_density;
         *mean = through;
-        *log = (through * distance - log_probability_slope) * normal.log_slope;
+        *log = (through * distance - log_probability_derivative) * normal.log_derivative;
     }
 }
 
@@ -113,17 +113,19 @@ pub(super) fn entropy(parameters: &[f32]) -> f32 {
 pub(super) fn gradient(
     parameters: &[f32],
     action: &[u8],
-    log_probability_slope: f32,
-    entropy_slope: f32,
+    log_probability_derivative: f32,
+    entropy_derivative: f32,
     gradient: &mut [f32],
 ) {
-    let (mean_slopes, log_slopes) = gradient.split_at_mut(parameters.len() / 2);
-    let slopes = mean_slopes.iter_mut().zip(log_slopes);
-    for ((normal, number), (mean, log)) in normals(parameters).zip(unsquashed(action)).zip(slopes) {
+    let (mean_gradients, log_gradients) = gradient.split_at_mut(parameters.len() / 2);
+    let gradients = mean_gradients.iter_mut().zip(log_gradients);
+    for ((normal, number), (mean, log)) in
+        normals(parameters).zip(unsquashed(action)).zip(gradients)
+    {
         let distance = (number - normal.mean) * libm::expf(-normal.log);
-        *mean = log_probability_slope * distance * libm::expf(-normal.log);
-        let of_log = log_probability_slope * (distance * distance - 1.0) + entropy_slope;
-        *log = of_log * normal.log_slope;
+        *mean = log_probability_derivative * distance * libm::expf(-normal.log);
+        let of_log = log_probability_derivative * (distance * distance - 1.0) + entropy_derivative;
+        *log = of_log * normal.log_derivative;
     }
 }
 
@@ -164,14 +166,17 @@ mod tests {
         };
         let mut gradient = [0.0; 4];
         pathwise_gradient(&PARAMETERS, &noise, &weights[..2], weights[2], &mut gradient);
-        for (index, slope) in gradient.into_iter().enumerate() {
+        for (index, derivative) in gradient.into_iter().enumerate() {
             let moved = |by: f32| {
                 let mut parameters = PARAMETERS;
                 parameters[index] += by;
                 loss(&parameters)
             };
             let expected = (moved(1e-2) - moved(-1e-2)) / 2e-2;
-            assert!((f64::from(slope) - expected).abs() < 1e-3, "{index}: {slope} {expected}");
+            assert!(
+                (f64::from(derivative) - expected).abs() < 1e-3,
+                "{index}: {derivative} {expected}"
+            );
         }
     }
 }

@@ -32,9 +32,13 @@ impl Activation {
         match self {
             Activation::Identity => {}
             Activation::Relu => {
-                pairs.for_each(|(slope, &output)| *slope = if output > 0.0 { *slope } else { 0.0 });
+                pairs.for_each(|(derivative, &output)| {
+                    *derivative = if output > 0.0 { *derivative } else { 0.0 }
+                });
             }
-            Activation::Tanh => pairs.for_each(|(slope, &output)| *slope *= 1.0 - output * output),
+            Activation::Tanh => {
+                pairs.for_each(|(derivative, &output)| *derivative *= 1.0 - output * output)
+            }
         }
     }
 }

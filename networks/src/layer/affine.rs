@@ -6,7 +6,7 @@
 //! `[window row][window column][input channel][output]`, then the biases.
 
 use super::activation::Activation;
-use super::kernel::{LANE, Lane, Tile, inner, outer, tiles};
+use super::kernel::{COLUMNS, Tile, Vector16, inner, outer, tiles};
 
 /// About how many window positions are worked on together, so that they stay in the cache.
 const BLOCK_POSITIONS: usize = 192;
@@ -35,12 +35,12 @@ pub(crate) struct Affine {
 /// The weights of an [`Affine`] in the order in which the kernel reads them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Panels {
-    /// For every sixteen outputs, one lane for each number in the window.
-    forward: Vec<Lane>,
+    /// For every sixteen outputs, one vector for each number in the window.
+    forward: Vec<Vector16>,
     /// The biases of every sixteen outputs.
-    bias: Vec<Lane>,
-    /// For every sixteen numbers of a segment, one lane for each output.
-    backward: Vec<Lane>,
+    bias: Vec<Vector16>,
+    /// For every sixteen numbers of a segment, one vector for each output.
+    backward: Vec<Vector16>,
 }
 
 impl Affine {
@@ -99,21 +99,21 @@ impl Affine {
     pub(crate) fn prepare(&self, parameters: &[f32], panels: &mut Panels) {
         let (weights, biases) = parameters.split_at(self.fan_in() * self.outputs);
         panels.bias.clear();
-        panels.bias.extend(biases.chunks(LANE).map(Lane::of));
+        panels.bias.extend(biases.chunks(COLUMNS).map(Vector16::of));
         panels.forward.clear();
-        for column in (0..self.outputs).step_by(LANE) {
-            let width = LANE.min(self.outputs - column);
+        for column in (0..self.outputs).step_by(COLUMNS) {
+            let width = COLUMNS.min(self.outputs - column);
             let rows = weights.chunks_exact(self.outputs);
-            panels.forward.extend(rows.map(|row| Lane::of(&row[column..column + width])));
+            panels.forward.extend(rows.map(|row| Vector16::of(&row[column..column + width])));
         }
         panels.backward.clear();
         for segment in weights.chunks_exact(self.segment * self.outputs) {
-            for rows in segment.chunks(LANE * self.outputs) {
+            for rows in segment.chunks(COLUMNS * self.outputs) {
                 let first = panels.backward.len();
-                panels.backward.resize(first + self.outputs, Lane::ZERO);
+                panels.backward.resize(first + self.outputs, Vector16::ZERO);
                 for (index, row) in rows.chunks_exact(self.outputs).enumerate() {
-                    let lanes = panels.backward[first..].iter_mut();
-                    lanes.zip(row).for_each(|(lane, weight)| lane.0[index] = *weight);
+                    let vectors = panels.backward[first..].iter_mut();
+                    vectors.zip(row).for_each(|(vector, weight)| vector.0[index] = *weight);
                 }
             }
         }
@@ -132,53 +132,62 @@ impl Affine {
             let positions = output.len() / self.outputs;
             let all = panels.forward.chunks_exact(self.fan_in()).zip(&panels.bias);
             for (index, (panel, bias)) in all.enumerate() {
-                let column = index * LANE;
+                let column = index * COLUMNS;
                 tiles(positions, &mut Forward { layer: self, input, panel, bias, column, output });
             }
         }
     }
 
-    /// Adds the gradient of the parameters to `gradient`, for the `slopes` of the sums.
+    /// Adds the gradient of the parameters to `gradient`, for the `output_gradients` of the sums.
     pub(crate) fn parameter_gradient(
         &self,
         input: &[f32],
-        slopes: &[f32],
-        lanes: &mut Vec<Lane>,
+        output_gradients: &[f32],
+        vectors: &mut Vec<Vector16>,
         gradient: &mut [f32],
     ) {
         let (weights, biases) = gradient.split_at_mut(self.fan_in() * self.outputs);
         let inputs = input.chunks(self.block_rows() * self.inputs);
-        for (input, slopes) in inputs.zip(slopes.chunks(self.block_rows() * self.row_outputs())) {
-            for (index, biases) in biases.chunks_mut(LANE).enumerate() {
-                let columns = index * LANE..index * LANE + biases.len();
-                lanes.clear();
-                let rows = slopes.chunks_exact(self.outputs);
-                lanes.extend(rows.map(|row| Lane::of(&row[columns.clone()])));
-                lanes.iter().for_each(|lane| lane.add_to(biases));
+        for (input, output_gradients) in
+            inputs.zip(output_gradients.chunks(self.block_rows() * self.row_outputs()))
+        {
+            for (index, biases) in biases.chunks_mut(COLUMNS).enumerate() {
+                let columns = index * COLUMNS..index * COLUMNS + biases.len();
+                vectors.clear();
+                let rows = output_gradients.chunks_exact(self.outputs);
+                vectors.extend(rows.map(|row| Vector16::of(&row[columns.clone()])));
+                vectors.iter().for_each(|vector| vector.add_to(biases));
                 for segment in 0..self.segments {
                     let input = &input[segment * self.stride..];
                     let weights = &mut weights[segment * self.segment * self.outputs..];
                     let columns = columns.clone();
-                    let mut tile = WeightGradient { layer: self, input, lanes, columns, weights };
+                    let mut tile = WeightGradient { layer: self, input, vectors, columns, weights };
                     tiles(self.segment, &mut tile);
                 }
             }
         }
     }
 
-    /// Writes the gradient of the input to `gradient`, for the `slopes` of the sums.
-    pub(crate) fn input_gradient(&self, panels: &Panels, slopes: &[f32], gradient: &mut [f32]) {
+    /// Writes the gradient of the input to `gradient`, for the `output_gradients` of the sums.
+    pub(crate) fn input_gradient(
+        &self,
+        panels: &Panels,
+        output_gradients: &[f32],
+        gradient: &mut [f32],
+    ) {
         gradient.fill(0.0);
-        let slopes = slopes.chunks(self.block_rows() * self.row_outputs());
-        for (slopes, gradient) in slopes.zip(gradient.chunks_mut(self.block_rows() * self.inputs)) {
-            let pieces = self.segment.div_ceil(LANE);
+        let output_gradients = output_gradients.chunks(self.block_rows() * self.row_outputs());
+        for (output_gradients, gradient) in
+            output_gradients.zip(gradient.chunks_mut(self.block_rows() * self.inputs))
+        {
+            let pieces = self.segment.div_ceil(COLUMNS);
             for (index, panel) in panels.backward.chunks_exact(self.outputs).enumerate() {
-                let (segment, column) = (index / pieces, index % pieces * LANE);
+                let (segment, column) = (index / pieces, index % pieces * COLUMNS);
                 let offset = segment * self.stride + column;
-                let width = LANE.min(self.segment - column);
+                let width = COLUMNS.min(self.segment - column);
                 let mut tile =
-                    InputGradient { layer: self, slopes, panel, offset, width, gradient };
-                tiles(slopes.len() / self.outputs, &mut tile);
+                    InputGradient { layer: self, output_gradients, panel, offset, width, gradient };
+                tiles(output_gradients.len() / self.outputs, &mut tile);
             }
         }
     }
@@ -188,8 +197,8 @@ impl Affine {
 struct Forward<'a> {
     layer: &'a Affine,
     input: &'a [f32],
-    panel: &'a [Lane],
-    bias: &'a Lane,
+    panel: &'a [Vector16],
+    bias: &'a Vector16,
     column: usize,
     output: &'a mut [f32],
 }
@@ -204,7 +213,7 @@ impl Tile for Forward<'_> {
             let rows = starts.map(|start| &self.input[start + index * stride..][..segment]);
             sums = inner(sums, rows, panel);
         }
-        let width = LANE.min(outputs - self.column);
+        let width = COLUMNS.min(outputs - self.column);
         let rows = self.output[first * outputs..].chunks_exact_mut(outputs);
         for (row, sums) in rows.zip(&mut sums) {
             self.layer.activation.apply(&mut sums.0);
@@ -217,7 +226,7 @@ impl Tile for Forward<'_> {
 struct WeightGradient<'a> {
     layer: &'a Affine,
     input: &'a [f32],
-    lanes: &'a [Lane],
+    vectors: &'a [Vector16],
     columns: std::ops::Range<usize>,
     weights: &'a mut [f32],
 }
@@ -226,7 +235,7 @@ impl Tile for WeightGradient<'_> {
     #[inline]
     fn run<const R: usize>(&mut self, first: usize) {
         let outputs = self.layer.outputs;
-        let sums = outer::<R>(&self.input[first..], &self.layer.starts, self.lanes);
+        let sums = outer::<R>(&self.input[first..], &self.layer.starts, self.vectors);
         let rows = self.weights[first * outputs..].chunks_exact_mut(outputs);
         for (row, sums) in rows.zip(&sums) {
             sums.add_to(&mut row[self.columns.clone()]);
@@ -238,8 +247,8 @@ impl Tile for WeightGradient<'_> {
 /// of the input is added to in ascending order of panel, then window, however the tiles fall.
 struct InputGradient<'a> {
     layer: &'a Affine,
-    slopes: &'a [f32],
-    panel: &'a [Lane],
+    output_gradients: &'a [f32],
+    panel: &'a [Vector16],
     offset: usize,
     width: usize,
     gradient: &'a mut [f32],
@@ -249,8 +258,9 @@ impl Tile for InputGradient<'_> {
     #[inline]
     fn run<const R: usize>(&mut self, first: usize) {
         let outputs = self.layer.outputs;
-        let rows = std::array::from_fn(|row| &self.slopes[(first + row) * outputs..][..outputs]);
-        let sums = inner([Lane::ZERO; R], rows, self.panel);
+        let rows =
+            std::array::from_fn(|row| &self.output_gradients[(first + row) * outputs..][..outputs]);
+        let sums = inner([Vector16::ZERO; R], rows, self.panel);
         for (start, sums) in self.layer.starts[first..].iter().zip(&sums) {
             sums.add_to(&mut self.gradient[start + self.offset..][..self.width]);
         }
@@ -299,35 +309,35 @@ mod tests {
             let layer = Affine::convolution(image, kernel, outputs, Activation::Identity);
             let parameters = numbers(layer.parameter_count(), seed);
             let input = numbers(rows * layer.inputs, seed ^ 1);
-            let slopes = numbers(rows * layer.row_outputs(), seed ^ 2);
+            let output_gradients = numbers(rows * layer.row_outputs(), seed ^ 2);
             let (weights, biases) = parameters.split_at(layer.fan_in() * outputs);
             let mut panels = Panels::default();
             layer.prepare(&parameters, &mut panels);
 
-            let mut output = vec![0.0; slopes.len()];
+            let mut output = vec![0.0; output_gradients.len()];
             layer.forward(&panels, &input, &mut output);
             let mut expected = biases.repeat(rows * layer.positions);
-            let mut weight_slopes = vec![0.0; parameters.len()];
-            let mut input_slopes = vec![0.0; input.len()];
+            let mut weight_gradients = vec![0.0; parameters.len()];
+            let mut input_gradients = vec![0.0; input.len()];
             for (position, inner, at) in meetings(&layer, rows) {
                 for column in 0..outputs {
                     let (out, weight) = (position * outputs + column, inner * outputs + column);
                     expected[out] = input[at].mul_add(weights[weight], expected[out]);
-                    weight_slopes[weight] += f64::from(input[at]) * f64::from(slopes[out]);
-                    input_slopes[at] += f64::from(weights[weight]) * f64::from(slopes[out]);
+                    weight_gradients[weight] += f64::from(input[at]) * f64::from(output_gradients[out]);
+                    input_gradients[at] += f64::from(weights[weight]) * f64::from(output_gradients[out]);
                 }
             }
             prop_assert_eq!(output, expected);
-            for (index, slope) in slopes.iter().enumerate() {
-                weight_slopes[weights.len() + index % outputs] += f64::from(*slope);
+            for (index, derivative) in output_gradients.iter().enumerate() {
+                weight_gradients[weights.len() + index % outputs] += f64::from(*derivative);
             }
 
             let mut gradient = vec![0.0; parameters.len()];
-            layer.parameter_gradient(&input, &slopes, &mut Vec::new(), &mut gradient);
+            layer.parameter_gradient(&input, &output_gradients, &mut Vec::new(), &mut gradient);
             let mut input_gradient = vec![f32::NAN; input.len()];
-            layer.input_gradient(&panels, &slopes, &mut input_gradient);
+            layer.input_gradient(&panels, &output_gradients, &mut input_gradient);
             let found = gradient.iter().chain(&input_gradient);
-            for (found, expected) in found.zip(weight_slopes.iter().chain(&input_slopes)) {
+            for (found, expected) in found.zip(weight_gradients.iter().chain(&input_gradients)) {
                 prop_assert!((f64::from(*found) - expected).abs() < 1e-4, "{found} {expected}");
             }
         }

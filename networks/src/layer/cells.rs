@@ -6,7 +6,7 @@
 //! `[frame][window row][window column][class][channel]`, then the biases.
 
 use super::activation::rectify;
-use super::kernel::{LANE, Lane};
+use super::kernel::{COLUMNS, Vector16};
 
 /// Convolution of stride one, rectifier, and pooling of disjoint squares (the first maximum wins;
 /// what does not fill a square is left out).
@@ -68,14 +68,14 @@ impl Cells {
         (self.fan_in() + 1) * self.channels
     }
 
-    /// Packs `parameters` as a table: for every sixteen channels a lane for each cell of the window
+    /// Packs `parameters` as a table: for every sixteen channels a vector for each cell of the window
     /// and class, then one for the bias.
-    pub(crate) fn prepare(&self, parameters: &[f32], table: &mut Vec<Lane>) {
+    pub(crate) fn prepare(&self, parameters: &[f32], table: &mut Vec<Vector16>) {
         table.clear();
-        for column in (0..self.channels).step_by(LANE) {
-            let width = LANE.min(self.channels - column);
+        for column in (0..self.channels).step_by(COLUMNS) {
+            let width = COLUMNS.min(self.channels - column);
             let rows = parameters.chunks_exact(self.channels);
-            table.extend(rows.map(|row| Lane::of(&row[column..column + width])));
+            table.extend(rows.map(|row| Vector16::of(&row[column..column + width])));
         }
     }
 
@@ -85,7 +85,7 @@ impl Cells {
     /// If a cell's class is not below the number of classes.
     pub(crate) fn forward(
         &self,
-        table: &[Lane],
+        table: &[Vector16],
         observations: &[u8],
         output: &mut [f32],
         winners: &mut [u8],
@@ -101,7 +101,7 @@ impl Cells {
             let pixels = pixels.zip(winners.chunks_exact_mut(self.channels));
             for (&start, (output, winners)) in self.starts.iter().zip(pixels) {
                 let tables = table.chunks_exact(self.fan_in() + 1);
-                let pieces = output.chunks_mut(LANE).zip(winners.chunks_mut(LANE));
+                let pieces = output.chunks_mut(COLUMNS).zip(winners.chunks_mut(COLUMNS));
                 for (table, (output, winners)) in tables.zip(pieces) {
                     let (best, winner) = self.pool(table, &row[start..]);
                     output.copy_from_slice(&best.0[..output.len()]);
@@ -114,9 +114,9 @@ impl Cells {
     /// The largest sums over the windows of the square at the front of `cells`, rectified, and which
     /// window gave them.
     #[inline(always)]
-    fn pool(&self, table: &[Lane], cells: &[u8]) -> (Lane, [u8; LANE]) {
-        let mut best = [f32::NEG_INFINITY; LANE];
-        let mut winner = [0_u32; LANE];
+    fn pool(&self, table: &[Vector16], cells: &[u8]) -> (Vector16, [u8; COLUMNS]) {
+        let mut best = [f32::NEG_INFINITY; COLUMNS];
+        let mut winner = [0_u32; COLUMNS];
         for (index, &corner) in self.square.iter().enumerate() {
             let mut sums = table[self.fan_in()];
             for (cell, &offset) in self.window.iter().enumerate() {
@@ -129,33 +129,38 @@ impl Cells {
                 *winner = if wins { index as u32 } else { *winner };
             }
         }
-        (Lane(best.map(rectify)), winner.map(|winner| winner as u8))
+        (Vector16(best.map(rectify)), winner.map(|winner| winner as u8))
     }
 
-    /// Adds the gradient of the parameters to `gradient`, for the `slopes` of the pooled sums.
+    /// Adds the gradient of the parameters to `gradient`, for the `output_gradients` of the pooled sums.
     pub(crate) fn parameter_gradient(
         &self,
         observations: &[u8],
         winners: &[u8],
-        slopes: &[f32],
-        table: &mut Vec<Lane>,
+        output_gradients: &[f32],
+        table: &mut Vec<Vector16>,
         gradient: &mut [f32],
     ) {
-        for column in (0..self.channels).step_by(LANE) {
-            let columns = column..self.channels.min(column + LANE);
+        for column in (0..self.channels).step_by(COLUMNS) {
+            let columns = column..self.channels.min(column + COLUMNS);
             table.clear();
-            table.resize(self.fan_in() + 1, Lane::ZERO);
+            table.resize(self.fan_in() + 1, Vector16::ZERO);
             let rows = observations.chunks_exact(self.bytes);
-            let slopes = slopes.chunks_exact(self.row_outputs());
-            for ((row, slopes), winners) in
-                rows.zip(slopes).zip(winners.chunks_exact(self.row_outputs()))
+            let output_gradients = output_gradients.chunks_exact(self.row_outputs());
+            for ((row, output_gradients), winners) in
+                rows.zip(output_gradients).zip(winners.chunks_exact(self.row_outputs()))
             {
-                let pixels = slopes.chunks_exact(self.channels);
+                let pixels = output_gradients.chunks_exact(self.channels);
                 let pixels = pixels.zip(winners.chunks_exact(self.channels));
-                for (&start, (slopes, winners)) in self.starts.iter().zip(pixels) {
-                    let mut winner = [0; LANE];
+                for (&start, (output_gradients, winners)) in self.starts.iter().zip(pixels) {
+                    let mut winner = [0; COLUMNS];
                     winner[..columns.len()].copy_from_slice(&winners[columns.clone()]);
-                    self.spread(&row[start..], Lane::of(&slopes[columns.clone()]), winner, table);
+                    self.spread(
+                        &row[start..],
+                        Vector16::of(&output_gradients[columns.clone()]),
+                        winner,
+                        table,
+                    );
                 }
             }
             for (row, sums) in gradient.chunks_exact_mut(self.channels).zip(table.iter()) {
@@ -164,11 +169,17 @@ impl Cells {
         }
     }
 
-    /// Adds the slopes of one pooled square to the table rows that its windows summed.
+    /// Adds the output gradients of one pooled square to the table rows that its windows summed.
     #[inline(always)]
-    fn spread(&self, cells: &[u8], slopes: Lane, winner: [u8; LANE], table: &mut [Lane]) {
+    fn spread(
+        &self,
+        cells: &[u8],
+        output_gradients: Vector16,
+        winner: [u8; COLUMNS],
+        table: &mut [Vector16],
+    ) {
         for (index, &corner) in self.square.iter().enumerate() {
-            let mut own = slopes;
+            let mut own = output_gradients;
             for (own, winner) in own.0.iter_mut().zip(winner) {
                 *own = if usize::from(winner) == index { *own } else { 0.0 };
             }
@@ -177,6 +188,6 @@ impl Cells {
                 own.add_to(&mut table[row].0);
             }
         }
-        slopes.add_to(&mut table[self.fan_in()].0);
+        output_gradients.add_to(&mut table[self.fan_in()].0);
     }
 }

@@ -7,33 +7,33 @@
 //! compiler keeps them in vector registers; `benches/update.rs` notices when it stops doing so.
 
 /// Columns of a tile: two registers of eight numbers.
-pub(crate) const LANE: usize = 16;
+pub(crate) const COLUMNS: usize = 16;
 
 /// Sixteen neighboring columns of a matrix row, zero where the matrix has fewer. It fills a cache line
 /// exactly: loads that straddle two lines cost a fifth of the speed.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(crate) struct Lane(pub(crate) [f32; LANE]);
+pub(crate) struct Vector16(pub(crate) [f32; COLUMNS]);
 
-impl Lane {
+impl Vector16 {
     /// All zeros.
-    pub(crate) const ZERO: Lane = Lane([0.0; LANE]);
+    pub(crate) const ZERO: Vector16 = Vector16([0.0; COLUMNS]);
 
     /// Copies up to sixteen numbers and fills the rest with zeros.
     #[inline(always)]
     pub(crate) fn of(numbers: &[f32]) -> Self {
-        if let Ok(full) = <[f32; LANE]>::try_from(numbers) {
-            return Lane(full);
+        if let Ok(full) = <[f32; COLUMNS]>::try_from(numbers) {
+            return Vector16(full);
         }
-        let mut lane = Lane::ZERO;
-        lane.0[..numbers.len()].copy_from_slice(numbers);
-        lane
+        let mut vector = Vector16::ZERO;
+        vector.0[..numbers.len()].copy_from_slice(numbers);
+        vector
     }
 
     /// Adds the first columns to `target`, as many as it has.
     #[inline(always)]
     pub(crate) fn add_to(&self, target: &mut [f32]) {
-        if let Ok(full) = <&mut [f32; LANE]>::try_from(&mut *target) {
+        if let Ok(full) = <&mut [f32; COLUMNS]>::try_from(&mut *target) {
             full.iter_mut().zip(self.0).for_each(|(target, sum)| *target += sum);
         } else {
             target.iter_mut().zip(self.0).for_each(|(target, sum)| *target += sum);
@@ -69,10 +69,10 @@ pub(crate) fn tiles(rows: usize, tile: &mut impl Tile) {
     }
 }
 
-/// Adds `factor * lane` to `sums`.
+/// Adds `factor * vector` to `sums`.
 #[inline(always)]
-fn multiply_add(sums: &mut Lane, factor: f32, lane: &Lane) {
-    for (sum, number) in sums.0.iter_mut().zip(&lane.0) {
+fn multiply_add(sums: &mut Vector16, factor: f32, vector: &Vector16) {
+    for (sum, number) in sums.0.iter_mut().zip(&vector.0) {
         *sum = factor.mul_add(*number, *sum);
     }
 }
@@ -81,42 +81,42 @@ fn multiply_add(sums: &mut Lane, factor: f32, lane: &Lane) {
 /// the panel.
 #[inline(always)]
 pub(crate) fn inner<const R: usize>(
-    mut sums: [Lane; R],
+    mut sums: [Vector16; R],
     rows: [&[f32]; R],
-    panel: &[Lane],
-) -> [Lane; R] {
+    panel: &[Vector16],
+) -> [Vector16; R] {
     let (panel_chunks, panel_rest) = panel.as_chunks::<UNROLL>();
     let chunks = rows.map(|row| row.as_chunks::<UNROLL>().0);
-    for (chunk, lanes) in panel_chunks.iter().enumerate() {
+    for (chunk, vectors) in panel_chunks.iter().enumerate() {
         let factors = chunks.map(|row| &row[chunk]);
-        for (step, lane) in lanes.iter().enumerate() {
+        for (step, vector) in vectors.iter().enumerate() {
             for (sums, factors) in sums.iter_mut().zip(&factors) {
-                multiply_add(sums, factors[step], lane);
+                multiply_add(sums, factors[step], vector);
             }
         }
     }
     let done = panel_chunks.len() * UNROLL;
-    for (step, lane) in panel_rest.iter().enumerate() {
+    for (step, vector) in panel_rest.iter().enumerate() {
         for (sums, row) in sums.iter_mut().zip(&rows) {
-            multiply_add(sums, row[done + step], lane);
+            multiply_add(sums, row[done + step], vector);
         }
     }
     sums
 }
 
-/// The sums over ascending `m` of `numbers[starts[m] + r] * lanes[m]`.
+/// The sums over ascending `m` of `numbers[starts[m] + r] * vectors[m]`.
 #[inline(always)]
 pub(crate) fn outer<const R: usize>(
     numbers: &[f32],
     starts: &[usize],
-    lanes: &[Lane],
-) -> [Lane; R] {
-    let mut sums = [Lane::ZERO; R];
-    for (&start, lane) in starts.iter().zip(lanes) {
+    vectors: &[Vector16],
+) -> [Vector16; R] {
+    let mut sums = [Vector16::ZERO; R];
+    for (&start, vector) in starts.iter().zip(vectors) {
         let factors: &[f32; R] =
             numbers[start..].first_chunk().expect("windows lie inside the input");
         for (sums, factor) in sums.iter_mut().zip(factors) {
-            multiply_add(sums, *factor, lane);
+            multiply_add(sums, *factor, vector);
         }
     }
     sums

@@ -167,7 +167,7 @@ impl Scanner {
                     break;
                 }
             };
-            let mut found = Found::default();
+            let mut found = ChunkContents::default();
             let taken = match kind {
                 op::CHUNK => {
                     chunks.open(content, |kind, content| directory.take(kind, content, &mut found))
@@ -293,7 +293,7 @@ impl Source {
 
 /// What a chunk, or a record outside of chunks, holds.
 #[derive(Default)]
-struct Found {
+struct ChunkContents {
     messages: Vec<Message>,
     /// Messages that should have come before these, with no known damage to explain it.
     gap: u64,
@@ -317,7 +317,7 @@ struct Channel {
 
 impl Directory {
     /// Takes a record that is no chunk.
-    fn take(&mut self, kind: u8, content: &[u8], found: &mut Found) -> Result<(), Trouble> {
+    fn take(&mut self, kind: u8, content: &[u8], found: &mut ChunkContents) -> Result<(), Trouble> {
         if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
         }
@@ -365,7 +365,7 @@ impl Directory {
         &mut self,
         header: &MessageHeader,
         data: &[u8],
-        found: &mut Found,
+        found: &mut ChunkContents,
     ) -> Result<(), Trouble> {
         let Some(channel) = self.channels.get_mut(&header.channel_id) else {
             let id = header.channel_id;
@@ -447,6 +447,6 @@ impl Summary {
         if kind == op::STATISTICS {
             self.messages = content.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
         }
-        self.directory.take(kind, content, &mut Found::default())
+        self.directory.take(kind, content, &mut ChunkContents::default())
     }
 }

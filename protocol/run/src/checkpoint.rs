@@ -46,14 +46,14 @@ impl Checkpoint {
 
 /// The newest checkpoint that holds, and those that were passed over for it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Found {
+pub struct NewestCheckpoint {
     /// Where to go on from; none where the run begins anew.
     pub newest: Option<Checkpoint>,
     /// Newer folders and what is wrong with them, the newest first.
     pub damaged: Vec<(PathBuf, Error)>,
 }
 
-impl Found {
+impl NewestCheckpoint {
     /// What its user is to know: a line for each checkpoint passed over, and what comes of it.
     pub fn remarks(&self) -> Vec<String> {
         let mut lines: Vec<String> =
@@ -69,8 +69,8 @@ impl Found {
 ///
 /// # Errors
 /// When there is a log and it cannot be read.
-pub fn newest(run: &RunFolder, files: &[&str]) -> Result<Found, Error> {
-    let mut found = Found::default();
+pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error> {
+    let mut found = NewestCheckpoint::default();
     let folders = run.checkpoint_folders();
     if folders.is_empty() {
         return Ok(found);
@@ -94,7 +94,7 @@ pub fn newest(run: &RunFolder, files: &[&str]) -> Result<Found, Error> {
 ///
 /// # Errors
 /// As [`newest`], and [`Error::Checkpoint`] if a folder cannot be renamed.
-pub fn settle(run: &RunFolder) -> Result<Found, Error> {
+pub fn settle(run: &RunFolder) -> Result<NewestCheckpoint, Error> {
     let found = newest(run, &CHECKPOINT_FILES)?;
     for (folder, _) in &found.damaged {
         let aside = folder.with_extension(DAMAGED);
@@ -281,7 +281,7 @@ mod tests {
         assert!(found.remarks()[1].ends_with("the run begins anew"), "{:?}", found.remarks());
         assert!(run.checkpoint_folders().is_empty());
         assert!(run.checkpoints().join("000008.damaged").exists());
-        assert_eq!(settle(&run).unwrap(), Found::default());
+        assert_eq!(settle(&run).unwrap(), NewestCheckpoint::default());
     }
 
     #[test]

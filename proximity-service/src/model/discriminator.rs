@@ -10,8 +10,8 @@ use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput};
 
 use super::input::Input;
-use super::minibatch::{Drawn, Losses, Minibatch};
-use super::objective::{Learning, Objective, Seen};
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::objective::{EpisodeView, Learning, Objective};
 use crate::reward::discriminator_rewards;
 
 /// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.
@@ -26,12 +26,12 @@ impl Objective for Discriminator {
     }
 
     /// One row a step: a state that nobody acts in, such as the goal, tells nothing of who acts.
-    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_steps(seen.observations, seen.actions, rows);
     }
 
     /// One row a step; of states the last one, too, for whoever asks how it looks.
-    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         if input.sees() == RewardInput::State {
             input.append_observations(seen.observations, seen.actions, rows);
         } else {
@@ -40,24 +40,29 @@ impl Objective for Discriminator {
     }
 
     /// Nothing: without an agent there is nothing to tell apart.
-    fn offline(&self, _learning: &Learning<'_>) -> Vec<Drawn> {
+    fn offline(&self, _learning: &Learning<'_>) -> Vec<MinibatchRows> {
         Vec::new()
     }
 
-    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+    fn online(
+        &self,
+        learning: &Learning<'_>,
+        agent: usize,
+        stream: &mut Stream,
+    ) -> Vec<MinibatchRows> {
         learning.pairs(agent, stream)
     }
 
     /// The mean over the expert's rows and the mean over the agent's; their sum is twice the mean
     /// over both.
-    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses {
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let count = minibatch.drawn.demonstrations.len();
         let (own, agent) = outputs.split_at(count);
-        let (own_slopes, agent_slopes) = slopes.split_at_mut(count);
+        let (own_gradients, agent_gradients) = gradients.split_at_mut(count);
         let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;
         Losses {
-            demonstrations: binary_cross_entropy(own, 1.0, weight(own), own_slopes),
-            agent: binary_cross_entropy(agent, 0.0, weight(agent), agent_slopes),
+            demonstrations: binary_cross_entropy(own, 1.0, weight(own), own_gradients),
+            agent: binary_cross_entropy(agent, 0.0, weight(agent), agent_gradients),
         }
     }
 

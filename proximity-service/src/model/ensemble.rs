@@ -86,7 +86,7 @@ impl TrainedEnsemble {
     }
 
     /// One optimizer step of every member. The loss takes the outputs of one member and gives their
-    /// slopes. [`TrainedEnsemble::prepare`] has to follow before rows are scored.
+    /// gradients. [`TrainedEnsemble::prepare`] has to follow before rows are scored.
     ///
     /// # Errors
     /// When a loss or the gradient of a member is no number; which one.
@@ -187,10 +187,10 @@ impl Trainer {
         network.prepare_into(member, prepared);
         let batch = minibatch.rows.batch();
         let outputs = network.forward(prepared, batch, workspace);
-        let mut slopes = outputs.clone();
-        let losses = loss(minibatch, outputs.as_slice(), slopes.as_mut_slice());
+        let mut gradients = outputs.clone();
+        let losses = loss(minibatch, outputs.as_slice(), gradients.as_mut_slice());
         gradient.fill(0.0);
-        network.backward(prepared, batch, workspace, &slopes, gradient);
+        network.backward(prepared, batch, workspace, &gradients, gradient);
         if let Some(penalty) = &minibatch.penalty {
             penalty.differentiate(network, prepared, workspace, gradient);
         }

@@ -21,13 +21,13 @@ pub struct Rows {
     /// The observations of all rows.
     pub observations: Vec<u8>,
     /// The numbers beside them, of all rows.
-    pub beside: Vec<f32>,
+    pub extra_inputs: Vec<f32>,
 }
 
 impl Rows {
     /// The rows as a network's batch.
     pub fn batch(&self) -> Batch<'_> {
-        Batch { observations: &self.observations, beside: &self.beside }
+        Batch { observations: &self.observations, extra_inputs: &self.extra_inputs }
     }
 }
 
@@ -48,7 +48,7 @@ impl Input {
     }
 
     /// Numbers beside them: a discrete action has one for each choice, 1 for the one taken.
-    pub fn beside(&self) -> usize {
+    pub fn extra_inputs(&self) -> usize {
         match (self.sees, self.action) {
             (RewardInput::State | RewardInput::Transition, _) => 0,
             (RewardInput::StateAction, ActionSpec::Discrete { count }) => count,
@@ -58,7 +58,7 @@ impl Input {
 
     /// A network over these rows.
     pub fn network_shape(&self, architecture: &RewardArchitecture) -> NetworkShape {
-        architecture.network_shape(self.observation, self.frames(), self.beside())
+        architecture.network_shape(self.observation, self.frames(), self.extra_inputs())
     }
 
     fn observation_bytes(&self) -> usize {
@@ -67,7 +67,7 @@ impl Input {
 
     /// Length of a row.
     pub fn row_bytes(&self) -> usize {
-        self.observation_bytes() + 4 * self.beside()
+        self.observation_bytes() + 4 * self.extra_inputs()
     }
 
     /// Appends a row for every step of an episode: for every observation but the last.
@@ -92,7 +92,7 @@ impl Input {
         assert_ne!(self.sees, RewardInput::Transition, "a single observation is no transition");
         self.append_steps(observations, actions, rows);
         rows.extend(&observations[observations.len() - self.observation.bytes()..]);
-        rows.resize(rows.len() + 4 * self.beside(), 0);
+        rows.resize(rows.len() + 4 * self.extra_inputs(), 0);
     }
 
     fn append_action(&self, action: &[u8], rows: &mut Vec<u8>) {
@@ -108,14 +108,14 @@ impl Input {
 
     /// Takes rows apart for a network.
     pub fn split(&self, rows: Vec<u8>) -> Rows {
-        if self.beside() == 0 {
-            return Rows { observations: rows, beside: Vec::new() };
+        if self.extra_inputs() == 0 {
+            return Rows { observations: rows, extra_inputs: Vec::new() };
         }
         let mut split = Rows::default();
         for row in rows.chunks_exact(self.row_bytes()) {
-            let (observations, beside) = row.split_at(self.observation_bytes());
+            let (observations, extra_inputs) = row.split_at(self.observation_bytes());
             split.observations.extend(observations);
-            split.beside.extend(floats(beside));
+            split.extra_inputs.extend(floats(extra_inputs));
         }
         split
     }
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(steps(RewardInput::Transition).observations, [1, 2, 3, 4, 3, 4, 5, 6]);
         let found = steps(RewardInput::StateAction);
         assert_eq!(found.observations, [1, 2, 3, 4]);
-        assert_eq!(found.beside, [0.0, 1.0, 1.0, 0.0]);
+        assert_eq!(found.extra_inputs, [0.0, 1.0, 1.0, 0.0]);
     }
 
     #[test]
@@ -155,6 +155,6 @@ mod tests {
         input.append_observations(&[1, 2, 3, 4], &[1], &mut rows);
         let found = input.split(rows);
         assert_eq!(found.observations, [1, 2, 3, 4]);
-        assert_eq!(found.beside, [0.0, 1.0, 0.0, 0.0]);
+        assert_eq!(found.extra_inputs, [0.0, 1.0, 0.0, 0.0]);
     }
 }

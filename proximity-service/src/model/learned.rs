@@ -18,8 +18,8 @@ use run::process::Final;
 use super::RewardModel;
 use super::ensemble::TrainedEnsemble;
 use super::input::Input;
-use super::minibatch::{Drawn, Losses, Minibatch};
-use super::objective::{Learning, Objective, Seen};
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::objective::{EpisodeView, Learning, Objective};
 use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
 use crate::experience::Experience;
@@ -57,7 +57,11 @@ impl<O: Objective> Learned<O> {
         let mut rows = Vec::new();
         for trajectory in demonstrations {
             let (observations, actions) = (trajectory.observations(), trajectory.actions());
-            objective.append_training_rows(&input, Seen { observations, actions }, &mut rows);
+            objective.append_training_rows(
+                &input,
+                EpisodeView { observations, actions },
+                &mut rows,
+            );
         }
         let normalizer = normalizer(spec, config, demonstrations);
         let ensemble =
@@ -85,7 +89,7 @@ impl<O: Objective> Learned<O> {
         }
     }
 
-    fn minibatch(&self, drawn: Drawn) -> Minibatch {
+    fn minibatch(&self, drawn: MinibatchRows) -> Minibatch {
         let size = self.input.row_bytes();
         let mut rows = Vec::new();
         for position in &drawn.demonstrations {
@@ -105,8 +109,8 @@ impl<O: Objective> Learned<O> {
         learning_rate: f64,
     ) -> Result<Losses, Final> {
         let objective = &self.objective;
-        let losses = |minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]| {
-            objective.losses(minibatch, outputs, slopes)
+        let losses = |minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]| {
+            objective.losses(minibatch, outputs, gradients)
         };
         let trained = self.ensemble.train(minibatch, losses, learning_rate);
         trained.map_err(|message| diverged(&format!("minibatch {number}, {message}")))
@@ -178,7 +182,7 @@ impl<O: Objective> RewardModel for Learned<O> {
         for Encoded { trajectory, .. } in batch {
             let (observations, actions) = (trajectory.observations_to_goal(), trajectory.actions());
             let mut rows = Vec::new();
-            let seen = Seen { observations, actions };
+            let seen = EpisodeView { observations, actions };
             self.objective.append_training_rows(&self.input, seen, &mut rows);
             self.experience.push(&rows);
         }
@@ -209,7 +213,7 @@ impl<O: Objective> RewardModel for Learned<O> {
         for Encoded { trajectory, .. } in batch {
             let (observations, actions) = (trajectory.observations(), trajectory.actions());
             let before = rows.len();
-            let seen = Seen { observations, actions };
+            let seen = EpisodeView { observations, actions };
             self.objective.append_scored_rows(&self.input, seen, &mut rows);
             counts.push((rows.len() - before) / self.input.row_bytes());
         }

@@ -5,7 +5,7 @@ use super::penalty::GradientPenalty;
 
 /// The rows of a minibatch, by their positions.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Drawn {
+pub struct MinibatchRows {
     /// Those of demonstrations.
     pub demonstrations: Vec<usize>,
     /// Those of the agent's experience.
@@ -17,7 +17,7 @@ pub struct Minibatch {
     /// The rows, normalized.
     pub rows: Rows,
     /// Which ones they are.
-    pub drawn: Drawn,
+    pub drawn: MinibatchRows,
     /// What the discriminator's gradient is penalized by, if it is.
     pub penalty: Option<GradientPenalty>,
 }
@@ -38,7 +38,7 @@ impl Losses {
             [("loss on demonstrations", self.demonstrations), ("loss on the agent", self.agent)];
         let lost = losses.into_iter().find(|(_, loss)| !loss.is_finite());
         // Without an early end, so that it is vectorised.
-        let is_finite = gradient.iter().fold(true, |all, slope| all & slope.is_finite());
+        let is_finite = gradient.iter().fold(true, |all, derivative| all & derivative.is_finite());
         match lost {
             Some((name, loss)) => Some(format!("expected a finite {name}, found {loss}")),
             None if !is_finite => Some("expected a finite gradient, found none".to_owned()),

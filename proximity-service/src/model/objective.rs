@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Drawn, Losses, Minibatch};
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
 
 /// What a model is trained towards, and what its ensemble then says of a step.
 pub trait Objective: Sync {
@@ -19,19 +19,24 @@ pub trait Objective: Sync {
     fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self;
 
     /// Appends the rows of an episode that are trained on.
-    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>);
+    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);
 
     /// Appends the rows of an episode that its rewards are made from.
-    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>);
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);
 
     /// The minibatches of offline training, in order.
-    fn offline(&self, learning: &Learning<'_>) -> Vec<Drawn>;
+    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows>;
 
     /// The minibatches of one online update, in order.
-    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn>;
+    fn online(
+        &self,
+        learning: &Learning<'_>,
+        agent: usize,
+        stream: &mut Stream,
+    ) -> Vec<MinibatchRows>;
 
-    /// The losses of one member's outputs on a minibatch, and the slopes of their sum.
-    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses;
+    /// The losses of one member's outputs on a minibatch, and the gradients of their sum.
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;
 
     /// The proximity of a row, in [0, 1].
     fn proximity(&self, row: &RowScore) -> f32;
@@ -42,7 +47,7 @@ pub trait Objective: Sync {
 
 /// An episode as far as a model may see it.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct EpisodeView<'a> {
     /// Observations, one after another.
     pub observations: &'a [u8],
     /// At least as many actions as there are steps between them, where the model sees actions.
@@ -63,7 +68,7 @@ pub struct Learning<'a> {
 impl Learning<'_> {
     /// Minibatches of one online update, in whole batches of both kinds: from as many rows of each,
     /// without repetition, as the configuration's samples, or as there are of the rarer kind.
-    pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+    pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<MinibatchRows> {
         let samples = self.config.samples.min(self.demonstrations).min(agent);
         let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
         let mut own = draw(self.demonstrations, stream).into_vec();
@@ -73,7 +78,10 @@ impl Learning<'_> {
         let size = self.config.batch;
         let pairs = own.chunks_exact(size).zip(agent.chunks_exact(size));
         pairs
-            .map(|(own, agent)| Drawn { demonstrations: own.to_vec(), agent: agent.to_vec() })
+            .map(|(own, agent)| MinibatchRows {
+                demonstrations: own.to_vec(),
+                agent: agent.to_vec(),
+            })
             .collect()
     }
 }

@@ -4,7 +4,7 @@
 use protocol::messages::{Pretraining, RewardUpdate};
 use protocol::tensors::Tensors;
 
-use super::minibatch::{Drawn, Losses};
+use super::minibatch::{Losses, MinibatchRows};
 
 /// Where offline training stands after a slice of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,13 +29,13 @@ pub(super) struct Progress {
 /// Offline training under way.
 pub(super) struct Offline {
     /// All minibatches, in order.
-    pub(super) minibatches: Vec<Drawn>,
+    pub(super) minibatches: Vec<MinibatchRows>,
     pub(super) progress: Progress,
 }
 
 impl Offline {
     /// The next minibatch, and its number from 1.
-    pub(super) fn next(&self) -> Option<(usize, &Drawn)> {
+    pub(super) fn next(&self) -> Option<(usize, &MinibatchRows)> {
         let done = self.progress.done;
         Some((done + 1, self.minibatches.get(done)?))
     }

@@ -21,7 +21,7 @@ pub struct GradientPenalty {
     /// Numbers of each row: observations, then those beside them.
     points: DMatrix<f32>,
     /// How many of them are beside.
-    beside: usize,
+    extra_inputs: usize,
     weight: f32,
 }
 
@@ -32,16 +32,21 @@ impl GradientPenalty {
     /// If there are not as many rows in both halves.
     pub fn between(rows: &Rows, pairs: usize, weight: f32, stream: &mut Stream) -> Self {
         let seen: Vec<f32> = floats(&rows.observations).collect();
-        let [own, beside] = [seen.len(), rows.beside.len()].map(|numbers| numbers / (2 * pairs));
-        assert_eq!(seen.len() + rows.beside.len(), 2 * pairs * (own + beside), "rows in pairs");
+        let [own, extra_inputs] =
+            [seen.len(), rows.extra_inputs.len()].map(|numbers| numbers / (2 * pairs));
+        assert_eq!(
+            seen.len() + rows.extra_inputs.len(),
+            2 * pairs * (own + extra_inputs),
+            "rows in pairs"
+        );
         let number = |row: usize, index: usize| {
             if index < own {
                 seen[row * own + index]
             } else {
-                rows.beside[row * beside + index - own]
+                rows.extra_inputs[row * extra_inputs + index - own]
             }
         };
-        let mut points = DMatrix::zeros(own + beside, pairs);
+        let mut points = DMatrix::zeros(own + extra_inputs, pairs);
         for (pair, mut point) in points.column_iter_mut().enumerate() {
             let share: f32 = stream.random();
             for (index, value) in point.iter_mut().enumerate() {
@@ -49,7 +54,7 @@ impl GradientPenalty {
                 *value = share * one + (1.0 - share) * other;
             }
         }
-        GradientPenalty { points, beside, weight }
+        GradientPenalty { points, extra_inputs, weight }
     }
 
     /// Adds the penalty's gradient to that of the parameters.
@@ -63,19 +68,19 @@ impl GradientPenalty {
         let directions = self.input_gradients(network, prepared, workspace);
         let pairs = self.points.ncols();
         let mut moved = DMatrix::zeros(self.points.nrows(), 2 * pairs);
-        let mut slopes = DMatrix::zeros(1, 2 * pairs);
+        let mut gradients = DMatrix::zeros(1, 2 * pairs);
         for (pair, direction) in directions.column_iter().enumerate() {
             let norm = direction.norm();
             // Where the gradient vanishes its norm has no derivative.
             let unit = direction * if norm > 0.0 { STEP / norm } else { 0.0 };
             moved.set_column(pair, &(self.points.column(pair) + &unit));
             moved.set_column(pairs + pair, &(self.points.column(pair) - &unit));
-            let slope = self.weight / pairs as f32 * (norm - 1.0) / STEP;
-            (slopes[pair], slopes[pairs + pair]) = (slope, -slope);
+            let derivative = self.weight / pairs as f32 * (norm - 1.0) / STEP;
+            (gradients[pair], gradients[pairs + pair]) = (derivative, -derivative);
         }
         let rows = self.rows(&moved);
         network.forward(prepared, rows.batch(), workspace);
-        network.backward(prepared, rows.batch(), workspace, &slopes, gradient);
+        network.backward(prepared, rows.batch(), workspace, &gradients, gradient);
     }
 
     /// The gradient of the logit at each point.
@@ -91,11 +96,11 @@ impl GradientPenalty {
     }
 
     fn rows(&self, points: &DMatrix<f32>) -> Rows {
-        let own = self.points.nrows() - self.beside;
+        let own = self.points.nrows() - self.extra_inputs;
         let mut rows = Rows::default();
-        for point in points.as_slice().chunks_exact(own + self.beside) {
+        for point in points.as_slice().chunks_exact(own + self.extra_inputs) {
             rows.observations.extend(point[..own].iter().flat_map(|number| number.to_le_bytes()));
-            rows.beside.extend(&point[own..]);
+            rows.extra_inputs.extend(&point[own..]);
         }
         rows
     }
@@ -118,9 +123,9 @@ mod tests {
         let parameters: Vec<f32> = parameters.iter().map(|number| 2.0 * number).collect();
         let mut random = |count| (0..count).map(|_| stream.random::<f32>() * 4.0 - 2.0).collect();
         let seen: Vec<f32> = random(12 * 3);
-        let beside = random(12 * 2);
+        let extra_inputs = random(12 * 2);
         let observations = seen.iter().flat_map(|number| number.to_le_bytes()).collect();
-        let rows = Rows { observations, beside };
+        let rows = Rows { observations, extra_inputs };
         let penalty = GradientPenalty::between(&rows, 6, 3.0, &mut stream);
         let mut workspace = Workspace::default();
         let mut value = |parameters: &[f32]| -> f64 {

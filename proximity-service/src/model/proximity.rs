@@ -7,8 +7,8 @@ use rand::seq::SliceRandom;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Drawn, Losses, Minibatch};
-use super::objective::{Learning, Objective, Seen};
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::objective::{EpisodeView, Learning, Objective};
 use crate::reward::rewards;
 use crate::target::{AGENT_TARGET, demonstration_target};
 
@@ -30,15 +30,15 @@ impl Objective for GoalProximity {
         GoalProximity { targets: demonstrations.iter().flat_map(labels).collect() }
     }
 
-    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_observations(seen.observations, seen.actions, rows);
     }
 
-    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_observations(seen.observations, seen.actions, rows);
     }
 
-    fn offline(&self, learning: &Learning<'_>) -> Vec<Drawn> {
+    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
         let mut order: Vec<usize> = (0..learning.demonstrations).collect();
         let mut minibatches = Vec::new();
         for epoch in 0..learning.config.pretraining_epochs {
@@ -46,27 +46,33 @@ impl Objective for GoalProximity {
             order.shuffle(&mut seed::stream(learning.run_seed, purpose, epoch, 0));
             let positions = order.chunks_exact(learning.config.batch);
             minibatches.extend(
-                positions.map(|own| Drawn { demonstrations: own.to_vec(), agent: Vec::new() }),
+                positions
+                    .map(|own| MinibatchRows { demonstrations: own.to_vec(), agent: Vec::new() }),
             );
         }
         minibatches
     }
 
-    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+    fn online(
+        &self,
+        learning: &Learning<'_>,
+        agent: usize,
+        stream: &mut Stream,
+    ) -> Vec<MinibatchRows> {
         learning.pairs(agent, stream)
     }
 
     /// Eq. 4; without rows of the agent Eq. 1. Each term is a mean over its own rows.
-    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses {
-        let Drawn { demonstrations, agent } = &minibatch.drawn;
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
+        let MinibatchRows { demonstrations, agent } = &minibatch.drawn;
         let targets: Vec<f32> = demonstrations.iter().map(|&at| self.targets[at]).collect();
         let (own, others) = outputs.split_at(demonstrations.len());
-        let (own_slopes, other_slopes) = slopes.split_at_mut(demonstrations.len());
+        let (own_gradients, other_gradients) = gradients.split_at_mut(demonstrations.len());
         let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;
         let agent_targets = vec![AGENT_TARGET; agent.len()];
         Losses {
-            demonstrations: squared_error(own, &targets, weight(own), own_slopes),
-            agent: squared_error(others, &agent_targets, weight(others), other_slopes),
+            demonstrations: squared_error(own, &targets, weight(own), own_gradients),
+            agent: squared_error(others, &agent_targets, weight(others), other_gradients),
         }
     }
 

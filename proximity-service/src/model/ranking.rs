@@ -12,8 +12,8 @@ use rand::RngExt;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Drawn, Losses, Minibatch};
-use super::objective::{Learning, Objective, Seen};
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::objective::{EpisodeView, Learning, Objective};
 use crate::reward::rewards;
 
 /// Ranking of rows within demonstrations, and of the expert's above the agent's.
@@ -61,29 +61,36 @@ impl Objective for Ranking {
         order
     }
 
-    fn append_training_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_observations(seen.observations, seen.actions, rows);
     }
 
-    fn append_scored_rows(&self, input: &Input, seen: Seen<'_>, rows: &mut Vec<u8>) {
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_observations(seen.observations, seen.actions, rows);
     }
 
     /// As many pairs an epoch as the demonstrations have rows.
-    fn offline(&self, learning: &Learning<'_>) -> Vec<Drawn> {
+    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
         let RewardConfig { batch, pretraining_epochs, .. } = *learning.config;
         let epoch = |epoch| {
             let purpose = Purpose::PretrainingBatches;
             let mut stream = seed::stream(learning.run_seed, purpose, epoch, 0);
-            let minibatch =
-                |_| Drawn { demonstrations: self.draw(batch, &mut stream), agent: Vec::new() };
+            let minibatch = |_| MinibatchRows {
+                demonstrations: self.draw(batch, &mut stream),
+                agent: Vec::new(),
+            };
             (0..learning.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
         };
         (0..pretraining_epochs).flat_map(epoch).collect()
     }
 
     /// Behind as many pairs within demonstrations come the expert's rows of pairs with the agent.
-    fn online(&self, learning: &Learning<'_>, agent: usize, stream: &mut Stream) -> Vec<Drawn> {
+    fn online(
+        &self,
+        learning: &Learning<'_>,
+        agent: usize,
+        stream: &mut Stream,
+    ) -> Vec<MinibatchRows> {
         let mut minibatches = learning.pairs(agent, stream);
         for minibatch in &mut minibatches {
             let mut within = self.draw(minibatch.agent.len(), stream);
@@ -94,19 +101,19 @@ impl Objective for Ranking {
     }
 
     /// The mean over pairs within demonstrations, and that over pairs of an expert's and an agent's.
-    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], slopes: &mut [f32]) -> Losses {
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let across = 2 * minibatch.drawn.agent.len();
         let within = outputs.len() - across;
-        let loss = |outputs: &[f32], slopes: &mut [f32]| {
+        let loss = |outputs: &[f32], gradients: &mut [f32]| {
             let half = outputs.len() / 2;
             let (above, below) = outputs.split_at(half);
-            let (above_slopes, below_slopes) = slopes.split_at_mut(half);
-            ranking(above, below, 1.0 / half.max(1) as f32, [above_slopes, below_slopes])
+            let (above_gradients, below_gradients) = gradients.split_at_mut(half);
+            ranking(above, below, 1.0 / half.max(1) as f32, [above_gradients, below_gradients])
         };
-        let (own_slopes, agent_slopes) = slopes.split_at_mut(within);
+        let (own_gradients, agent_gradients) = gradients.split_at_mut(within);
         Losses {
-            demonstrations: loss(&outputs[..within], own_slopes),
-            agent: loss(&outputs[within..], agent_slopes),
+            demonstrations: loss(&outputs[..within], own_gradients),
+            agent: loss(&outputs[within..], agent_gradients),
         }
     }
 

@@ -1,11 +1,11 @@
-//! PPO's loss of one row of a batch and its slopes: clipped surrogate, entropy bonus, clipped value.
+//! PPO's loss of one row of a batch and its gradients: clipped surrogate, entropy bonus, clipped value.
 //!
 //! Pure functions of numbers. The update beside it says which rows, and sums them.
 
 use networks::Distribution;
 use run::config::PpoConfig;
 
-use crate::algorithm::Figures;
+use crate::algorithm::Metrics;
 use crate::algorithm::gradient::RowOutput;
 
 /// A row of a batch, and what it is pulled towards.
@@ -23,17 +23,17 @@ pub(super) struct Row<'a> {
     pub(super) target: f32,
 }
 
-/// A loss, and its slope where it was computed.
+/// A loss, and its derivative where it was computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Term {
     /// The loss.
     pub(super) loss: f32,
     /// Its derivative.
-    pub(super) slope: f32,
+    pub(super) derivative: f32,
 }
 
 impl Row<'_> {
-    /// The row's part of the figures, with this weight. Writes the slopes of the parameters of the
+    /// The row's part of the metrics, with this weight. Writes the gradients of the parameters of the
     /// action distribution and returns that of the value.
     pub(super) fn loss(
         &self,
@@ -41,8 +41,8 @@ impl Row<'_> {
         distribution: Distribution,
         weight: f32,
         output: RowOutput<'_>,
-        slopes: &mut [f32],
-    ) -> (Figures, f32) {
+        gradients: &mut [f32],
+    ) -> (Metrics, f32) {
         let RowOutput { parameters, value } = output;
         let clip = config.clip as f32;
         let log_probability = distribution.log_probability(parameters, self.action);
@@ -50,42 +50,42 @@ impl Row<'_> {
         // Beyond the largest number only its side of the clip range counts.
         let ratio = libm::expf(difference).min(f32::MAX);
         let policy = clipped_surrogate(ratio, self.advantage, clip);
-        let entropy_slope = -(config.entropy_coefficient as f32) * weight;
-        let slope = policy.slope * weight;
-        distribution.gradient(parameters, self.action, slope, entropy_slope, slopes);
+        let entropy_derivative = -(config.entropy_coefficient as f32) * weight;
+        let derivative = policy.derivative * weight;
+        distribution.gradient(parameters, self.action, derivative, entropy_derivative, gradients);
         let of_value = clipped_value(value, self.old_value, self.target, config.value_clip as f32);
         let wide = f64::from(weight);
-        let figures = Figures {
+        let metrics = Metrics {
             policy_loss: wide * f64::from(policy.loss),
             value_loss: wide * f64::from(of_value.loss),
             entropy: wide * f64::from(distribution.entropy(parameters)),
             approximate_kl: wide * f64::from((ratio - 1.0) - difference),
             clip_fraction: if (ratio - 1.0).abs() > clip { wide } else { 0.0 },
-            ..Figures::default()
+            ..Metrics::default()
         };
-        (figures, config.value_coefficient as f32 * weight * of_value.slope)
+        (metrics, config.value_coefficient as f32 * weight * of_value.derivative)
     }
 }
 
 /// Minus the smaller of two products: the advantage with the ratio of probabilities, and with the
-/// ratio held within `clip` of 1. The slope is that of the log-probability.
+/// ratio held within `clip` of 1. The derivative is that of the log-probability.
 pub(super) fn clipped_surrogate(ratio: f32, advantage: f32, clip: f32) -> Term {
     let free = ratio * advantage;
     let held = ratio.clamp(1.0 - clip, 1.0 + clip) * advantage;
-    Term { loss: -free.min(held), slope: if free <= held { -free } else { 0.0 } }
+    Term { loss: -free.min(held), derivative: if free <= held { -free } else { 0.0 } }
 }
 
 /// Half the larger of two squared errors: of the value, and of the value held within `clip` of the old
-/// one. A `clip` of 0 holds nothing. The slope is that of the value.
+/// one. A `clip` of 0 holds nothing. The derivative is that of the value.
 pub(super) fn clipped_value(value: f32, old: f32, target: f32, clip: f32) -> Term {
     let error = value - target;
     let free = 0.5 * error * error;
     let moved = value - old;
     // Within the range the held value is the value itself, not `old + moved`, which is rounded.
     if clip == 0.0 || moved.abs() <= clip {
-        return Term { loss: free, slope: error };
+        return Term { loss: free, derivative: error };
     }
     let held_error = old + clip.copysign(moved) - target;
     let held = 0.5 * held_error * held_error;
-    Term { loss: free.max(held), slope: if free >= held { error } else { 0.0 } }
+    Term { loss: free.max(held), derivative: if free >= held { error } else { 0.0 } }
 }

@@ -21,7 +21,7 @@ use run::process::Final;
 use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
 use crate::algorithm::ppo::loss::Row;
-use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
+use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::batch::Batch;
 use crate::reward_scale::RewardScale;
 use crate::state::PolicyState;
@@ -36,8 +36,8 @@ pub(super) struct Ppo {
 
 impl Ppo {
     /// A learner that has not learned yet.
-    pub(super) fn new(of: Materials<'_>) -> Ppo {
-        let Materials { config, network, threads, .. } = of;
+    pub(super) fn new(of: Setup<'_>) -> Ppo {
+        let Setup { config, network, threads, .. } = of;
         let spec = config.task.spec();
         let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
         let update = PpoUpdate::new(spec, config.ppo.clone(), network, threads);
@@ -52,7 +52,7 @@ impl PolicyLearner for Ppo {
         trajectories: &[Encoded],
         scores: &[Score],
         schedule: &Schedule,
-    ) -> Result<Figures> {
+    ) -> Result<Metrics> {
         let mut batch = Batch::new(trajectories, scores, &self.spec)?;
         let PpoConfig { normalize_rewards, gamma, .. } = self.update.config;
         if normalize_rewards {
@@ -60,11 +60,11 @@ impl PolicyLearner for Ppo {
         }
         batch.normalize(&policy.normalizer);
         let optimizer = &mut self.optimizer;
-        let figures = self.update.update(&mut policy.parameters, optimizer, &batch, schedule)?;
+        let metrics = self.update.update(&mut policy.parameters, optimizer, &batch, schedule)?;
         for encoded in trajectories {
             policy.normalizer.update(encoded.trajectory.observations());
         }
-        Ok(figures)
+        Ok(metrics)
     }
 
     fn save(&self, tensors: &mut Tensors) {
@@ -118,12 +118,12 @@ impl PpoUpdate {
         optimizer: &mut Adam,
         batch: &Batch,
         schedule: &Schedule,
-    ) -> Result<Figures, Final> {
+    ) -> Result<Metrics, Final> {
         let targets = self.targets(parameters, batch);
         // A batch of fewer rows than minibatches has one of each row.
         let size = (batch.len() / self.config.minibatches as usize).max(1);
         let mut rows: Vec<u32> = (0..batch.len() as u32).collect();
-        let mut figures = Figures::default();
+        let mut metrics = Metrics::default();
         let mut epochs = 0;
         for epoch in 0..self.config.epochs {
             let Schedule { run_seed, iteration, learning_rate } = *schedule;
@@ -131,7 +131,7 @@ impl PpoUpdate {
             rows.shuffle(&mut seed::stream(run_seed, purpose, iteration, epoch));
             let minibatches = rows.chunks_exact(size);
             let count = minibatches.len() as f64;
-            let mut of_epoch = Figures::default();
+            let mut of_epoch = Metrics::default();
             for (number, minibatch) in minibatches.enumerate() {
                 let loss = Loss {
                     spec: &self.spec,
@@ -150,14 +150,14 @@ impl PpoUpdate {
                 of_epoch.add(&own);
             }
             let of_epoch = of_epoch.divided_by(count);
-            figures.add(&of_epoch);
+            metrics.add(&of_epoch);
             epochs += 1;
             let target = self.config.target_kl;
             if target > 0.0 && of_epoch.approximate_kl > target {
                 break;
             }
         }
-        Ok(figures.divided_by(f64::from(epochs)))
+        Ok(metrics.divided_by(f64::from(epochs)))
     }
 
     /// Values under the current policy, and from them advantages and returns.
@@ -201,7 +201,7 @@ struct Loss<'a> {
 impl RowLoss for Loss<'_> {
     const OF_VALUES: bool = true;
 
-    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {
         let bytes = self.spec.action.bytes();
         let row = Row {
             action: &self.batch.actions[row * bytes..(row + 1) * bytes],
@@ -210,6 +210,6 @@ impl RowLoss for Loss<'_> {
             old_value: self.targets.values[row],
             target: self.targets.returns[row],
         };
-        row.loss(self.config, self.distribution, self.weight, output, slopes)
+        row.loss(self.config, self.distribution, self.weight, output, gradients)
     }
 }

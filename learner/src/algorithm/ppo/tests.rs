@@ -115,9 +115,10 @@ impl Case {
             target: self.target,
         };
         let config = config(self.clip, self.value_clip);
-        let mut slopes = vec![0.0; self.parameters.len()];
+        let mut gradients = vec![0.0; self.parameters.len()];
         let output = RowOutput { parameters: &self.parameters, value: self.value };
-        let (figures, value_slope) = row.loss(&config, distribution, 1.0, output, &mut slopes);
+        let (metrics, value_derivative) =
+            row.loss(&config, distribution, 1.0, output, &mut gradients);
 
         let mut at: Vec<f64> = self.parameters.iter().copied().map(f64::from).collect();
         let value = f64::from(self.value);
@@ -126,14 +127,14 @@ impl Case {
             prop_assert!(enough, "{what}: {found}, by definition {expected}");
             Ok(())
         };
-        let Figures { policy_loss, value_loss, entropy, .. } = figures;
+        let Metrics { policy_loss, value_loss, entropy, .. } = metrics;
         let loss = policy_loss - config.entropy_coefficient * entropy
             + config.value_coefficient * value_loss;
         close("loss", loss, self.by_definition(&at, value))?;
         let of_value = |by: f64| self.by_definition(&at, value + by);
         let expected = (of_value(STEP) - of_value(-STEP)) / (2.0 * STEP);
-        close("slope of the value", f64::from(value_slope), expected)?;
-        for (index, slope) in slopes.into_iter().enumerate() {
+        close("derivative of the value", f64::from(value_derivative), expected)?;
+        for (index, derivative) in gradients.into_iter().enumerate() {
             let given = at[index];
             let mut moved = |by: f64| {
                 at[index] = given + by;
@@ -141,7 +142,7 @@ impl Case {
             };
             let expected = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
             at[index] = given;
-            close(&format!("slope of parameter {index}"), f64::from(slope), expected)?;
+            close(&format!("derivative of parameter {index}"), f64::from(derivative), expected)?;
         }
         Ok(())
     }
@@ -204,9 +205,9 @@ proptest! {
         let (value, old) = ((old + moved) as f32, old as f32);
         let error = value - target;
         let found = clipped_value(value, old, target, clip);
-        prop_assert_eq!((found.loss, found.slope), (0.5 * error * error, error));
+        prop_assert_eq!((found.loss, found.derivative), (0.5 * error * error, error));
         let unclipped = clipped_value(value, old, target, 0.0);
-        prop_assert_eq!((unclipped.loss, unclipped.slope), (0.5 * error * error, error));
+        prop_assert_eq!((unclipped.loss, unclipped.derivative), (0.5 * error * error, error));
     }
 }
 

@@ -17,7 +17,7 @@ use rand::RngExt;
 use run::config::SqilConfig;
 
 use crate::algorithm::replay::Replay;
-use crate::algorithm::{Figures, Materials, PolicyLearner, Schedule};
+use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::state::PolicyState;
 use soft_actor_critic::SoftActorCritic;
 use soft_q::SoftQ;
@@ -43,7 +43,7 @@ trait SoftLearner {
         minibatch: &Minibatch,
         stream: &mut Stream,
         learning_rate: f64,
-    ) -> Figures;
+    ) -> Metrics;
 
     /// Adds everything carried from one update to the next.
     fn save(&self, tensors: &mut Tensors);
@@ -82,8 +82,8 @@ impl Minibatch {
 
 impl Sqil {
     /// A learner that has not learned yet.
-    pub(super) fn new(of: Materials<'_>) -> Sqil {
-        let Materials { config, network, threads, normalizer, demonstrations } = of;
+    pub(super) fn new(of: Setup<'_>) -> Sqil {
+        let Setup { config, network, threads, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let own = config.sqil.clone().expect("checked with the configuration");
         let learner: Box<dyn SoftLearner> = match spec.action {
@@ -139,21 +139,21 @@ impl PolicyLearner for Sqil {
         trajectories: &[Encoded],
         _scores: &[Score],
         schedule: &Schedule,
-    ) -> Result<Figures> {
+    ) -> Result<Metrics> {
         self.remember(trajectories);
         let Schedule { run_seed, learning_rate, .. } = *schedule;
         let owed = self.updates_owed().saturating_sub(self.updates);
-        let mut figures = Figures::default();
+        let mut metrics = Metrics::default();
         for _ in 0..owed {
             let mut stream = seed::stream(run_seed, Purpose::Replay, self.updates, 0);
             let minibatch = self.draw(&mut stream);
             let parameters = &mut policy.parameters;
             let own = self.learner.update(parameters, &minibatch, &mut stream, learning_rate);
             own.expect_finite(format_args!("update {}", self.updates + 1))?;
-            figures.add(&own);
+            metrics.add(&own);
             self.updates += 1;
         }
-        Ok(figures.divided_by(owed.max(1) as f64))
+        Ok(metrics.divided_by(owed.max(1) as f64))
     }
 
     fn remembers(&self) -> bool {

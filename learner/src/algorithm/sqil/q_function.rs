@@ -28,7 +28,7 @@ pub(super) struct QFunction {
 
 /// Rows a Q-function is asked about.
 #[derive(Clone, Copy)]
-pub(super) struct Asked<'a> {
+pub(super) struct StateActions<'a> {
     /// Observations, as networks see them.
     pub(super) observations: &'a [u8],
     /// The numbers of the actions.
@@ -47,7 +47,7 @@ impl QFunction {
         let network = Network::new(NetworkShape {
             observation: spec.observation,
             frames: 1,
-            beside: action_len,
+            extra_inputs: action_len,
             cells: networks::CellsArchitecture::default(),
             hidden: hidden.to_vec(),
             activation: Activation::Relu,
@@ -68,14 +68,16 @@ impl QFunction {
         }
     }
 
-    fn shards<'a>(&self, asked: Asked<'a>) -> impl IndexedParallelIterator<Item = Rows<'a>> {
+    fn shards<'a>(&self, asked: StateActions<'a>) -> impl IndexedParallelIterator<Item = Rows<'a>> {
         let observations = asked.observations.par_chunks(SHARD_ROWS * self.observation_bytes);
         let actions = asked.actions.par_chunks(SHARD_ROWS * self.action_len);
-        observations.zip(actions).map(|(observations, beside)| Rows { observations, beside })
+        observations
+            .zip(actions)
+            .map(|(observations, extra_inputs)| Rows { observations, extra_inputs })
     }
 
     /// What the target function says.
-    pub(super) fn target_values(&self, asked: Asked<'_>, threads: &ThreadPool) -> Vec<f32> {
+    pub(super) fn target_values(&self, asked: StateActions<'_>, threads: &ThreadPool) -> Vec<f32> {
         let values = |workspace: &mut Workspace, rows: Rows<'_>| {
             self.network.forward(&self.prepared_targets, rows, workspace).as_slice().to_vec()
         };
@@ -83,30 +85,30 @@ impl QFunction {
         threads.install(|| shards.collect::<Vec<_>>()).concat()
     }
 
-    /// Values, and their slopes with respect to the numbers of the actions.
-    pub(super) fn action_slopes(
+    /// Values, and their gradients with respect to the numbers of the actions.
+    pub(super) fn action_gradients(
         &self,
-        asked: Asked<'_>,
+        asked: StateActions<'_>,
         threads: &ThreadPool,
     ) -> (Vec<f32>, Vec<f32>) {
-        let slopes = |workspace: &mut Workspace, rows: Rows<'_>| {
+        let gradients = |workspace: &mut Workspace, rows: Rows<'_>| {
             let values = self.network.forward(&self.prepared, rows, workspace).clone();
             let ones = DMatrix::from_element(1, values.ncols(), 1.0);
-            let slopes = self.network.input_gradient(&self.prepared, workspace, &ones);
-            let first = slopes.nrows() - self.action_len;
-            let own = slopes.rows(first, self.action_len).iter().copied().collect::<Vec<f32>>();
+            let gradients = self.network.input_gradient(&self.prepared, workspace, &ones);
+            let first = gradients.nrows() - self.action_len;
+            let own = gradients.rows(first, self.action_len).iter().copied().collect::<Vec<f32>>();
             (values.as_slice().to_vec(), own)
         };
-        let shards = self.shards(asked).map_init(Workspace::default, slopes);
-        let (values, slopes): (Vec<_>, Vec<_>) =
+        let shards = self.shards(asked).map_init(Workspace::default, gradients);
+        let (values, gradients): (Vec<_>, Vec<_>) =
             threads.install(|| shards.collect::<Vec<_>>()).into_iter().unzip();
-        (values.concat(), slopes.concat())
+        (values.concat(), gradients.concat())
     }
 
     /// Fits the function to `targets`; returns half the mean squared error before.
     pub(super) fn fit(
         &mut self,
-        asked: Asked<'_>,
+        asked: StateActions<'_>,
         targets: &[f32],
         learning_rate: f64,
         threads: &ThreadPool,
@@ -116,10 +118,10 @@ impl QFunction {
             let values = self.network.forward(&self.prepared, rows, workspace);
             let errors: Vec<f32> =
                 values.iter().zip(targets).map(|(value, target)| value - target).collect();
-            let slopes =
+            let gradients =
                 DMatrix::from_iterator(1, errors.len(), errors.iter().map(|error| weight * error));
             let mut gradient = vec![0.0; self.parameters.len()];
-            self.network.backward(&self.prepared, rows, workspace, &slopes, &mut gradient);
+            self.network.backward(&self.prepared, rows, workspace, &gradients, &mut gradient);
             let squares = errors.iter().map(|error| f64::from(error * error));
             (gradient, squares.sum::<f64>())
         };

@@ -10,9 +10,9 @@ use protocol::tensors::Tensors;
 use rayon::ThreadPool;
 use run::config::{RunConfig, SqilConfig};
 
-use super::q_function::{Asked, QFunction};
+use super::q_function::{QFunction, StateActions};
 use super::{Minibatch, SoftLearner};
-use crate::algorithm::Figures;
+use crate::algorithm::Metrics;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
 
 /// The two Q-functions, the policy's optimizer and the temperature.
@@ -29,7 +29,7 @@ pub(super) struct SoftActorCritic {
 
 /// Actions drawn for some observations.
 #[derive(Default)]
-struct Drawn {
+struct SampledActions {
     /// The normal numbers they were made of.
     noise: Vec<f32>,
     actions: Vec<f32>,
@@ -66,12 +66,15 @@ impl SoftActorCritic {
         libm::expf(self.log_temperature[0])
     }
 
-    fn draw(&mut self, policy: &[f32], observations: &[u8], stream: &mut Stream) -> Drawn {
+    fn draw(&mut self, policy: &[f32], observations: &[u8], stream: &mut Stream) -> SampledActions {
         let distribution = self.actor.network().distribution();
         let rows = self.actor.outputs(policy, observations, <[f32]>::to_vec);
         let numbers = rows.len() * self.action_len;
-        let mut drawn =
-            Drawn { noise: vec![0.0; numbers], actions: vec![0.0; numbers], log_probs: Vec::new() };
+        let mut drawn = SampledActions {
+            noise: vec![0.0; numbers],
+            actions: vec![0.0; numbers],
+            log_probs: Vec::new(),
+        };
         let noise = drawn.noise.chunks_exact_mut(self.action_len);
         let actions = drawn.actions.chunks_exact_mut(self.action_len);
         for ((parameters, noise), action) in rows.iter().zip(noise).zip(actions) {
@@ -90,7 +93,8 @@ impl SoftActorCritic {
     ) -> f64 {
         let temperature = self.temperature();
         let next = self.draw(policy, &minibatch.next_observations, stream);
-        let asked = Asked { observations: &minibatch.next_observations, actions: &next.actions };
+        let asked =
+            StateActions { observations: &minibatch.next_observations, actions: &next.actions };
         let [first, second] =
             self.q_functions.each_ref().map(|one| one.target_values(asked, &self.threads));
         let values = first.iter().zip(&second).zip(&next.log_probs);
@@ -100,7 +104,7 @@ impl SoftActorCritic {
         let targets = minibatch.targets(&values, self.config.gamma as f32);
         let actions: Vec<f32> =
             floats(&minibatch.actions).map(|number| number.clamp(-1.0, 1.0)).collect();
-        let asked = Asked { observations: &minibatch.observations, actions: &actions };
+        let asked = StateActions { observations: &minibatch.observations, actions: &actions };
         let threads = &self.threads;
         let fit = |one: &mut QFunction| one.fit(asked, &targets, learning_rate, threads);
         self.q_functions.iter_mut().map(fit).sum::<f64>() / 2.0
@@ -113,16 +117,16 @@ impl SoftActorCritic {
         minibatch: &Minibatch,
         stream: &mut Stream,
         learning_rate: f64,
-    ) -> Figures {
+    ) -> Metrics {
         let observations = &minibatch.observations;
         let drawn = self.draw(policy, observations, stream);
-        let asked = Asked { observations, actions: &drawn.actions };
+        let asked = StateActions { observations, actions: &drawn.actions };
         let [first, second] =
-            self.q_functions.each_ref().map(|one| one.action_slopes(asked, &self.threads));
+            self.q_functions.each_ref().map(|one| one.action_gradients(asked, &self.threads));
         let smaller = first.0.iter().zip(&second.0).map(|(first, second)| first <= second);
         let rows =
             first.1.chunks_exact(self.action_len).zip(second.1.chunks_exact(self.action_len));
-        let slopes = smaller.zip(rows).flat_map(
+        let gradients = smaller.zip(rows).flat_map(
             |(is_first, (first, second))| {
                 if is_first { first } else { second }
             },
@@ -130,26 +134,26 @@ impl SoftActorCritic {
         let loss = Improvement {
             distribution: self.actor.network().distribution(),
             action_len: self.action_len,
-            slopes: slopes.copied().collect(),
+            gradients: gradients.copied().collect(),
             temperature: self.temperature(),
             weight: 1.0 / minibatch.len() as f32,
             drawn: &drawn,
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
-        let (gradient, mut figures) = self.actor.of(policy, observations, &rows, &loss);
-        figures.gradient_norm = networks::clip_global_norm(gradient, f64::INFINITY);
+        let (gradient, mut metrics) = self.actor.of(policy, observations, &rows, &loss);
+        metrics.gradient_norm = networks::clip_global_norm(gradient, f64::INFINITY);
         self.optimizer.update(policy, gradient, learning_rate);
         if self.config.tune_temperature {
             self.tune_temperature(&drawn.log_probs, learning_rate);
         }
-        figures
+        metrics
     }
 
     /// Raises the temperature where the policy's entropy is below minus the numbers of an action.
     fn tune_temperature(&mut self, log_probs: &[f32], learning_rate: f64) {
         let mean = log_probs.iter().sum::<f32>() / log_probs.len() as f32;
-        let slope = self.action_len as f32 - mean;
-        self.temperature_optimizer.update(&mut self.log_temperature, &[slope], learning_rate);
+        let derivative = self.action_len as f32 - mean;
+        self.temperature_optimizer.update(&mut self.log_temperature, &[derivative], learning_rate);
     }
 }
 
@@ -160,12 +164,12 @@ impl SoftLearner for SoftActorCritic {
         minibatch: &Minibatch,
         stream: &mut Stream,
         learning_rate: f64,
-    ) -> Figures {
+    ) -> Metrics {
         let value_loss = self.improve_q_functions(policy, minibatch, stream, learning_rate);
-        let figures = self.improve_policy(policy, minibatch, stream, learning_rate);
+        let metrics = self.improve_policy(policy, minibatch, stream, learning_rate);
         let rate = self.config.target_rate;
         self.q_functions.iter_mut().for_each(|one| one.follow(rate));
-        Figures { value_loss, ..figures }
+        Metrics { value_loss, ..metrics }
     }
 
     fn save(&self, tensors: &mut Tensors) {
@@ -192,9 +196,9 @@ impl SoftLearner for SoftActorCritic {
 struct Improvement<'a> {
     distribution: Distribution,
     action_len: usize,
-    drawn: &'a Drawn,
+    drawn: &'a SampledActions,
     /// Slopes of the smaller Q-function with respect to the drawn actions.
-    slopes: Vec<f32>,
+    gradients: Vec<f32>,
     temperature: f32,
     /// One over the rows.
     weight: f32,
@@ -203,27 +207,29 @@ struct Improvement<'a> {
 impl RowLoss for Improvement<'_> {
     const OF_VALUES: bool = false;
 
-    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {
         let numbers = row * self.action_len..(row + 1) * self.action_len;
-        let action_slopes: Vec<f32> =
-            self.slopes[numbers.clone()].iter().map(|slope| -self.weight * slope).collect();
+        let action_gradients: Vec<f32> = self.gradients[numbers.clone()]
+            .iter()
+            .map(|derivative| -self.weight * derivative)
+            .collect();
         let of_log_prob = self.weight * self.temperature;
         let noise = &self.drawn.noise[numbers];
         let distribution = self.distribution;
         distribution.pathwise_gradient(
             output.parameters,
             noise,
-            &action_slopes,
+            &action_gradients,
             of_log_prob,
-            slopes,
+            gradients,
         );
         let log_prob = f64::from(self.drawn.log_probs[row]);
         let weight = f64::from(self.weight);
-        let figures = Figures {
+        let metrics = Metrics {
             policy_loss: weight * f64::from(self.temperature) * log_prob,
             entropy: -weight * log_prob,
-            ..Figures::default()
+            ..Metrics::default()
         };
-        (figures, 0.0)
+        (metrics, 0.0)
     }
 }

@@ -10,7 +10,7 @@ use rayon::ThreadPool;
 use run::config::{RunConfig, SqilConfig};
 
 use super::{Minibatch, SoftLearner, follow};
-use crate::algorithm::Figures;
+use crate::algorithm::Metrics;
 use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
 
 /// The Q-function has the policy's shape: its outputs for actions are the policy's logits times the
@@ -59,7 +59,7 @@ impl SoftLearner for SoftQ {
         minibatch: &Minibatch,
         _stream: &mut Stream,
         learning_rate: f64,
-    ) -> Figures {
+    ) -> Metrics {
         if self.parameters.is_empty() {
             self.parameters.clone_from(policy);
             self.targets.clone_from(policy);
@@ -75,14 +75,14 @@ impl SoftLearner for SoftQ {
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
         let observations = &minibatch.observations;
-        let (gradient, mut figures) =
+        let (gradient, mut metrics) =
             self.gradient.of(&self.parameters, observations, &rows, &loss);
-        figures.gradient_norm = networks::clip_global_norm(gradient, self.largest_norm);
+        metrics.gradient_norm = networks::clip_global_norm(gradient, self.largest_norm);
         self.optimizer.update(&mut self.parameters, gradient, learning_rate);
         follow(&mut self.targets, &self.parameters, target_rate);
         policy.clone_from(&self.parameters);
         self.gradient.network().scale_actor(policy, (1.0 / temperature) as f32);
-        figures
+        metrics
     }
 
     fn save(&self, tensors: &mut Tensors) {
@@ -111,13 +111,13 @@ struct Bellman<'a> {
 impl RowLoss for Bellman<'_> {
     const OF_VALUES: bool = false;
 
-    fn of_row(&self, row: usize, output: RowOutput<'_>, slopes: &mut [f32]) -> (Figures, f32) {
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {
         let action = usize::from(self.actions[row]);
         let error = output.parameters[action] - self.targets[row];
-        slopes.fill(0.0);
-        slopes[action] = self.weight * error;
+        gradients.fill(0.0);
+        gradients[action] = self.weight * error;
         let value_loss = 0.5 * f64::from(self.weight * error * error);
-        (Figures { value_loss, ..Figures::default() }, 0.0)
+        (Metrics { value_loss, ..Metrics::default() }, 0.0)
     }
 }
 

@@ -1,4 +1,5 @@
-//! The rollout of one iteration: which lanes are owed what, who holds which lease, what has come in.
+//! The ledger of leases of one iteration's rollout: which lanes are owed what, who holds which lease, what
+//! has come in.
 //!
 //! Pure bookkeeping between the desk (which talks to actors) and the trainer (which wants batches).
 //! A lease is a pure function of its fields, so handing one out twice is always safe: whichever
@@ -76,17 +77,18 @@ pub enum Unusable {
     },
 }
 
-/// The rollout of one iteration.
+/// The leases of one iteration's rollout.
 #[derive(Debug)]
-pub struct Rollout {
+pub struct LeaseLedger {
     source: Source,
     iteration: u64,
     policy_version: u64,
-    lanes: Vec<Lane>,
+    lanes: Vec<LaneLedger>,
 }
 
+/// What a lane owes and has delivered.
 #[derive(Debug)]
-struct Lane {
+struct LaneLedger {
     plan: LanePlan,
     received: BTreeMap<u64, Encoded>,
     holder: Option<Holder>,
@@ -98,17 +100,17 @@ struct Holder {
     since: Instant,
 }
 
-impl Rollout {
+impl LeaseLedger {
     /// Opens a rollout of one plan per lane.
     pub fn open(
         source: Source,
         iteration: u64,
         policy_version: u64,
         plans: Vec<LanePlan>,
-    ) -> Rollout {
-        let lane = |plan| Lane { plan, received: BTreeMap::new(), holder: None };
+    ) -> LeaseLedger {
+        let lane = |plan| LaneLedger { plan, received: BTreeMap::new(), holder: None };
         let lanes = plans.into_iter().map(lane).collect();
-        Rollout { source, iteration, policy_version, lanes }
+        LeaseLedger { source, iteration, policy_version, lanes }
     }
 
     /// Grants up to `capacity` of the leases nobody holds, a share that leaves some for the others.
@@ -215,7 +217,8 @@ impl Rollout {
 
     /// Leases that an actor holds and has not completed.
     pub fn held_by(&self, actor: &str) -> usize {
-        let holds = |lane: &&Lane| lane.holder.as_ref().is_some_and(|holder| holder.actor == actor);
+        let holds =
+            |lane: &&LaneLedger| lane.holder.as_ref().is_some_and(|holder| holder.actor == actor);
         self.lanes.iter().filter(holds).filter(|lane| !lane.is_complete()).count()
     }
 
@@ -227,7 +230,7 @@ impl Rollout {
 
     /// Whether some lease is waiting for an actor.
     pub fn has_open_leases(&self) -> bool {
-        self.lanes.iter().any(Lane::is_open)
+        self.lanes.iter().any(LaneLedger::is_open)
     }
 
     /// Training steps received.
@@ -235,18 +238,18 @@ impl Rollout {
         if self.source != Source::Training {
             return 0;
         }
-        let lane_steps = |lane: &Lane| lane.received.values().map(steps).sum::<u64>();
+        let lane_steps = |lane: &LaneLedger| lane.received.values().map(steps).sum::<u64>();
         self.lanes.iter().map(lane_steps).sum()
     }
 
     /// Whether every lane has run what it owes.
     pub fn is_complete(&self) -> bool {
-        self.lanes.iter().all(Lane::is_complete)
+        self.lanes.iter().all(LaneLedger::is_complete)
     }
 
     /// The trajectories in batch order: by lane, then by episode.
     pub fn into_batch(self) -> Vec<Encoded> {
-        self.lanes.into_iter().flat_map(Lane::into_owed).collect()
+        self.lanes.into_iter().flat_map(LaneLedger::into_owed).collect()
     }
 }
 
@@ -257,7 +260,7 @@ impl LanePlan {
     }
 }
 
-impl Lane {
+impl LaneLedger {
     fn is_open(&self) -> bool {
         self.holder.is_none() && !self.is_complete()
     }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use learner::rollout::{LanePlan, Rollout};
+use learner::ledger::{LanePlan, LeaseLedger};
 use proptest::prelude::*;
 use prost::Message;
 use protocol::messages::{Lease, LeaseReply};
@@ -10,9 +10,9 @@ use protocol::trajectory::{Encoded, Source, Trajectory};
 
 const TIMEOUT: Duration = Duration::from_secs(10);
 
-fn rollout(lanes: usize) -> Rollout {
+fn rollout(lanes: usize) -> LeaseLedger {
     let plan = LanePlan { first_episode: 5, steps_owed: 30, episodes_owed: 0 };
-    Rollout::open(Source::Training, 3, 3, vec![plan; lanes])
+    LeaseLedger::open(Source::Training, 3, 3, vec![plan; lanes])
 }
 
 /// The episodes of a lease, each of 10 + lane steps.
@@ -52,7 +52,7 @@ fn undisturbed(lanes: usize) -> Vec<Encoded> {
 fn who_holds_what_is_known() {
     let mut rollout = rollout(4);
     let leases = rollout.grant("actor-0", 2, 1, Instant::now());
-    let held = |rollout: &Rollout| ["actor-0", "actor-1"].map(|actor| rollout.held_by(actor));
+    let held = |rollout: &LeaseLedger| ["actor-0", "actor-1"].map(|actor| rollout.held_by(actor));
     assert_eq!(held(&rollout), [leases.len(), 0]);
     assert_eq!(rollout.holder(leases[0].lane), Some("actor-0"));
     assert_eq!(rollout.holder(99), None);
