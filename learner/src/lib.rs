@@ -1,6 +1,6 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
-//! [`run`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that
+//! [`run()`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that
 //! talks to actors and writes the log meanwhile; [`scoring`] talks to the proximity service. All
 //! other modules are pure functions of their arguments.
 

@@ -1,6 +1,6 @@
 //! The proximity service: learns the reward and answers for it, to the learner and to any tool.
 //!
-//! [`run`] is the process, [`service`] its one loop, [`model`] what it learns; [`rescore`] takes a
+//! [`run()`] is the process, [`service`] its one loop, [`model`] what it learns; [`rescore`] takes a
 //! model through a log, [`estimate`](mod@estimate) asks a trained one. All other modules are pure
 //! functions of their arguments.
 
