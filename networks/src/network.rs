@@ -210,7 +210,7 @@ impl Network {
         assert_eq!(
             batch.extra_inputs.len(),
             rows * extra_inputs,
-            "rows have {extra_inputs} numbers extra_inputs"
+            "rows have {extra_inputs} extra inputs"
         );
         rows
     }

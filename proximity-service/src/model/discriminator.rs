@@ -5,7 +5,6 @@
 //! are; the authors train the mean of five logits by one loss.
 
 use networks::{Score as RowScore, binary_cross_entropy, sigmoid};
-use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput};
 
@@ -42,15 +41,6 @@ impl Objective for Discriminator {
     /// Nothing: without an agent there is nothing to tell apart.
     fn offline(&self, _learning: &Learning<'_>) -> Vec<MinibatchRows> {
         Vec::new()
-    }
-
-    fn online(
-        &self,
-        learning: &Learning<'_>,
-        agent: usize,
-        stream: &mut Stream,
-    ) -> Vec<MinibatchRows> {
-        learning.pairs(agent, stream)
     }
 
     /// The mean over the expert's rows and the mean over the agent's; their sum is twice the mean

@@ -27,13 +27,15 @@ pub trait Objective: Sync {
     /// The minibatches of offline training, in order.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows>;
 
-    /// The minibatches of one online update, in order.
+    /// The minibatches of one online update, in order: by default pairs of both kinds of rows.
     fn online(
         &self,
         learning: &Learning<'_>,
         agent: usize,
         stream: &mut Stream,
-    ) -> Vec<MinibatchRows>;
+    ) -> Vec<MinibatchRows> {
+        learning.pairs(agent, stream)
+    }
 
     /// The losses of one member's outputs on a minibatch, and the gradients of their sum.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;

@@ -1,7 +1,7 @@
 //! Goal proximity: an ensemble that regresses how close an observation is to the goal (Eqs. 1, 4, 5).
 
 use networks::{Score as RowScore, squared_error};
-use protocol::seed::{self, Purpose, Stream};
+use protocol::seed::{self, Purpose};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
 use run::config::RewardConfig;
@@ -51,15 +51,6 @@ impl Objective for GoalProximity {
             );
         }
         minibatches
-    }
-
-    fn online(
-        &self,
-        learning: &Learning<'_>,
-        agent: usize,
-        stream: &mut Stream,
-    ) -> Vec<MinibatchRows> {
-        learning.pairs(agent, stream)
     }
 
     /// Eq. 4; without rows of the agent Eq. 1. Each term is a mean over its own rows.
