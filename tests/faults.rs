@@ -18,14 +18,11 @@ use std::time::{Duration, Instant};
 use std::{env, fs};
 
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::Task;
 use rand::RngExt;
 use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use system_tests::{
-    Hashes, PATIENCE, SMALL, SMALL_PHYSICS, Signal, TestRun, Training, await_some, programs,
+    Hashes, PATIENCE, SMALL, SMALL_PHYSICS, Signal, TASKS, TestRun, Training, await_some, programs,
 };
-
-const TASKS: [Task; 4] = [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach];
 
 const LAGS: [&str; 2] = ["rollout.lag=0", "rollout.lag=1"];
 
@@ -143,11 +140,11 @@ impl Subject {
     fn start(self, run: &TestRun) -> Training<'_> {
         let task = TASKS[self.task];
         let (small, steps) = match task {
-            Task::Navigation => (&SMALL[..], "steps=16000"),
+            "navigation" => (&SMALL[..], "steps=16000"),
             _ => (&SMALL_PHYSICS[..], "steps=6400"),
         };
         let settings = [steps, "resources.lease_timeout_ms=1000", LAGS[self.lag]];
-        run.train_task(task.name(), small, &settings)
+        run.train_task(task, small, &settings)
     }
 
     /// What it learns where nothing happens.

@@ -19,11 +19,10 @@ use protocol::messages::{
     ActorSeconds, Ask, Batch, Lease, LeaseReply, LeaseRequest, Progress, Query, ServiceRequest,
 };
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::Task;
 use protocol::trajectory::{Trajectory, TrajectoryKey};
 use protocol::weights::Weights;
 use rand::RngExt;
-use system_tests::{TestRun, programs};
+use system_tests::{TestRun, programs, spec};
 
 /// Between two rounds, so that the run has the machine most of the time.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -108,9 +107,9 @@ impl Intruder {
 
     /// Says of itself that it has billions of steps, and has none.
     fn trajectory(&mut self) -> Trajectory {
-        let spec = Task::Navigation.spec();
+        let spec = spec("navigation");
         Trajectory {
-            task: spec.task.name().repeat(self.random.random_range(1..3)),
+            task: "navigation".repeat(self.random.random_range(1..3)),
             iteration: self.random.random_range(0..20),
             lane: self.number(),
             episode: self.number(),

@@ -8,10 +8,9 @@
 use std::fs;
 
 use mcap_log::{FileWriter, Kind, Metadata, Topic};
-use protocol::task::Task;
 use protocol::trajectory::Encoded;
 use system_tests::{
-    Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, programs, read_by,
+    Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TASKS, TestRun, programs, read_by,
 };
 
 /// What makes the learners that imitate as small as the rest: on the grid, in the physics tasks, or in all.
@@ -68,11 +67,11 @@ fn every_method_trains_and_evaluates() {
 #[ignore = "minutes; prints what two builds are compared by"]
 fn hashes() {
     let methods: toml::Table = include_str!("../deploy/methods.toml").parse().unwrap();
-    for task in Task::ALL {
-        let small = if task == Task::Navigation { &SMALL[..] } else { &SMALL_PHYSICS };
+    for task in TASKS {
+        let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS };
         for method in methods.keys() {
             let Hashes { policy, proximity } =
-                train(&TestRun::new(programs!()), task.name(), small, method).hashes();
+                train(&TestRun::new(programs!()), task, small, method).hashes();
             println!("hashes {task} {method} {policy} {proximity}");
         }
     }
@@ -120,8 +119,8 @@ fn states_alone_are_refused_where_actions_are_needed() {
     let recorded = train(&run, "navigation", &SMALL, "gaifo-s");
     assert!(recorded.episodes > 0);
     let demonstrations = run.folder().demonstrations_file();
-    let spec = Task::Navigation.spec();
-    let all = run::demonstrations::read(&demonstrations, &spec, true).unwrap();
+    let task = run.folder().config().unwrap().task;
+    let all = run::demonstrations::read(&demonstrations, &task, true).unwrap();
     let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
     let mut writer = FileWriter::create(&file, &metadata, &[Topic::Trajectory]).unwrap();
     for (time, mut demonstration) in (0..).zip(all) {

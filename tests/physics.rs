@@ -11,9 +11,8 @@ use bus::{Bus, BusAddress, NewestSubscriber, SharedMemory};
 use mcap_log::{FileReader, Record};
 use prost::Message;
 use protocol::messages::Progress;
-use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{PATIENCE, SMALL_PHYSICS, Signal, TestRun, await_some, programs};
+use system_tests::{PATIENCE, SMALL_PHYSICS, Signal, TestRun, await_some, programs, spec};
 
 /// As the expert of Ant Reach is trained.
 const ON_ITS_OWN_REWARD: &str = "method=environment-reward";
@@ -89,9 +88,9 @@ fn await_progress(
 
 #[test]
 fn an_evaluation_can_be_drawn() {
-    for (task, settings) in [(Task::FetchPush, &[][..]), (Task::AntReach, &[ON_ITS_OWN_REWARD])] {
+    for (task, settings) in [("fetch-push", &[][..]), ("ant-reach", &[ON_ITS_OWN_REWARD])] {
         let run = TestRun::new(programs!());
-        run.train_task(task.name(), &SMALL_PHYSICS, settings).finish();
+        run.train_task(task, &SMALL_PHYSICS, settings).finish();
         let mut evaluate = run.program("goalward");
         evaluate.arg("evaluate").arg(run.folder().path()).args(["--episodes", "3"]);
         assert!(evaluate.status().unwrap().success());
@@ -101,7 +100,7 @@ fn an_evaluation_can_be_drawn() {
         for entry in FileReader::open(&evaluation_file(&run)).unwrap() {
             match entry.unwrap().record {
                 Record::EvaluationTrajectory(bytes) => {
-                    let encoded = Encoded::decode(bytes, &task.spec()).unwrap();
+                    let encoded = Encoded::decode(bytes, &spec(task)).unwrap();
                     observations += encoded.trajectory.steps + 1;
                 }
                 Record::Scene(scene) => {

@@ -13,9 +13,8 @@ use bytes::Bytes;
 use mcap_log::{FileReader, Record};
 use prost::Message;
 use protocol::messages::{Answer, Ask, Query, ServiceReply, ServiceRequest};
-use protocol::task::Task;
 use protocol::trajectory::Encoded;
-use system_tests::{ITERATIONS, Signal, TestRun, await_some, programs};
+use system_tests::{ITERATIONS, Signal, TestRun, await_some, programs, spec};
 
 /// Within this time processes without a supervisor must have stopped. They notice at once; the
 /// learner finishes its iteration and writes a checkpoint, the service waits for the learner.
@@ -159,7 +158,7 @@ impl Tool {
 
     /// Proximities of observations, after a check of all that an answer must be.
     fn proximity(&self, observations: Vec<u8>) -> Vec<f32> {
-        let count = observations.len() / Task::Navigation.spec().observation.bytes();
+        let count = observations.len() / spec("navigation").observation.bytes();
         let Answer::Estimates(estimates) = self.ask(observations) else { panic!("refused") };
         assert_eq!((estimates.proximity.len(), estimates.uncertainty.len()), (count, count));
         assert!(estimates.proximity.iter().all(|proximity| (0.0..=1.0).contains(proximity)));
@@ -170,7 +169,7 @@ impl Tool {
 
 #[test]
 fn any_process_can_ask_about_any_observations() {
-    let spec = Task::Navigation.spec();
+    let spec = spec("navigation");
     let run = TestRun::new(programs!());
     let mut training = run.train(&[]);
     training.await_checkpoint(4);

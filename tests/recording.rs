@@ -11,9 +11,10 @@ use std::fs;
 
 use mcap_log::{Ending, FileReader, Kind, Record, log_files, read_run};
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
-use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, TrajectoryKey};
-use system_tests::{CHECKPOINT_ITERATIONS, ITERATIONS, LANES, Signal, Summary, TestRun, programs};
+use system_tests::{
+    CHECKPOINT_ITERATIONS, ITERATIONS, LANES, Signal, Summary, TestRun, programs, spec,
+};
 
 /// All that a run recorded, in order.
 #[derive(Default)]
@@ -31,7 +32,7 @@ impl Recorded {
     fn of(run: &TestRun) -> Recorded {
         let mut reader = read_run(&run.folder().log()).unwrap();
         let mut recorded = Recorded { repeated: reader.repeated(), ..Recorded::default() };
-        let decode = |bytes| Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
+        let decode = |bytes| Encoded::decode(bytes, &spec("navigation")).unwrap();
         for entry in &mut reader {
             match entry.unwrap().record {
                 Record::Trajectory(bytes) => recorded.trajectories.push(decode(bytes)),

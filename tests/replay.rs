@@ -16,10 +16,9 @@ use bytes::Bytes;
 use mcap_log::{Record, read_run, rewrite};
 use prost::Message;
 use protocol::Error;
-use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use system_tests::{
-    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs,
+    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs, spec,
 };
 
 fn replay(run: &TestRun, what: &[&str]) -> Output {
@@ -33,10 +32,10 @@ fn verify(run: &TestRun) -> Output {
 
 #[test]
 fn every_episode_of_every_task_acts_again_as_it_was_recorded() {
-    for task in [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach] {
+    for task in ["navigation", "fetch-pick", "fetch-push", "ant-reach"] {
         let run = TestRun::new(programs!());
-        let small = if task == Task::Navigation { &SMALL[..] } else { &SMALL_PHYSICS };
-        let summary = run.train_task(task.name(), small, &[]).finish();
+        let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS };
+        let summary = run.train_task(task, small, &[]).finish();
         let Output { status, stdout, stderr } = verify(&run);
         let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
         assert!(status.success(), "{task}: {stdout}{stderr}");
@@ -52,7 +51,7 @@ fn change_log(run: &TestRun, change: impl Fn(&mut Trajectory)) {
     let (log, old) = (run.folder().log(), run.path("old-log"));
     fs::rename(&log, &old).unwrap();
     let changed = |bytes: Bytes| {
-        let mut trajectory = Trajectory::recorded(bytes, &Task::Navigation.spec())?;
+        let mut trajectory = Trajectory::recorded(bytes, &spec("navigation"))?;
         change(&mut trajectory);
         Ok(trajectory.encode_to_vec().into())
     };
@@ -166,7 +165,7 @@ fn a_log_is_published_for_whoever_listens() {
     let mut hashes = BTreeSet::new();
     await_some("every trajectory of the log", PATIENCE, || {
         while let Some(Published { header, bytes, .. }) = subscriber.receive().unwrap() {
-            let encoded = Encoded::decode(bytes, &Task::Navigation.spec()).unwrap();
+            let encoded = Encoded::decode(bytes, &spec("navigation")).unwrap();
             assert_eq!(header.hash, encoded.key.hash);
             hashes.insert(header.hash);
         }
@@ -218,19 +217,19 @@ fn recorded_episodes_are_scored_again_by_another_reward() {
 }
 
 /// Every trajectory of a log, observations included, as it is encoded.
-fn trajectories(log: &Path, task: Task) -> BTreeSet<Bytes> {
-    let full = |bytes| Encoded::decode(bytes, &task.spec()).unwrap().bytes;
+fn trajectories(log: &Path, task: &str) -> BTreeSet<Bytes> {
+    let full = |bytes| Encoded::decode(bytes, &spec(task)).unwrap().bytes;
     let records = read_run(log).unwrap().map(|entry| entry.unwrap().record);
     records.filter_map(Record::trajectory).map(full).collect()
 }
 
 #[test]
 fn a_log_of_actions_only_does_all_that_a_full_one_does() {
-    for (task, small) in [(Task::Navigation, &SMALL[..]), (Task::FetchPush, &SMALL_PHYSICS)] {
+    for (task, small) in [("navigation", &SMALL[..]), ("fetch-push", &SMALL_PHYSICS)] {
         let full = TestRun::new(programs!());
-        let expected = full.train_task(task.name(), small, &[]).finish();
+        let expected = full.train_task(task, small, &[]).finish();
         let run = TestRun::new(programs!());
-        let summary = run.train_task(task.name(), small, &["log.observations=false"]).finish();
+        let summary = run.train_task(task, small, &["log.observations=false"]).finish();
         assert_eq!(summary.hashes(), expected.hashes());
         assert!(summary.log.bytes < expected.log.bytes, "{} bytes", summary.log.bytes);
         for what in [&["--verify"][..], &["--retrain"], &["--with", "reward.uncertainty=0.1"]] {

@@ -6,15 +6,16 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
-use environments::Setting;
-use protocol::task::Task;
+use environments::{Registration, Setting};
 use run::diagnostics::Diagnostics;
 use run::folder::RunFolder;
 use run::process::{self, Stop};
 use serde::Serialize;
 
 use crate::demonstrate::{Recorded, Request, demonstrate};
+use crate::describe::describe;
 use crate::expert::Expert;
+use crate::factory::{Factory, Tasks};
 use crate::replay::{Recording, replay};
 
 /// Acts in environments.
@@ -63,14 +64,26 @@ enum Command {
         #[arg(long)]
         speed: Option<f64>,
     },
+    /// Prints what a task is, as JSON: `{"Ok": DESCRIPTION}`, or `{"Err": WORDS}` where the program does
+    /// not have the task, or the task not the setting.
+    Describe {
+        /// The task.
+        task: String,
+        /// What its environment is made with, as JSON.
+        #[arg(long, default_value = "{}")]
+        environment: String,
+        /// What it is made with where demonstrations are recorded, as JSON.
+        #[arg(long, default_value = "{}")]
+        demonstrations: String,
+    },
     /// Records demonstrations by the task's expert.
     Demonstrate {
         /// The task.
-        task: Task,
+        task: String,
         /// How many.
         #[arg(long)]
         episodes: u64,
-        /// Starts and goals they may have, as JSON of `protocol::setting::Setting`.
+        /// What the environment is made with, as JSON.
         #[arg(long, default_value = "{}")]
         setting: String,
         /// Folder of the run whose policy demonstrates; without it the task's own expert does.
@@ -126,18 +139,18 @@ impl Command {
     }
 }
 
-/// Runs the process.
-pub fn main() -> ExitCode {
+/// Runs an actor process that can act in these tasks; its command line says what it is to do.
+pub fn main(tasks: &'static [Registration]) -> ExitCode {
     let arguments = Arguments::parse();
-    process::run(arguments.command.diagnostics(), || run(arguments.command))
+    process::run(arguments.command.diagnostics(), || run(arguments.command, tasks))
 }
 
-fn run(command: Command) -> Result<()> {
+fn run(command: Command, tasks: Tasks) -> Result<()> {
     match command {
         Command::Rollout { run, name } => {
             check_name(&name)?;
             let stop = Stop::at_end_of_input()?;
-            crate::rollout::rollout(&RunFolder::new(run), &name, &stop)
+            crate::rollout::rollout(tasks, &RunFolder::new(run), &name, &stop)
         }
         Command::Replay { run, name, log, iterations } => {
             check_name(&name)?;
@@ -149,14 +162,20 @@ fn run(command: Command) -> Result<()> {
             let stop = Stop::at_end_of_input()?;
             print(&crate::publish::publish(&RunFolder::new(run), &log, speed, &stop)?)
         }
+        Command::Describe { task, environment, demonstrations } => {
+            let environment = setting_of(&environment, "--environment")?;
+            let demonstrations = setting_of(&demonstrations, "--demonstrations")?;
+            let described = describe(tasks, &task, environment, demonstrations);
+            print(&described.map_err(|refusal| format!("{refusal:#}")))
+        }
         Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
-            let setting: Setting = serde_json::from_str(&setting).context("--setting")?;
+            let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             let expert = match policy {
-                Some(run) => Expert::of_run(&RunFolder::new(run), task)?,
-                None => Expert::of_task(task)?,
+                Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
+                None => Expert::of_task(factory.task)?,
             };
-            let request = Request { task, episodes, setting, seed, file: &out };
+            let request = Request { factory, episodes, seed, file: &out };
             let stop = Stop::at_end_of_input()?;
             let Recorded { steps, failures } = demonstrate(&request, expert, &stop)?;
             let out = out.display();
@@ -169,18 +188,22 @@ fn run(command: Command) -> Result<()> {
         Command::Evaluate { run, episodes } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             process::end_with_parent()?;
-            let evaluation = crate::evaluate::evaluate(&RunFolder::new(run), episodes)?;
+            let evaluation = crate::evaluate::evaluate(tasks, &RunFolder::new(run), episodes)?;
             print(&evaluation)
         }
         Command::Verify { run, threads } => {
             process::end_with_parent()?;
-            print(&crate::verify::verify(&RunFolder::new(run), threads)?)
+            print(&crate::verify::verify(tasks, &RunFolder::new(run), threads)?)
         }
         Command::Restore { run, out, threads } => {
             process::end_with_parent()?;
-            print(&crate::restore::restore(&RunFolder::new(run), &out, threads)?)
+            print(&crate::restore::restore(tasks, &RunFolder::new(run), &out, threads)?)
         }
     }
+}
+
+fn setting_of(json: &str, flag: &'static str) -> Result<Setting> {
+    serde_json::from_str(json).context(flag)
 }
 
 fn check_name(name: &str) -> Result<()> {

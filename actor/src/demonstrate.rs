@@ -4,17 +4,18 @@ use std::path::Path;
 use std::slice;
 
 use anyhow::{Result, bail, ensure};
-use environments::Setting;
-use mcap_log::{FileWriter, Kind, Metadata, Topic};
+use environments::Registration;
+use mcap_log::{FileWriter, Kind, Topic};
 use protocol::messages::Lease;
-use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::ActionChoice;
 use run::headway::{Headway, Teller};
+use run::metadata;
 use run::origin::{EXPERT, TASKS_OWN};
 use run::process::Stop;
 
 use crate::expert::Expert;
+use crate::factory::Factory;
 use crate::lane::Lane;
 
 /// Episodes an expert may fail for each demonstration wanted.
@@ -22,12 +23,10 @@ const FAILURES_PER_DEMONSTRATION: u64 = 2;
 
 /// What is to be recorded.
 pub struct Request<'a> {
-    /// The task.
-    pub task: Task,
+    /// What they are recorded in.
+    pub factory: Factory,
     /// How many episodes.
     pub episodes: u64,
-    /// The starts and goals they may have.
-    pub setting: Setting,
     /// Seed of the starts.
     pub seed: u64,
     /// The file to write; it must not exist.
@@ -42,21 +41,25 @@ pub struct Recorded {
     pub failures: u64,
 }
 
-/// Records demonstrations: episodes of the expert that reach the goal, up to the goal.
+/// Records demonstrations: episodes of the expert that reach the goal, up to the goal; whole ones of a
+/// task that does not tell.
 ///
 /// # Errors
 /// When the expert fails too often, the disk refuses, or a stop comes first; no file is left then.
 pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result<Recorded> {
-    let Request { task, episodes, setting, seed, file } = request;
+    let Request { factory, episodes, seed, file } = request;
     let who = if expert.is_of_task() { TASKS_OWN } else { "a policy" };
-    let setting = expert.setting(setting)?;
-    let metadata = Metadata::new(Kind::Demonstrations, task.name(), *seed)
+    let environment = factory.make()?;
+    let setting = expert.setting(&environment.setting(), factory.task.observed)?;
+    let factory = factory.with_setting(setting.clone());
+    let task = factory.described(environment.spec());
+    let metadata = metadata::of_task(Kind::Demonstrations, &task, *seed)
         .with("episodes", episodes)
         .with(EXPERT, who)
         .with("setting", serde_json::to_string(&setting)?);
     ensure!(!file.exists(), "{} exists and is not overwritten", file.display());
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
-    let mut demonstrator = Demonstrator::begin(*task, &setting, *seed, expert)?;
+    let mut demonstrator = Demonstrator::begin(&factory, *seed, expert)?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
     if recorded.is_err() {
@@ -79,7 +82,7 @@ fn record(
             bail!("stopped after {number} of {episodes} demonstrations: none are kept");
         }
         let trajectory = demonstrator.next_episode()?;
-        if !trajectory.success {
+        if !trajectory.success && demonstrator.tells_success {
             recorded.failures += 1;
             let (failures, most) = (recorded.failures, episodes * FAILURES_PER_DEMONSTRATION);
             ensure!(
@@ -104,25 +107,24 @@ fn record(
 
 /// An expert at work in one lane.
 struct Demonstrator {
-    task: Task,
+    tells_success: bool,
+    task: &'static str,
     expert: Expert,
     lane: Lane,
     action: Vec<u8>,
 }
 
 impl Demonstrator {
-    fn begin(task: Task, setting: &Setting, seed: u64, expert: Expert) -> Result<Demonstrator> {
+    fn begin(factory: &Factory, seed: u64, expert: Expert) -> Result<Demonstrator> {
         let lease = Lease {
             source: Source::Demonstration as i32,
             episodes_owed: u64::MAX,
             ..Lease::default()
         };
-        Ok(Demonstrator {
-            task,
-            expert,
-            lane: Lane::begin(lease, task, setting, seed)?,
-            action: vec![0; task.spec().action.bytes()],
-        })
+        let action = vec![0; factory.make()?.spec().action.bytes()];
+        let lane = Lane::begin(lease, factory, seed)?;
+        let Registration { name, tells_success, .. } = *factory.task;
+        Ok(Demonstrator { tells_success, task: name, expert, lane, action })
     }
 
     fn next_episode(&mut self) -> Result<Trajectory> {

@@ -28,6 +28,7 @@ pub struct EpisodeName {
 /// An episode in progress. Its buffers live on from one episode of a lane to the next.
 pub struct Episode {
     environment: Box<dyn Environment>,
+    task: &'static str,
     spec: Spec,
     name: EpisodeName,
     actions: Stream,
@@ -39,12 +40,20 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Begins the named episode.
-    pub fn begin(environment: Box<dyn Environment>, name: EpisodeName) -> Result<Episode> {
+    /// Begins the named episode of a task.
+    ///
+    /// # Errors
+    /// When the environment finds no start for it.
+    pub fn begin(
+        environment: Box<dyn Environment>,
+        task: &'static str,
+        name: EpisodeName,
+    ) -> Result<Episode> {
         let spec = environment.spec();
         let (_, purpose) = name.source.purposes();
         let mut episode = Episode {
             environment,
+            task,
             spec,
             name,
             actions: seed::stream(name.run_seed, purpose, name.lane, name.episode),
@@ -108,7 +117,7 @@ impl Episode {
         if step.success && self.steps_to_goal == 0 {
             self.steps_to_goal = self.steps() as u32;
         }
-        let at_goal = (demonstration && step.success).then_some(Ending::Terminated);
+        let at_goal = (demonstration && step.success).then_some(Ending::GoalReached);
         let ending = step.ending.or(at_goal);
         Ok(ending.map(|ending| self.trajectory(ending)))
     }
@@ -125,7 +134,7 @@ impl Episode {
         let grid = matches!(self.spec.observation, ObservationSpec::Cells { .. });
         let discrete = matches!(self.spec.action, ActionSpec::Discrete { .. });
         Trajectory {
-            task: self.spec.task.name().to_owned(),
+            task: self.task.to_owned(),
             source: self.name.source as i32,
             iteration: self.name.iteration,
             lane: self.name.lane,

@@ -3,16 +3,19 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use mcap_log::{FileWriter, Kind, Metadata, Topic};
+use environments::Environment;
+use mcap_log::{FileWriter, Topic};
 use protocol::messages::Lease;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::headway::{Headway, Teller};
+use run::metadata;
 use serde::Serialize;
 
 use crate::drawing::draw;
+use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::policy::{Policy, newest_weights};
 
@@ -24,8 +27,10 @@ const DRAWN_EPISODES: usize = 20;
 pub struct Evaluation {
     /// Episodes run.
     pub episodes: u64,
-    /// Share of them that reached the goal.
-    pub success_rate: f64,
+    /// Share of them that reached the goal; none where the task does not tell.
+    pub success_rate: Option<f64>,
+    /// Mean of the environment's own returns.
+    pub mean_return: f64,
     /// Mean length of an episode.
     pub mean_steps: f64,
     /// Updates the policy has had.
@@ -36,24 +41,32 @@ pub struct Evaluation {
 
 /// Runs evaluation episodes with the newest checkpoint of a run: the same ones, in the same lanes,
 /// that the run itself ends with, and more of them if asked.
-pub fn evaluate(folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
+pub fn evaluate(tasks: Tasks, folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
     let config = folder.config()?;
     let weights = newest_weights(folder)?;
-    let trajectories = act(&config, &weights, episodes)?;
-    let file = record(folder, &config, &weights, &trajectories)?;
+    let factory = Factory::of_run(tasks, &config)?;
+    let trajectories = act(&factory, &config, &weights, episodes)?;
+    let file = record(folder, &config, &mut *factory.make()?, &trajectories)?;
     let count = trajectories.len() as f64;
     let reached = trajectories.iter().filter(|trajectory| trajectory.success).count();
     let steps: u64 = trajectories.iter().map(|trajectory| u64::from(trajectory.steps)).sum();
+    let returns = trajectories.iter().map(Trajectory::environment_return);
     Ok(Evaluation {
         episodes,
-        success_rate: reached as f64 / count,
+        success_rate: config.task.tells_success.then_some(reached as f64 / count),
+        mean_return: returns.sum::<f64>() / count,
         mean_steps: steps as f64 / count,
         policy_version: weights.version,
         file,
     })
 }
 
-fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Trajectory>> {
+fn act(
+    factory: &Factory,
+    config: &RunConfig,
+    weights: &Weights,
+    episodes: u64,
+) -> Result<Vec<Trajectory>> {
     let mut policy = Policy::new(config);
     let version = policy.version(weights)?;
     let begin = |(lane, episodes_owed)| {
@@ -66,7 +79,7 @@ fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Traje
             steps_owed: 0,
             episodes_owed,
         };
-        Lane::begin(lease, config.task, &config.environment, config.seed)
+        Lane::begin(lease, factory, config.seed)
     };
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
@@ -89,20 +102,19 @@ fn act(config: &RunConfig, weights: &Weights, episodes: u64) -> Result<Vec<Traje
 fn record(
     folder: &RunFolder,
     config: &RunConfig,
-    weights: &Weights,
+    environment: &mut dyn Environment,
     trajectories: &[Trajectory],
 ) -> Result<PathBuf> {
-    let file = folder.evaluation_file(weights.version, trajectories.len() as u64);
-    let metadata =
-        Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
+    let version = trajectories.first().map_or(0, |trajectory| trajectory.policy_version);
+    let file = folder.evaluation_file(version, trajectories.len() as u64);
+    let metadata = metadata::of_run(config);
     let topics = [Topic::EvaluationTrajectory, Topic::Scene];
     let mut writer = FileWriter::create_anew(&file, &metadata, &topics)?;
-    let mut environment = environments::create(config.task, &config.environment)?;
     let mut time_ns = 0;
     for (number, trajectory) in trajectories.iter().enumerate() {
         writer.trajectory(&Encoded::encode(trajectory.clone()), time_ns)?;
         if number < DRAWN_EPISODES {
-            time_ns = draw(&mut writer, &mut *environment, trajectory, time_ns)?;
+            time_ns = draw(&mut writer, environment, trajectory, time_ns)?;
         }
     }
     writer.seal()?;

@@ -1,9 +1,9 @@
 //! Who demonstrates a task: the script of its environment, or a policy that was trained on the
 //! environment's own reward.
 
-use anyhow::{Context, Result, ensure};
-use environments::Setting;
-use protocol::task::Task;
+use anyhow::{Context, Result, bail, ensure};
+use environments::{Expert as Known, Registration, Setting};
+use protocol::setting::ACTION_SCALE;
 use protocol::weights::Weights;
 use run::config::RunConfig;
 use run::folder::RunFolder;
@@ -31,24 +31,33 @@ pub struct TrainedExpert {
 }
 
 impl Expert {
-    /// The expert that comes with a task. That of Ant Reach is a policy; `actor/experts/README.md`
-    /// has the command it was trained with.
-    pub fn of_task(task: Task) -> Result<Expert> {
-        if task != Task::AntReach {
-            return Ok(Expert::Script);
+    /// The expert that comes with a task.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn of_task(task: &Registration) -> Result<Expert> {
+        let name = task.name;
+        match task.expert {
+            Known::None => bail!(
+                "{name}: expected a task that comes with an expert, found one without; \
+                 --demonstrations FILE.mcap gives demonstrations, --policy RUN an expert"
+            ),
+            Known::Scripted => Ok(Expert::Script),
+            Known::Policy { config, weights } => {
+                let config = RunConfig::from_text(config, "of the expert")?;
+                let weights = Weights::from_file(weights).map_err(anyhow::Error::msg)?;
+                Expert::trained(&config, &weights, true).context(name)
+            }
         }
-        let config = include_str!("../experts/ant_reach/config.toml");
-        let weights = include_bytes!("../experts/ant_reach/policy.safetensors");
-        let origin = "actor/experts/ant_reach";
-        let config = RunConfig::from_text(config, origin)?;
-        let weights = Weights::from_file(weights).map_err(anyhow::Error::msg)?;
-        Expert::trained(&config, &weights, true).context(origin)
     }
 
     /// The policy of the newest checkpoint of a run.
-    pub fn of_run(folder: &RunFolder, task: Task) -> Result<Expert> {
+    ///
+    /// # Errors
+    /// When the run is of another task, or has no checkpoint.
+    pub fn of_run(folder: &RunFolder, task: &str) -> Result<Expert> {
         let config = folder.config()?;
-        let (shown, found) = (folder.path().display(), config.task);
+        let (shown, found) = (folder.path().display(), &config.task.name);
         ensure!(found == task, "{shown}: expected a run of {task}, found one of {found}");
         Expert::trained(&config, &newest_weights(folder)?, false)
     }
@@ -68,40 +77,59 @@ impl Expert {
         }
     }
 
-    /// The setting to demonstrate in so that demonstrations are as `wanted`: a policy's actions
-    /// keep the scale they were trained with.
-    pub fn setting(&self, wanted: &Setting) -> Result<Setting> {
+    /// The setting to demonstrate in so that demonstrations are as `wanted`, which is complete: a
+    /// policy's actions keep the scale they were trained with.
+    ///
+    /// # Errors
+    /// When a policy would have to act on observations that it was not trained on: `observed` has the
+    /// keys that change what they say.
+    pub fn setting(&self, wanted: &Setting, observed: &[&str]) -> Result<Setting> {
         let Expert::Policy(expert) = self else { return Ok(wanted.clone()) };
-        let forces = |setting: &Setting| setting.contact_forces.unwrap_or(false);
-        let (expected, found) = (forces(&expert.trained_in), forces(wanted));
-        ensure!(
-            expected == found,
-            "environment.contact_forces: expected {expected}, as the expert was trained with, \
-             found {found}; --policy names a run of another expert"
-        );
-        Ok(Setting { action_scale: expert.trained_in.action_scale.clone(), ..wanted.clone() })
+        let trained_in = &expert.trained_in.0;
+        for &key in observed {
+            if let (Some(expected), Some(found)) = (trained_in.get(key), wanted.0.get(key)) {
+                ensure!(
+                    expected == found,
+                    "environment.{key}: expected {expected}, as the expert was trained with, \
+                     found {found}; --policy names a run of another expert"
+                );
+            }
+        }
+        let mut setting = wanted.clone();
+        if let Some(scale) = trained_in.get(ACTION_SCALE) {
+            setting.0.insert(ACTION_SCALE.to_owned(), scale.clone());
+        }
+        Ok(setting)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use environments::BUILT_IN;
     use run::process::Stop;
 
     use super::*;
     use crate::demonstrate::{Request, demonstrate};
+    use crate::factory::Factory;
+
+    fn ant_reach(setting: &str) -> Factory {
+        let setting = Setting(setting.parse().expect("a table"));
+        Factory::new(BUILT_IN, "ant-reach", setting).expect("the task")
+    }
 
     #[test]
     fn the_expert_of_ant_reach_reaches_its_goals_whatever_the_scale_of_actions() {
         let folder = tempfile::tempdir().expect("a folder");
-        for (number, action_scale) in [vec![], vec![0.4; 8]].into_iter().enumerate() {
+        for (number, setting) in
+            ["", "action_scale = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]"].into_iter().enumerate()
+        {
             let request = Request {
-                task: Task::AntReach,
+                factory: ant_reach(setting),
                 episodes: 20,
-                setting: Setting { noise: Some(0.0), action_scale, ..Setting::default() },
                 seed: 7,
                 file: &folder.path().join(format!("{number}.mcap")),
             };
-            let expert = Expert::of_task(request.task).expect("the expert");
+            let expert = Expert::of_task(request.factory.task).expect("the expert");
             let recorded = demonstrate(&request, expert, &Stop::default()).expect("demonstrations");
             assert!(recorded.failures <= 2, "{} failures beside 20", recorded.failures);
             assert!(recorded.steps < 20 * 30, "{} steps in 20 episodes", recorded.steps);
@@ -110,9 +138,11 @@ mod tests {
 
     #[test]
     fn an_expert_is_not_asked_for_what_it_never_saw() {
-        let expert = Expert::of_task(Task::AntReach).expect("the expert");
-        let wanted = Setting { contact_forces: Some(true), ..Setting::default() };
-        let refusal = expert.setting(&wanted).expect_err("forces").to_string();
+        let feeling = ant_reach("contact_forces = true");
+        let expert = Expert::of_task(feeling.task).expect("the expert");
+        let wanted = feeling.make().expect("the environment").setting();
+        let refusal = expert.setting(&wanted, feeling.task.observed).expect_err("forces");
+        let refusal = refusal.to_string();
         assert!(refusal.contains("contact_forces: expected false"), "{refusal}");
     }
 }

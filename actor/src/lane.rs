@@ -1,12 +1,11 @@
 //! A lease at work: one lane's episodes, one after another, until what is owed has been run.
 
 use anyhow::Result;
-use environments::Setting;
 use protocol::messages::Lease;
-use protocol::task::Task;
 use protocol::trajectory::{Source, Trajectory};
 
 use crate::episode::{Episode, EpisodeName};
+use crate::factory::Factory;
 
 /// A lease at work.
 pub struct Lane {
@@ -21,7 +20,7 @@ pub struct Lane {
 
 impl Lane {
     /// Begins the first episode of a lease.
-    pub fn begin(lease: Lease, task: Task, setting: &Setting, run_seed: u64) -> Result<Lane> {
+    pub fn begin(lease: Lease, factory: &Factory, run_seed: u64) -> Result<Lane> {
         let name = EpisodeName {
             source: Source::try_from(lease.source)?,
             iteration: lease.iteration,
@@ -30,7 +29,7 @@ impl Lane {
             policy_version: lease.policy_version,
             run_seed,
         };
-        let episode = Episode::begin(environments::create(task, setting)?, name)?;
+        let episode = factory.begin(name)?;
         let Lease { steps_owed, episodes_owed, .. } = lease;
         Ok(Lane { lease, steps_owed, episodes_owed, name, episode })
     }

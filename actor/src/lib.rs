@@ -4,13 +4,18 @@
 //! [`publish`] puts a log onto the bus for anybody.
 //! [`demonstrate`], [`evaluate`], [`verify`] and [`restore`] work without a bus. [`episode`] and [`lane`]
 //! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
+//!
+//! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
+//! [`Registration`]s; a task's file names it. `deploy/examples/pendulum/` is one.
 
 pub mod cli;
 pub mod demonstrate;
+pub mod describe;
 pub mod drawing;
 pub mod episode;
 pub mod evaluate;
 pub mod expert;
+pub mod factory;
 pub mod lane;
 pub mod policy;
 pub mod ports;
@@ -20,3 +25,8 @@ pub mod resimulate;
 pub mod restore;
 pub mod rollout;
 pub mod verify;
+
+pub use cli::main;
+pub use environments::{
+    BUILT_IN, Environment, EnvironmentError, Expert, Registration, Setting, Step,
+};

@@ -1,12 +1,12 @@
 //! Recorded episodes acted again, from their seeds and actions, many at a time.
 
 use anyhow::{Result, bail, ensure};
-use environments::Setting;
-use protocol::task::{Spec, Task};
+use protocol::task::Spec;
 use protocol::trajectory::{Source, Trajectory};
 use rayon::prelude::*;
 
 use crate::episode::{Episode, EpisodeName};
+use crate::factory::Factory;
 
 /// Episodes that a thread acts before the next ones are asked for.
 const CHUNK: usize = 64;
@@ -14,20 +14,25 @@ const CHUNK: usize = 64;
 /// Acts recorded episodes of one setting again.
 pub struct Resimulator<'a> {
     threads: &'a rayon::ThreadPool,
+    spec: Spec,
     actors: Vec<Actor>,
 }
 
 impl<'a> Resimulator<'a> {
     /// An actor for each of the threads.
-    pub fn new(threads: &'a rayon::ThreadPool, task: Task, setting: &Setting) -> Self {
-        let actor = || Actor { task, setting: setting.clone(), episode: None };
+    ///
+    /// # Errors
+    /// When there is no such environment.
+    pub fn new(threads: &'a rayon::ThreadPool, factory: &Factory) -> Result<Self> {
+        let spec = factory.make()?.spec();
+        let actor = || Actor { factory: factory.clone(), spec, episode: None };
         let actors = std::iter::repeat_with(actor).take(threads.current_num_threads()).collect();
-        Resimulator { threads, actors }
+        Ok(Resimulator { threads, spec, actors })
     }
 
     /// Shapes of the task.
     pub fn spec(&self) -> Spec {
-        self.actors[0].task.spec()
+        self.spec
     }
 
     /// Episodes that keep all threads busy.
@@ -52,8 +57,8 @@ impl<'a> Resimulator<'a> {
 
 /// Acts recorded episodes, one after another in one environment.
 struct Actor {
-    task: Task,
-    setting: Setting,
+    factory: Factory,
+    spec: Spec,
     episode: Option<Episode>,
 }
 
@@ -72,12 +77,9 @@ impl Actor {
                 episode.begin_again(name)?;
                 episode
             }
-            none => {
-                let environment = environments::create(self.task, &self.setting)?;
-                none.insert(Episode::begin(environment, name)?)
-            }
+            none => none.insert(self.factory.begin(name)?),
         };
-        for action in recorded.actions().chunks_exact(self.task.spec().action.bytes()) {
+        for action in recorded.actions().chunks_exact(self.spec.action.bytes()) {
             if let Some(trajectory) = episode.step(action, None)? {
                 // What the policy thought of its actions is no business of the environment.
                 return Ok(Trajectory { log_probs: recorded.log_probs.clone(), ..trajectory });

@@ -12,6 +12,7 @@ use protocol::trajectory::{Encoded, Trajectory};
 use run::folder::RunFolder;
 use serde::Serialize;
 
+use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
 /// What was restored, as it is printed.
@@ -25,11 +26,11 @@ pub struct Restored {
 
 /// Writes the log of a run with all observations into the folder `out`, on so many threads; 0 takes
 /// all cores.
-pub fn restore(folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
+pub fn restore(tasks: Tasks, folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let mut resimulator = Resimulator::new(&threads, config.task, &config.environment);
-    let spec = config.task.spec();
+    let mut resimulator = Resimulator::new(&threads, &Factory::of_run(tasks, &config)?)?;
+    let spec = resimulator.spec();
     let mut found = Restored::default();
     rewrite(&folder.log(), out, |recorded| -> Result<Vec<Bytes>> {
         let recorded = recorded.into_iter().map(|bytes| Trajectory::recorded(bytes, &spec));

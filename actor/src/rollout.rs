@@ -18,6 +18,7 @@ use run::config::{ActionChoice, RunConfig};
 use run::folder::RunFolder;
 use run::process::Stop;
 
+use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::policy::{Policy, Version};
 use crate::ports::Ports;
@@ -36,6 +37,7 @@ const VERSION_PATIENCE: Duration = Duration::from_secs(1);
 /// An actor at work.
 struct Actor {
     config: RunConfig,
+    factory: Factory,
     policy: Policy,
     versions: Vec<Version>,
     lanes: Vec<Lane>,
@@ -46,12 +48,14 @@ struct Actor {
 }
 
 /// Acts until the run is over or a stop is requested.
-pub fn rollout(folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
+pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
+    let factory = Factory::of_run(tasks, &config)?;
     let (ports, bus) = Ports::open(folder, name, stop)?;
     let mut actor = Actor {
         policy: Policy::new(&config),
         config,
+        factory,
         versions: Vec::new(),
         lanes: Vec::new(),
         awaited: Awaited::default(),
@@ -130,8 +134,7 @@ impl Actor {
         let rollout = |lease: &Lease| (lease.source, lease.iteration);
         self.lanes.retain(|lane| rollout(&lane.lease) == rollout(first));
         for lease in leases.iter().take(LANES_AT_ONCE - self.lanes.len()) {
-            let RunConfig { task, environment, seed, .. } = &self.config;
-            self.lanes.push(Lane::begin(*lease, *task, environment, *seed)?);
+            self.lanes.push(Lane::begin(*lease, &self.factory, self.config.seed)?);
         }
         Ok(())
     }

@@ -3,13 +3,14 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use mcap_log::{Contents, Entry, FileReader, read_contents};
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::folder::RunFolder;
 use serde::Serialize;
 
+use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
 /// What a verification found, as it is printed.
@@ -31,9 +32,12 @@ pub struct Verification {
 
 /// Acts every episode of a run's log again, and the demonstrations it recorded itself, on so many
 /// threads; 0 takes all cores.
-pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
+pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;
+    let name = &config.task.name;
+    ensure!(config.task.deterministic, "{name}: expected a task whose episodes can be acted again");
+    let factory = Factory::of_run(tasks, &config)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut verification = Verification::default();
 
@@ -42,7 +46,7 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
         let mut reader = FileReader::open(&file)?;
         let setting = reader.metadata().get("setting").context("demonstrations: setting")?;
         let setting = serde_json::from_str(setting).context("demonstrations: setting")?;
-        let resimulator = Resimulator::new(&threads, config.task, &setting);
+        let resimulator = Resimulator::new(&threads, &factory.with_setting(setting))?;
         verify_all(resimulator, &mut reader, &mut verification)?;
         if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
             verification.damaged.push(format!("{}: {ending}", file.display()));
@@ -50,7 +54,7 @@ pub fn verify(folder: &RunFolder, threads: usize) -> Result<Verification> {
     }
 
     let mut reader = read_contents(&folder.log(), Contents::Trajectories)?;
-    let resimulator = Resimulator::new(&threads, config.task, &config.environment);
+    let resimulator = Resimulator::new(&threads, &factory)?;
     verify_all(resimulator, &mut reader, &mut verification)?;
     let damaged = reader.endings().iter().filter(|(_, ending)| ending.lost());
     let damaged = damaged.map(|(path, ending)| format!("{}: {ending}", path.display()));

@@ -112,7 +112,6 @@ mod tests {
     fn nonsense_is_refused() {
         for line in [
             "goalward fly",
-            "goalward train chess",
             "goalward train --steps -5",
             "goalward train --seed one",
             "goalward train --wings 2",

@@ -22,7 +22,7 @@ pub(crate) const RECORDING: &str = "recording demonstrations";
 
 /// Demonstrations to be recorded.
 pub(crate) struct Recording<'a> {
-    pub(crate) task: Task,
+    pub(crate) task: &'a Task,
     pub(crate) episodes: u64,
     pub(crate) setting: Setting,
     /// A run whose policy is the expert; without it the task's own.
@@ -33,9 +33,9 @@ pub(crate) struct Recording<'a> {
 
 impl<'a> Recording<'a> {
     /// What a run learns from unless it is given a file.
-    pub(crate) fn for_run(config: &RunConfig, file: &'a Path) -> Self {
+    pub(crate) fn for_run(config: &'a RunConfig, file: &'a Path) -> Self {
         Recording {
-            task: config.task,
+            task: &config.task,
             episodes: config.demonstrations.episodes,
             setting: config.demonstration_setting(),
             policy: None,
@@ -51,9 +51,9 @@ impl<'a> Recording<'a> {
     /// When the program is not there.
     pub(crate) fn actor(&self) -> Result<Command> {
         let Recording { task, episodes, setting, policy, seed, file } = self;
-        let mut actor = Program::Actor.command()?;
+        let mut actor = Program::acting_in(task).command()?;
         actor
-            .args(["demonstrate", task.name()])
+            .args(["demonstrate", &task.name])
             .args(["--episodes", &episodes.to_string()])
             .args(["--setting", &serde_json::to_string(setting)?])
             .args(["--seed", &seed.to_string()])
@@ -140,12 +140,12 @@ pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig>
 /// As [`adopt`].
 pub(crate) fn remark(config: &RunConfig) -> Result<Option<String>> {
     let Some(file) = &config.demonstrations.file else { return Ok(None) };
-    let tells = run::demonstrations::tells_setting(file, config.task);
+    let tells = run::demonstrations::tells_setting(file, &config.task);
     let remark = || {
-        let (file, coverage) = (file.display(), config.demonstrations.coverage);
         format!(
-            "{file} does not say how it was recorded: taken as coverage {coverage}, actions as \
-             they are"
+            "{} does not say how it was recorded: taken as recorded in the agent's environment, \
+             actions as they are",
+            file.display()
         )
     };
     Ok((!tells.map_err(Refusal::usage)?).then(remark))

@@ -112,7 +112,6 @@ mod tests {
 
     use super::*;
     use crate::tasks;
-    use protocol::task::Task;
     use run::config::DEFAULT_PRESET;
 
     fn said(result: Result<()>) -> String {
@@ -146,7 +145,7 @@ mod tests {
         let run = RunFolder::new(at("run"));
         fs::create_dir_all(run.log()).unwrap();
         folder(run.path(), true).unwrap();
-        let config = tasks::configuration(Task::Navigation, DEFAULT_PRESET, &[]).unwrap();
+        let config = tasks::configuration("navigation", DEFAULT_PRESET, &[]).unwrap();
         fs::write(run.config_file(), config.to_text()).unwrap();
         symlink(run.path(), at("link")).unwrap();
         symlink(run.config_file(), at("file.csv")).unwrap();

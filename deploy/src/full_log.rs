@@ -67,7 +67,7 @@ impl Drop for FullLog {
 /// # Errors
 /// As [`FullLog::of`].
 pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
-    let mut actor = Program::Actor.command()?;
+    let mut actor = Program::acting_in(&run.config()?.task).command()?;
     programs::figures(
         actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out),
         "restoring",

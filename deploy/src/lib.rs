@@ -31,6 +31,7 @@ mod chart;
 mod cli;
 mod commands;
 mod demonstrations;
+mod description;
 mod destination;
 mod experiment;
 mod figure;

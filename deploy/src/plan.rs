@@ -9,7 +9,6 @@ use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
 use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
-use protocol::task::Task;
 use run::config::{DEFAULT_PRESET, RunConfig};
 use run::folder::RunFolder;
 use run::origin::recorded_configs;
@@ -17,15 +16,15 @@ use run::summary::Summary;
 
 use crate::refusal::{Refusal, wrong_usage};
 use crate::supervisor::{actors_wanted, forget_actors_wanted};
-use crate::{demonstrations, destination, tasks};
+use crate::{demonstrations, description, destination, tasks};
 
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";
 
 /// What the command line says about the run.
 pub(crate) struct TrainRequest {
-    /// The task; the default task where it is not given.
-    pub(crate) task: Option<Task>,
+    /// The task, by its name or its file; the default task where it is not given.
+    pub(crate) task: Option<String>,
     /// The preset; the default preset where it is not given.
     pub(crate) preset: Option<String>,
     /// Changes to the configuration, each `key=value`.
@@ -51,11 +50,11 @@ impl Plan {
     /// # Errors
     /// When the configuration is not sound, or the folder is not free.
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
-        let task = wishes.task.unwrap_or(Task::Navigation);
+        let task = wishes.task.as_deref().unwrap_or(tasks::DEFAULT_TASK);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
         let config = tasks::configuration(task, preset, &wishes.settings)?;
         let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;
-        let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), task));
+        let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
         Ok(Plan { folder, config, resumed: false })
@@ -90,8 +89,12 @@ impl Plan {
                  continued as it began; start a new run instead"
             ))
         };
-        if wishes.task.is_some_and(|task| task != old.task) {
-            return Err(refuse("another task"));
+        if let Some(task) = &wishes.task {
+            let same = *task == old.task.name
+                || tasks::configuration(task, &old.preset, &[])?.task.name == old.task.name;
+            if !same {
+                return Err(refuse("another task"));
+            }
         }
         if wishes.preset.is_some_and(|preset| preset != old.preset) {
             return Err(refuse("another preset"));
@@ -171,7 +174,30 @@ fn with_absolute_paths(mut config: RunConfig) -> Result<RunConfig> {
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
         refuse_unless_text(file)?;
     }
+    if let Some(program) = &mut config.task.program {
+        let shown = program.display();
+        *program = program
+            .canonicalize()
+            .map_err(|error| wrong_usage(format!("the task's program {shown}: {error}")))?;
+        refuse_unless_text(program)?;
+    }
     Ok(config)
+}
+
+/// A task's own program decides what its environment does, so a run goes on with the one it began with.
+///
+/// # Errors
+/// Of wrong usage, when it is another one now.
+pub(crate) fn refuse_other_program(config: &RunConfig) -> Result<()> {
+    let found = description::program_sha256(&config.task).map_err(Refusal::usage)?;
+    if found == config.task.program_sha256 {
+        return Ok(());
+    }
+    let shown = config.task.program.as_deref().unwrap_or(Path::new("none")).display();
+    Err(wrong_usage(format!(
+        "{shown}: expected the program that the run began with, found one that was built anew: \
+         start a new run"
+    )))
 }
 
 /// Another build may give another result, so a run goes on with the one it was trained by last.
@@ -247,10 +273,9 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
 }
 
 /// `RUNS/TASK-0001`, with the number behind the largest there is.
-fn next_free(runs: &Path, task: Task) -> PathBuf {
+fn next_free(runs: &Path, task: &str) -> PathBuf {
     let entries = fs::read_dir(runs).into_iter().flatten().flatten();
-    let number =
-        |name: &str| name.strip_prefix(task.name())?.strip_prefix('-')?.parse::<u32>().ok();
+    let number = |name: &str| name.strip_prefix(task)?.strip_prefix('-')?.parse::<u32>().ok();
     let taken = entries.filter_map(|entry| number(entry.file_name().to_str()?));
     let next = taken.max().map_or(1, |last| last.saturating_add(1));
     runs.join(format!("{task}-{next:04}"))
@@ -274,11 +299,11 @@ mod tests {
     fn run_names_count_up() {
         let directory = tempfile::tempdir().unwrap();
         let runs = directory.path().join("runs");
-        assert_eq!(next_free(&runs, Task::Navigation), runs.join("navigation-0001"));
+        assert_eq!(next_free(&runs, "navigation"), runs.join("navigation-0001"));
         for name in ["navigation-0001", "navigation-0007", "navigation-x", "other-0009"] {
             fs::create_dir_all(runs.join(name)).unwrap();
         }
-        assert_eq!(next_free(&runs, Task::Navigation), runs.join("navigation-0008"));
+        assert_eq!(next_free(&runs, "navigation"), runs.join("navigation-0008"));
     }
 
     #[test]

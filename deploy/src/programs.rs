@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use protocol::task::Task;
 use run::process::INPUT_IS_HELD;
 use serde::de::DeserializeOwned;
 
@@ -24,10 +25,12 @@ const TICK: Duration = Duration::from_millis(100);
 const STOP_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A program that `goalward` starts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Program {
     /// Acts: rollouts, demonstrations, evaluation.
     Actor,
+    /// The same in a task that brings its own along.
+    ActorOfTask(PathBuf),
     /// Learns the policy.
     Learner,
     /// Learns the reward.
@@ -35,31 +38,38 @@ pub(crate) enum Program {
 }
 
 impl Program {
-    /// Every program.
+    /// Our programs.
     pub(crate) const ALL: [Program; 3] =
         [Program::Actor, Program::Learner, Program::ProximityService];
 
-    fn file_name(self) -> &'static str {
-        match self {
-            Program::Actor => "goalward-actor",
-            Program::Learner => "goalward-learner",
-            Program::ProximityService => "goalward-proximity-service",
-        }
+    /// The one that acts in a task.
+    pub(crate) fn acting_in(task: &Task) -> Program {
+        task.program.clone().map_or(Program::Actor, Program::ActorOfTask)
     }
 
     /// A command that runs it, without arguments yet; it stops when its input ends, which is to be a pipe.
     ///
     /// # Errors
     /// When it is not where it should be.
-    pub(crate) fn command(self) -> Result<Command> {
+    pub(crate) fn command(&self) -> Result<Command> {
         let mut command = Command::new(self.path()?);
         command.env(INPUT_IS_HELD, "1");
         Ok(command)
     }
 
-    fn path(self) -> Result<PathBuf> {
+    fn path(&self) -> Result<PathBuf> {
+        let name = match self {
+            Program::Actor => "goalward-actor",
+            Program::Learner => "goalward-learner",
+            Program::ProximityService => "goalward-proximity-service",
+            Program::ActorOfTask(path) => {
+                let shown = path.display();
+                ensure!(path.is_file(), "expected the program {shown}, as the task's file has it");
+                return Ok(path.clone());
+            }
+        };
         let own = std::env::current_exe().context("finding the folder of goalward")?;
-        let path = own.with_file_name(self.file_name());
+        let path = own.with_file_name(name);
         ensure!(
             path.is_file(),
             "expected the program {} beside goalward; build all programs with `cargo build \
@@ -200,7 +210,7 @@ pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
 /// # Errors
 /// For the first that is missing.
 pub(crate) fn check_all() -> Result<()> {
-    Program::ALL.into_iter().try_for_each(|program| program.path().map(drop))
+    Program::ALL.iter().try_for_each(|program| program.path().map(drop))
 }
 
 /// How the user can call `goalward` again from the same folder.

@@ -52,7 +52,7 @@ pub(crate) fn is_explained(error: &anyhow::Error) -> bool {
 
 /// The exit code an error asks for.
 pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
-    use protocol::Error::{Configuration, ConfigurationText, NotARun, UnknownTask};
+    use protocol::Error::{Configuration, ConfigurationText, NotARun};
     for cause in error.chain() {
         match cause.downcast_ref() {
             Some(Refusal::WrongUsage(_)) => return WRONG_USAGE.into(),
@@ -60,9 +60,8 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
             Some(Refusal::Explained(code)) => return (*code).into(),
             None => {}
         }
-        if let Some(
-            Configuration { .. } | ConfigurationText { .. } | NotARun { .. } | UnknownTask { .. },
-        ) = cause.downcast_ref()
+        if let Some(Configuration { .. } | ConfigurationText { .. } | NotARun { .. }) =
+            cause.downcast_ref()
         {
             return WRONG_USAGE.into();
         }
@@ -82,7 +81,7 @@ mod tests {
         assert_eq!(exit_code(&plain.unwrap_err()), ExitCode::FAILURE);
         let usage = Err::<(), _>(wrong_usage("no such run")).context("training");
         assert_eq!(exit_code(&usage.unwrap_err()), ExitCode::from(2));
-        let unknown = "fetch".parse::<protocol::task::Task>().context("training");
+        let unknown = crate::tasks::configuration("fetch", "goalward", &[]).context("training");
         assert_eq!(exit_code(&unknown.unwrap_err()), ExitCode::from(2));
         let lost = anyhow::Error::from(Refusal::DataLost("2 records".to_owned()));
         assert_eq!(exit_code(&lost), ExitCode::from(3));

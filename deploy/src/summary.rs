@@ -17,10 +17,10 @@ pub(crate) fn of_finished(folder: &RunFolder, remark: impl FnOnce(&str)) -> Opti
 
 /// The figures as a table, one row a line.
 pub(crate) fn table(summary: &Summary) -> String {
-    let evaluation = format!(
-        "{} of {} episodes",
-        figures::percent(summary.evaluation.success_rate, 1),
-        figures::count(summary.evaluation.episodes)
+    let evaluation = success(
+        summary.evaluation.success_rate,
+        summary.evaluation.episodes,
+        summary.evaluation.mean_return,
     );
     let steps = format!(
         "{} in {} iterations",
@@ -41,7 +41,7 @@ pub(crate) fn table(summary: &Summary) -> String {
     );
     let training = match summary.episodes {
         0 => "none: it learned from demonstrations alone".to_owned(),
-        _ => figures::percent(summary.success_rate, 1),
+        _ => rate(summary.success_rate),
     };
     let [stages, actors] = shares(&summary.seconds);
     figures::table(&[
@@ -59,6 +59,23 @@ pub(crate) fn table(summary: &Summary) -> String {
         stages,
         actors,
     ])
+}
+
+/// A success rate, which not every task tells.
+fn rate(success_rate: Option<f64>) -> String {
+    let known = |rate| figures::percent(rate, 1);
+    success_rate.map_or("not told by the task".to_owned(), known)
+}
+
+/// How episodes of an evaluation ended.
+pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>) -> String {
+    let episodes = figures::count(episodes);
+    let rate = match rate {
+        Some(rate) => format!("{} of {episodes} episodes", figures::percent(rate, 1)),
+        None => format!("not told by the task, {episodes} episodes"),
+    };
+    let mean_return = mean_return.map(|mean| format!("; mean return {}", figures::number(mean)));
+    rate + &mean_return.unwrap_or_default()
 }
 
 /// Shares of the wall time of iterations, and within the rollout shares of the actors' work.

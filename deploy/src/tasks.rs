@@ -1,30 +1,62 @@
-//! The configuration files of tasks and methods, carried within the program.
+//! The configuration files of tasks and methods: those carried within the program, and tasks of the
+//! user's own.
+
+use std::fs;
+use std::path::Path;
 
 use protocol::Error;
-use protocol::task::Task;
+use protocol::error::out_of_range;
 use run::config::RunConfig;
 
 /// The text of `deploy/methods.toml`.
 const METHODS: &str = include_str!("../methods.toml");
 
+/// The tasks of the paper, in its order, with the text of each one's file.
+const BUILT_IN: [(&str, &str); 4] = [
+    ("navigation", include_str!("../tasks/navigation.toml")),
+    ("fetch-pick", include_str!("../tasks/fetch_pick.toml")),
+    ("fetch-push", include_str!("../tasks/fetch_push.toml")),
+    ("ant-reach", include_str!("../tasks/ant_reach.toml")),
+];
+
+/// The task that is trained unless another one is asked for.
+pub(crate) const DEFAULT_TASK: &str = BUILT_IN[0].0;
+
 /// The effective configuration of a task under a preset, with `key=value` settings; the method is
-/// one of them.
+/// one of them. The task is a name, or the path of a file such as `deploy/tasks/*.toml`; a program
+/// that the file names lies beside it unless its path is absolute.
+///
+/// # Errors
+/// When there is no such task, or its configuration is not sound.
 pub(crate) fn configuration(
-    task: Task,
+    task: &str,
     preset: &str,
     settings: &[String],
 ) -> Result<RunConfig, Error> {
-    RunConfig::assemble(file_of(task), METHODS, preset, settings)
+    if let Some((_, file)) = BUILT_IN.iter().find(|(name, _)| *name == task) {
+        return RunConfig::assemble(file, METHODS, preset, settings);
+    }
+    let path = Path::new(task);
+    if !path.exists() {
+        let known = BUILT_IN.map(|(name, _)| name).join(", ");
+        return Err(out_of_range("task", &format!("{known} or the path of a task's file"), task));
+    }
+    let failed = |message: String| Error::ConfigurationText { origin: task.to_owned(), message };
+    let file = fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
+    let mut config =
+        RunConfig::assemble(&file, METHODS, preset, settings).map_err(|error| match error {
+            Error::ConfigurationText { origin, message } if origin == "file" => failed(message),
+            other => other,
+        })?;
+    if let (Some(program), Some(folder)) = (&mut config.task.program, path.parent()) {
+        *program = folder.join(&program);
+    }
+    Ok(config)
 }
 
-/// The text of `deploy/tasks/TASK.toml`.
-fn file_of(task: Task) -> &'static str {
-    match task {
-        Task::Navigation => include_str!("../tasks/navigation.toml"),
-        Task::FetchPick => include_str!("../tasks/fetch_pick.toml"),
-        Task::FetchPush => include_str!("../tasks/fetch_push.toml"),
-        Task::AntReach => include_str!("../tasks/ant_reach.toml"),
-    }
+/// A task's place among those of the paper; those of others come behind.
+pub(crate) fn place(task: &str) -> usize {
+    BUILT_IN.iter().position(|(name, _)| *name == task).unwrap_or(BUILT_IN.len())
 }
 
 #[cfg(test)]
@@ -35,10 +67,10 @@ mod tests {
 
     #[test]
     fn every_preset_of_every_task_is_a_whole_configuration() {
-        for task in Task::ALL {
+        for (task, _) in BUILT_IN {
             for preset in ["goalward", "paper", "authors"] {
                 let config = configuration(task, preset, &[]).unwrap();
-                assert_eq!((config.task, config.preset.as_str()), (task, preset));
+                assert_eq!((config.task.name.as_str(), config.preset.as_str()), (task, preset));
             }
         }
     }
@@ -48,7 +80,7 @@ mod tests {
         let methods = METHODS.parse::<Table>().unwrap();
         assert!(methods.len() > 15, "{methods:?}");
         for (task, method) in
-            Task::ALL.into_iter().flat_map(|task| methods.keys().map(move |method| (task, method)))
+            BUILT_IN.into_iter().flat_map(|(task, _)| methods.keys().map(move |name| (task, name)))
         {
             for preset in ["goalward", "paper", "authors"] {
                 let config = configuration(task, preset, &[format!("method={method}")]).unwrap();
@@ -57,10 +89,38 @@ mod tests {
         }
         let scaled =
             ["method=sqil", "environment.action_scale=[0.1, 0.6, 0.15]"].map(str::to_owned);
-        let message = configuration(Task::FetchPush, "goalward", &scaled).unwrap_err().to_string();
+        let message = configuration("fetch-push", "goalward", &scaled).unwrap_err().to_string();
         assert!(message.contains("`environment.action_scale` must be none for sqil"), "{message}");
-        let error = configuration(Task::Navigation, "goalward", &["method=magic".to_owned()]);
+        let error = configuration("navigation", "goalward", &["method=magic".to_owned()]);
         let message = error.unwrap_err().to_string();
         assert!(message.contains("one of ") && message.contains("gaifo-s"), "{message}");
+    }
+
+    #[test]
+    fn a_task_of_the_user_s_is_a_file_of_a_few_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pendulum.toml");
+        let path = file.to_str().unwrap();
+        let own = "[task]\nname = \"pendulum\"\nobservation.vector.len = 3\n\
+                   action.continuous.len = 1\nhorizon_steps = 80\nprogram = \"my-actor\"\n";
+        fs::write(&file, own).unwrap();
+        let methods = METHODS.parse::<Table>().unwrap();
+        // Labels that fall by the horizon are of one horizon.
+        for method in methods.keys().filter(|method| *method != "linear") {
+            let config = configuration(path, "goalward", &[format!("method={method}")]).unwrap();
+            assert_eq!(config.task.program, Some(folder.path().join("my-actor")), "{method}");
+            let whole = folder.path().join("config.toml");
+            fs::write(&whole, config.to_text()).unwrap();
+            let again = configuration(whole.to_str().unwrap(), "goalward", &[]).unwrap();
+            assert_eq!(again, config, "a run's own configuration is the file of its task, too");
+        }
+        fs::write(&file, own.replace("80", "\"eighty\"")).unwrap();
+        let refusal = configuration(path, "goalward", &[]).unwrap_err().to_string();
+        assert!(refusal.contains("eighty") && !refusal.contains('\n'), "{refusal}");
+        fs::write(&file, "[task\n").unwrap();
+        let refusal = configuration(path, "goalward", &[]).unwrap_err().to_string();
+        assert!(refusal.contains(path) && refusal.contains("line 1"), "{refusal}");
+        let refusal = configuration("chess", "goalward", &[]).unwrap_err().to_string();
+        assert!(refusal.contains("navigation, fetch-pick"), "{refusal}");
     }
 }

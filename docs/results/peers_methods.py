@@ -76,7 +76,7 @@ class Episodes(gymnasium.Env):
     def step(self, action):
         observation = self.normalizer(self.inner.step(action))
         ending, success = self.inner.ending, self.inner.success
-        terminated, truncated = ending == "terminated", ending == "truncated"
+        terminated, truncated = ending in ("goal reached", "failed"), ending == "truncated"
         return observation, 0.0, terminated, truncated, {"success": success}
 
 

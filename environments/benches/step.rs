@@ -2,9 +2,9 @@
 //! and a reset from a fresh stream at each episode's end, as an actor runs it.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use environments::{Setting, create};
+use environments::{BUILT_IN, Setting};
 use protocol::seed::{Purpose, stream};
-use protocol::task::{ActionSpec, Task, write_floats};
+use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 use std::hint::black_box;
 
@@ -14,16 +14,16 @@ const ACTIONS: usize = 4096;
 fn random_steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("random_steps");
     group.throughput(Throughput::Elements(1));
-    for task in Task::ALL {
-        let spec = task.spec();
-        let mut environment = create(task, &Setting::default()).expect("the default setting");
+    for task in BUILT_IN {
+        let mut environment = (task.make)(&Setting::default()).expect("the default setting");
+        let spec = environment.spec();
         let mut observation = vec![0; spec.observation.bytes()];
         let actions = random_actions(spec.action);
         let mut actions = actions.chunks_exact(spec.action.bytes()).cycle();
         let mut starts = (0..).map(|episode| stream(1, Purpose::TrainingEpisode, 0, episode));
         let mut next_start = move || starts.next().expect("endless");
         environment.reset(&mut next_start(), &mut observation).expect("reset");
-        group.bench_function(task.name(), |bencher| {
+        group.bench_function(task.name, |bencher| {
             bencher.iter(|| {
                 let action = actions.next().expect("endless");
                 let step = environment.step(action, &mut observation).expect("a valid action");

@@ -20,7 +20,7 @@ use std::io::{BufRead, Write};
 use environments::{Environment, Setting, create};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{Task, floats, write_floats};
+use protocol::task::{floats, write_floats};
 use rand::RngExt;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -47,12 +47,12 @@ enum Answer {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let task: Task = arguments.next().ok_or("expected the name of a task")?.parse()?;
+    let task = arguments.next().ok_or("expected the name of a task")?;
     let setting: Setting = match arguments.next() {
         Some(json) => serde_json::from_str(&json)?,
         None => Setting::default(),
     };
-    let mut environment = create(task, &setting)?;
+    let mut environment = create(&task, &setting)?;
     let mut answers = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines() {
         let answer = answer(&mut *environment, serde_json::from_str(&line?)?)?;
@@ -79,7 +79,8 @@ fn answer(environment: &mut dyn Environment, request: Request) -> Result<Answer,
             write_floats(numbers, &mut action);
             let step = environment.step(&action, &mut observation)?;
             let ending = step.ending.map(|ending| match ending {
-                Ending::Terminated => "terminated",
+                Ending::GoalReached => "goal reached",
+                Ending::Failed => "failed",
                 Ending::Truncated => "truncated",
             });
             Answer::State {

@@ -22,7 +22,7 @@ def tensors(path):
     }
 
 
-ANT_EXPERT = pathlib.Path(__file__).resolve().parents[2] / "actor/experts/ant_reach"
+ANT_EXPERT = pathlib.Path(__file__).resolve().parents[2] / "environments/experts/ant_reach"
 
 
 class Policy:

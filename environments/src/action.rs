@@ -1,35 +1,37 @@
 //! The check every action passes before it touches a state, whether a network chose it or a log
 //! holds it, and the scale by which a continuous one then acts.
 
-use crate::{EnvironmentError, Setting};
+use crate::EnvironmentError;
+use protocol::error::within;
+use protocol::setting::ACTION_SCALE;
 use protocol::task::{ActionSpec, Spec, floats};
 
 /// Refuses an action that does not fit the spec, and any while no episode is running.
 pub(crate) fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
     check(spec, action)?;
-    if running { Ok(()) } else { Err(EnvironmentError::NotRunning { task: spec.task }) }
+    if running { Ok(()) } else { Err(EnvironmentError::NotRunning) }
 }
 
 /// Refuses an action that does not fit the spec: its length in bytes, a discrete action that the
 /// task does not have, or a number that is not finite. Finite numbers outside [-1, 1] are fine, the
 /// environment clips them.
 fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
-    let (task, expected) = (spec.task, spec.action.bytes());
-    if action.len() != expected {
-        return Err(EnvironmentError::ActionLength { task, expected, found: action.len() });
+    let (expected, found) = (spec.action.bytes(), action.len());
+    if found != expected {
+        return Err(EnvironmentError::ActionLength { expected, found });
     }
     match spec.action {
         ActionSpec::Discrete { count } => {
             let found = action[0];
             if usize::from(found) >= count {
-                return Err(EnvironmentError::ActionUnknown { task, count, found });
+                return Err(EnvironmentError::ActionUnknown { count, found });
             }
         }
         ActionSpec::Continuous { .. } => {
             if let Some((index, found)) =
                 floats(action).enumerate().find(|(_, number)| !number.is_finite())
             {
-                return Err(EnvironmentError::ActionNotFinite { task, index, found });
+                return Err(EnvironmentError::ActionNotFinite { index, found });
             }
         }
     }
@@ -44,8 +46,16 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    pub(crate) fn new(setting: &Setting) -> Scale {
-        Scale { factors: setting.action_scale.clone() }
+    /// The scale of an action of `len` numbers that a setting has.
+    pub(crate) fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
+        let found = factors.len();
+        let expected = format!("empty or {len} numbers, as the action has");
+        within(ACTION_SCALE, found == 0 || found == len, &expected, format!("{found} numbers"))?;
+        for &number in factors {
+            let holds = number.is_finite() && number > 0.0;
+            within(ACTION_SCALE, holds, "of numbers above 0", number)?;
+        }
+        Ok(Scale { factors: factors.iter().map(|&number| number as f32).collect() })
     }
 
     /// The numbers of a checked action as they act: scaled, then clipped to [-1, 1].
@@ -73,7 +83,9 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::task::{Task, write_floats};
+    use crate::fetch::FetchTask;
+    use crate::navigation;
+    use protocol::task::write_floats;
 
     fn bytes(numbers: [f32; 3]) -> [u8; 12] {
         let mut action = [0; 12];
@@ -81,8 +93,17 @@ mod tests {
         action
     }
 
-    fn scale(factors: &[f32]) -> Scale {
-        Scale::new(&Setting { action_scale: factors.to_vec(), ..Setting::default() })
+    fn scale(factors: &[f64]) -> Scale {
+        Scale::new(factors, 3).expect("a scale of three numbers")
+    }
+
+    #[test]
+    fn a_scale_fits_the_action() {
+        let refusal = |factors: &[f64]| Scale::new(factors, 3).unwrap_err().to_string();
+        assert!(refusal(&[0.1]).contains("`action_scale` must be empty or 3 numbers"));
+        for number in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(refusal(&[0.1, number, 0.2]).contains("above 0"), "{number}");
+        }
     }
 
     #[test]
@@ -100,17 +121,16 @@ mod tests {
     }
 
     fn check_floats(numbers: [f32; 3]) -> Result<(), EnvironmentError> {
-        let spec = Spec { action: ActionSpec::Continuous { len: 3 }, ..Task::Navigation.spec() };
-        check(&spec, &bytes(numbers))
+        check(&FetchTask::Push.spec(), &bytes(numbers))
     }
 
     #[test]
     fn a_discrete_action_must_exist() {
-        let spec = Task::Navigation.spec();
+        let spec = navigation::SPEC;
         assert_eq!(check(&spec, &[3]), Ok(()));
         assert_eq!(
             check(&spec, &[4]).unwrap_err().to_string(),
-            "navigation: expected an action below 4, found action 4"
+            "expected an action below 4, found action 4"
         );
     }
 
@@ -119,7 +139,7 @@ mod tests {
         assert_eq!(check_floats([-7.0, 0.0, 1.0]), Ok(()));
         assert_eq!(
             check_floats([0.0, f32::NAN, 0.0]).unwrap_err().to_string(),
-            "navigation: expected finite numbers in the action, found NaN at index 1"
+            "expected finite numbers in the action, found NaN at index 1"
         );
         assert!(check_floats([0.0, 0.0, f32::INFINITY]).is_err());
     }
@@ -127,8 +147,8 @@ mod tests {
     #[test]
     fn an_action_must_have_its_length() {
         assert_eq!(
-            check(&Task::Navigation.spec(), &[]).unwrap_err().to_string(),
-            "navigation: expected an action of 1 bytes, found 0 bytes"
+            check(&navigation::SPEC, &[]).unwrap_err().to_string(),
+            "expected an action of 1 bytes, found 0 bytes"
         );
     }
 }

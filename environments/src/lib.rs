@@ -9,9 +9,8 @@
 //! ```
 //! use environments::{Setting, create};
 //! use protocol::seed::{Purpose, stream};
-//! use protocol::task::Task;
 //!
-//! let mut environment = create(Task::Navigation, &Setting::default())?;
+//! let mut environment = create("navigation", &Setting::default())?;
 //! let spec = environment.spec();
 //! let mut observation = vec![0; spec.observation.bytes()];
 //! let mut action = vec![0; spec.action.bytes()];
@@ -33,20 +32,25 @@ mod error;
 pub mod fetch;
 pub mod navigation;
 mod physics;
+mod registration;
 mod scene;
 
 pub use error::EnvironmentError;
 pub use protocol::setting::Setting;
+pub use registration::{BUILT_IN, Expert, Registration, create, find};
 pub use scene::{Pose, Shape, Solid};
 
 use protocol::ending::Ending;
 use protocol::seed::Stream;
-use protocol::task::{Spec, Task};
+use protocol::task::Spec;
 
 /// A task as an agent or an expert acts in it, one episode after another.
 pub trait Environment: Send {
     /// The shapes of the task.
     fn spec(&self) -> Spec;
+
+    /// What it was made with, every key included that it has by default.
+    fn setting(&self) -> Setting;
 
     /// Begins an episode drawn from `stream` and writes its first observation.
     ///
@@ -81,7 +85,9 @@ pub trait Environment: Send {
     ///
     /// # Panics
     /// When `action` is not exactly as long as the spec says.
-    fn expert_action(&mut self, action: &mut [u8]) -> bool;
+    fn expert_action(&mut self, _action: &mut [u8]) -> bool {
+        false
+    }
 
     /// The xxh3 hash of the exact state: two environments with the same hash answer the same actions
     /// with the same bytes. A replay compares it with the recorded one.
@@ -105,16 +111,4 @@ pub struct Step {
     pub ending: Option<Ending>,
     /// Whether the goal has been reached in this episode so far. It does not end every task.
     pub success: bool,
-}
-
-/// Builds the environment of a task with the starts and goals that `setting` allows.
-///
-/// # Errors
-/// When the task does not have such a setting.
-pub fn create(task: Task, setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
-    match task {
-        Task::Navigation => Ok(Box::new(navigation::Navigation::new(setting)?)),
-        Task::FetchPick | Task::FetchPush => Ok(Box::new(fetch::Fetch::new(task, setting)?)),
-        Task::AntReach => Ok(Box::new(ant::Ant::new(setting)?)),
-    }
 }

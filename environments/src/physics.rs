@@ -7,7 +7,6 @@
 //! before the first step, so that an episode depends on its start and its actions alone.
 
 use crate::EnvironmentError;
-use protocol::task::Task;
 use rapier3d::prelude::{
     BroadPhaseBvh, BvhOptimizationStrategy, ColliderSet, FrictionModel, ImpulseJointSet,
     IslandManager, MultibodyJointSet, NarrowPhase, PhysicsWorld, RigidBody, RigidBodyHandle,
@@ -135,10 +134,10 @@ impl Physics {
     ///
     /// # Errors
     /// Names the first body that is not, or whose joint is not.
-    pub(crate) fn check_finite(&self, task: Task, step: u32) -> Result<(), EnvironmentError> {
+    pub(crate) fn check_finite(&self, step: u32) -> Result<(), EnvironmentError> {
         let refused = |handle: RigidBodyHandle, found| {
             let part = self.body_names[handle.into_raw_parts().0 as usize];
-            Err(EnvironmentError::StateNotFinite { task, part, found, step })
+            Err(EnvironmentError::StateNotFinite { part, found, step })
         };
         for (handle, body) in self.world.bodies.iter() {
             // Rapier puts a body that left the finite numbers back to where it last was and takes
@@ -268,15 +267,15 @@ mod tests {
     fn a_body_that_leaves_the_finite_numbers_is_named() {
         let (mut physics, ball) = ball_on_floor();
         physics.step();
-        assert_eq!(physics.check_finite(Task::FetchPush, 1), Ok(()));
+        assert_eq!(physics.check_finite(1), Ok(()));
         physics.world.bodies[ball].add_force(Vector::new(f32::INFINITY, 0.0, 0.0), true);
         physics.step();
         physics.step();
         assert_eq!(
-            physics.check_finite(Task::FetchPush, 2).unwrap_err().to_string(),
-            "fetch-push: expected finite numbers in the state, found NaN in ball at step 2"
+            physics.check_finite(2).unwrap_err().to_string(),
+            "expected finite numbers in the state, found NaN in ball at step 2"
         );
         physics.restore();
-        assert_eq!(physics.check_finite(Task::FetchPush, 0), Ok(()));
+        assert_eq!(physics.check_finite(0), Ok(()));
     }
 }

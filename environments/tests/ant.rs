@@ -1,10 +1,11 @@
 //! Ant Reach as an agent meets it (paper, Section 4.4): starts and goals, what actions do, what
 //! observations hold, and what long runs of random torques never do.
 
-use environments::{Environment, Setting, Step, create};
+use environments::ant::{Ant, AntSetting};
+use environments::{Environment, Step};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{Task, floats, write_floats};
+use protocol::task::{floats, write_floats};
 use rand::RngExt;
 use std::f32::consts::FRAC_1_SQRT_2;
 use xxhash_rust::xxh3::xxh3_64;
@@ -38,13 +39,13 @@ const TO_GOAL: usize = 130;
 
 /// An environment with its last observation.
 struct Run {
-    environment: Box<dyn Environment>,
+    environment: Ant,
     bytes: Vec<u8>,
 }
 
 impl Run {
-    fn new(setting: &Setting) -> Run {
-        let environment = create(Task::AntReach, setting).expect("a setting of the task");
+    fn new(setting: &AntSetting) -> Run {
+        let environment = Ant::new(setting.clone()).expect("a setting of the task");
         let bytes = vec![0; environment.spec().observation.bytes()];
         Run { environment, bytes }
     }
@@ -67,8 +68,8 @@ impl Run {
     }
 }
 
-fn noisy(noise: f64) -> Setting {
-    Setting { noise: Some(noise), ..Setting::default() }
+fn noisy(noise: f64) -> AntSetting {
+    AntSetting { noise, ..AntSetting::default() }
 }
 
 fn draw(actions: &mut Stream) -> [f32; 8] {
@@ -87,7 +88,7 @@ fn bin(observation: &[f32; 132]) -> usize {
 
 #[test]
 fn goals_lie_on_the_half_circle_all_around() {
-    let mut run = Run::new(&Setting::default());
+    let mut run = Run::new(&AntSetting::default());
     let mut bins = [0; 20];
     for episode in 0..1_000 {
         let observation = run.reset(episode);
@@ -103,7 +104,7 @@ fn goals_lie_on_the_half_circle_all_around() {
 #[test]
 fn a_coverage_leaves_goals_out() {
     for (coverage, kept) in [(0.25, 5), (0.5, 10), (0.75, 15)] {
-        let mut run = Run::new(&Setting { coverage, ..Setting::default() });
+        let mut run = Run::new(&AntSetting { coverage, ..AntSetting::default() });
         let mut bins = [false; 20];
         for episode in 0..300 {
             bins[bin(&run.reset(episode))] = true;
@@ -115,7 +116,7 @@ fn a_coverage_leaves_goals_out() {
 
 #[test]
 fn an_episode_without_noise_starts_at_the_start() {
-    let mut run = Run::new(&Setting::default());
+    let mut run = Run::new(&AntSetting::default());
     for episode in 0..50 {
         let observation = run.reset(episode);
         for (index, (found, start)) in observation.iter().zip(START).enumerate() {
@@ -157,7 +158,7 @@ fn noise_spreads_every_coordinate_as_wide_as_it_says() {
 #[test]
 fn each_number_of_an_action_turns_its_joint() {
     let actuated = [6, 7, 0, 1, 2, 3, 4, 5];
-    let mut run = Run::new(&Setting::default());
+    let mut run = Run::new(&AntSetting::default());
     for (index, joint) in actuated.into_iter().enumerate() {
         for sign in [1.0, -1.0] {
             run.reset(0);
@@ -177,14 +178,14 @@ fn each_number_of_an_action_turns_its_joint() {
 
 #[test]
 fn actions_are_scaled_then_clipped() {
-    let scaled = Setting { action_scale: vec![0.5; 8], ..Setting::default() };
-    let bytes_after = |setting: &Setting, number: f32| {
+    let scaled = AntSetting { action_scale: vec![0.5; 8], ..AntSetting::default() };
+    let bytes_after = |setting: &AntSetting, number: f32| {
         let mut run = Run::new(setting);
         run.reset(3);
         run.step([number; 8]);
         run.bytes
     };
-    let plain = Setting::default();
+    let plain = AntSetting::default();
     assert_eq!(bytes_after(&plain, 1.0), bytes_after(&plain, 7.0));
     assert_eq!(bytes_after(&plain, 0.5), bytes_after(&scaled, 1.0));
     assert_eq!(bytes_after(&plain, 1.0), bytes_after(&scaled, 2.5));
@@ -209,8 +210,8 @@ fn the_reward_is_that_of_the_authors_expert() {
 
 #[test]
 fn contact_forces_are_seen_only_when_asked_for() {
-    let mut blind = Run::new(&Setting::default());
-    let mut feeling = Run::new(&Setting { contact_forces: Some(true), ..Setting::default() });
+    let mut blind = Run::new(&AntSetting::default());
+    let mut feeling = Run::new(&AntSetting { contact_forces: true, ..AntSetting::default() });
     let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
     let mut felt = 0;
     for run in [&mut blind, &mut feeling] {
@@ -232,7 +233,7 @@ fn contact_forces_are_seen_only_when_asked_for() {
 }
 
 /// Runs episodes of random torques, checks every state, and returns how far each went.
-fn wander(setting: &Setting, episodes: u64) -> Vec<f32> {
+fn wander(setting: &AntSetting, episodes: u64) -> Vec<f32> {
     let mut run = Run::new(setting);
     let mut travels = Vec::new();
     for episode in 0..episodes {
@@ -260,7 +261,7 @@ fn wander(setting: &Setting, episodes: u64) -> Vec<f32> {
 
 #[test]
 fn random_torques_travel_as_far_as_in_mujoco() {
-    let travels = wander(&Setting::default(), 50);
+    let travels = wander(&AntSetting::default(), 50);
     let mean = travels.iter().sum::<f32>() / 50.0;
     // 2.25 m in MuJoCo, 2.02 m in the prototype, with a standard error of 0.18 m.
     assert!((1.4..2.8).contains(&mean), "{mean} m");
@@ -280,7 +281,7 @@ fn a_million_random_steps_stay_sane() {
 /// The bytes of an episode are the same on every machine and in every build.
 #[test]
 fn an_episode_has_its_recorded_bytes() {
-    let mut run = Run::new(&Setting { contact_forces: Some(true), ..noisy(0.05) });
+    let mut run = Run::new(&AntSetting { contact_forces: true, ..noisy(0.05) });
     let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
     run.reset(0);
     let mut bytes = run.bytes.clone();

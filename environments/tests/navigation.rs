@@ -1,21 +1,19 @@
 //! Navigation and its expert as the paper and the authors' code have them: success rates, path
 //! lengths, coverage and rewards, judged from the observations alone.
 
-use environments::navigation::{AGENT, EMPTY, GOAL, WALL};
-use environments::{Environment, Setting, Step, create};
+use environments::navigation::{AGENT, EMPTY, GOAL, Navigation, NavigationSetting, WALL};
+use environments::{Environment, Step};
 use proptest::prelude::*;
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
-use protocol::task::Task;
 use rand::RngExt;
 use std::collections::BTreeSet;
 
 const SIZE: usize = 19;
 const CELLS: usize = SIZE * SIZE;
 
-fn open(coverage: f64) -> Box<dyn Environment> {
-    let setting = Setting { coverage, ..Setting::default() };
-    create(Task::Navigation, &setting).expect("a coverage of the paper")
+fn open(coverage: f64) -> Navigation {
+    Navigation::new(NavigationSetting { coverage }).expect("a coverage of the paper")
 }
 
 fn reset(environment: &mut dyn Environment, episode: u64) -> [u8; CELLS] {
@@ -81,7 +79,7 @@ fn picture(observation: &[u8; CELLS]) -> String {
 
 #[test]
 fn the_first_observation_of_a_seed_is_the_golden_picture() {
-    let first = picture(&reset(&mut *open(1.0), 0));
+    let first = picture(&reset(&mut open(1.0), 0));
     assert_eq!(first, include_str!("golden/navigation_first_observation.txt"), "found:\n{first}");
 }
 
@@ -90,9 +88,9 @@ fn the_expert_always_succeeds_in_the_mean_path_length_of_the_paper() {
     let mut environment = open(1.0);
     let mut steps_total = 0;
     for episode in 0..1_000 {
-        reset(&mut *environment, episode);
-        let (last, steps, step) = finish(&mut *environment, expert);
-        assert!(step.success && step.ending == Some(Ending::Terminated), "episode {episode}");
+        reset(&mut environment, episode);
+        let (last, steps, step) = finish(&mut environment, expert);
+        assert!(step.success && step.ending == Some(Ending::GoalReached), "episode {episode}");
         assert_eq!(step.reward, 1.0 - 0.9 * steps as f32 / 100.0);
         assert_eq!(place(&last, GOAL), None, "the agent hides the goal");
         steps_total += steps;
@@ -107,9 +105,9 @@ fn a_random_policy_succeeds_as_often_as_in_the_authors_code() {
     let episodes = 5_000;
     let mut successes = 0;
     for episode in 0..episodes {
-        reset(&mut *environment, episode);
+        reset(&mut environment, episode);
         let mut actions = stream(1, Purpose::TrainingActions, 0, episode);
-        let (_, steps, step) = finish(&mut *environment, |_| actions.random_range(0..4u8));
+        let (_, steps, step) = finish(&mut environment, |_| actions.random_range(0..4u8));
         if step.success {
             successes += 1;
         } else {
@@ -124,7 +122,7 @@ fn a_random_policy_succeeds_as_often_as_in_the_authors_code() {
 #[test]
 fn a_move_against_a_wall_costs_a_step_and_nothing_else() {
     let mut environment = open(1.0);
-    let mut observation = reset(&mut *environment, 0);
+    let mut observation = reset(&mut environment, 0);
     // No row has seventeen moves to the left, so this ends at a wall.
     for _ in 0..17 {
         environment.step(&[2], &mut observation).expect("a valid action");
@@ -143,7 +141,7 @@ fn starts_and_goals_come_from_the_coverage_and_never_from_doors() {
         let mut environment = open(coverage);
         let (mut starts, mut goals) = (BTreeSet::new(), BTreeSet::new());
         for episode in 0..10_000 {
-            let observation = reset(&mut *environment, episode);
+            let observation = reset(&mut environment, episode);
             starts.insert(place(&observation, AGENT).expect("an agent"));
             goals.insert(place(&observation, GOAL).expect("a goal"));
         }
@@ -161,7 +159,7 @@ fn every_wall_segment_has_one_door_and_each_of_its_cells_can_be_it() {
     let mut environment = open(1.0);
     let mut doors = BTreeSet::new();
     for episode in 0..500 {
-        let observation = reset(&mut *environment, episode);
+        let observation = reset(&mut environment, episode);
         let count = |class| observation.iter().filter(|found| **found == class).count();
         assert_eq!([EMPTY, WALL, GOAL, AGENT].map(count), [258, 101, 1, 1]);
         for room in [1..9, 10..18] {
@@ -180,23 +178,23 @@ proptest! {
     #[test]
     fn the_expert_s_path_is_shortest(episode: u64, coverage in 0.01..=1.0) {
         let mut environment = open(coverage);
-        let first = reset(&mut *environment, episode);
-        let (_, steps, _) = finish(&mut *environment, expert);
+        let first = reset(&mut environment, episode);
+        let (_, steps, _) = finish(&mut environment, expert);
         prop_assert_eq!(steps, shortest(&first));
     }
 
     #[test]
     fn the_expert_finds_back_from_wherever_it_is_led(episode: u64, detour in prop::collection::vec(0..4u8, 1..40)) {
         let mut environment = open(1.0);
-        let mut observation = reset(&mut *environment, episode);
+        let mut observation = reset(&mut environment, episode);
         for action in detour {
-            expert(&mut *environment);
+            expert(&mut environment);
             let step = environment.step(&[action], &mut observation).expect("a valid action");
             if step.ending.is_some() {
                 return Ok(());
             }
         }
-        let (_, steps, step) = finish(&mut *environment, expert);
+        let (_, steps, step) = finish(&mut environment, expert);
         prop_assert!(step.success);
         prop_assert_eq!(steps, shortest(&observation));
     }

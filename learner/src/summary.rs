@@ -43,9 +43,12 @@ impl Trainer {
     fn summary(&self, evaluation: &[Encoded]) -> Summary {
         let state = &self.state;
         let reward_update = self.progress.reward_update.clone().unwrap_or_default();
+        let count = evaluation.len().max(1) as f64;
         let reached = evaluation.iter().filter(|encoded| encoded.trajectory.success).count();
+        let returns = evaluation.iter().map(|encoded| encoded.trajectory.environment_return());
+        let tells_success = self.config.task.tells_success;
         Summary {
-            task: self.config.task,
+            task: self.config.task.name.clone(),
             method: self.config.method.clone(),
             preset: self.config.preset.clone(),
             seed: self.config.seed,
@@ -53,10 +56,11 @@ impl Trainer {
             env_steps: state.environment_steps,
             episodes: state.episodes,
             iterations: state.iteration,
-            success_rate: state.success_rate(),
+            success_rate: tells_success.then(|| state.success_rate()),
             evaluation: EvaluationFigures {
                 episodes: evaluation.len() as u64,
-                success_rate: reached as f64 / evaluation.len().max(1) as f64,
+                success_rate: tells_success.then_some(reached as f64 / count),
+                mean_return: Some(returns.sum::<f64>() / count),
             },
             wall_s: state.wall_s,
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),

@@ -4,12 +4,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bus::{Bus, BusAddress};
-use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
+use mcap_log::{LogOptions, LogWriter};
 use prost::Message;
 use protocol::messages::{Phase, PolicyUpdate, Progress, RewardUpdate, Score};
 use protocol::trajectory::{Encoded, Source};
 use run::config::{RunConfig, UpdateOrder};
 use run::folder::{PROXIMITY_FILE, Place, RunFolder};
+use run::metadata;
 use run::origin::{self, DEMONSTRATIONS_SHA256};
 use run::process::{Final, Stop};
 use run::summary::Seconds;
@@ -261,7 +262,10 @@ impl Trainer {
             approximate_kl: metrics.approximate_kl,
             clip_fraction: metrics.clip_fraction,
             gradient_norm: metrics.gradient_norm,
-            success_rate: self.state.success_rate(),
+            success_rate: match self.config.task.tells_success {
+                true => self.state.success_rate(),
+                false => f64::NAN,
+            },
             mean_reward: mean(scores, |score| &score.rewards),
             mean_proximity: mean(scores, |score| &score.proximity),
             mean_uncertainty: mean(scores, |score| &score.uncertainty),
@@ -334,8 +338,7 @@ impl Trainer {
 }
 
 fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
-    let mut metadata =
-        Metadata::new(Kind::Run, config.task.name(), config.seed).with("config", config.to_text());
+    let mut metadata = metadata::of_run(config);
     let demonstrations = origin::demonstrations_sha256(folder, config);
     if let Some(sha256) = demonstrations.map_err(|error| Final(error.to_string()))? {
         metadata = metadata.with(DEMONSTRATIONS_SHA256, sha256);

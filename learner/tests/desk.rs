@@ -8,7 +8,7 @@ use learner::desk::{DeskHandle, Entry, Order, Setup};
 use mcap_log::file::LONGEST_MESSAGE;
 use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::PolicyUpdate;
-use protocol::task::Task;
+use protocol::task::{ActionSpec, ObservationSpec, Spec};
 use run::folder::RunFolder;
 use run::process::Stop;
 
@@ -22,7 +22,11 @@ fn a_message_that_the_log_refuses_ends_the_run() {
     let log = LogWriter::create(&folder.log(), &metadata, LogOptions::default()).unwrap();
     let setup = Setup {
         address: address.clone(),
-        spec: Task::Navigation.spec(),
+        spec: Spec {
+            observation: ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
+            action: ActionSpec::Discrete { count: 4 },
+            horizon_steps: 100,
+        },
         run_seed: 1,
         weights_bytes: 1 << 10,
         lease_timeout: Duration::from_secs(1),

@@ -8,7 +8,7 @@ use learner::state::PolicyState;
 use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{Task, floats, write_floats};
+use protocol::task::{floats, write_floats};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use rand::RngExt;
@@ -63,14 +63,14 @@ impl Corridor {
         let steps = actions.len() as u32;
         let log_probs = if source == Source::Demonstration { 0 } else { 4 * actions.len() };
         Trajectory {
-            task: Task::Navigation.name().to_owned(),
+            task: "navigation".to_owned(),
             source: source as i32,
             steps,
             observation_shape: vec![19, 19],
             cells: cells.into(),
             discrete_actions: actions.into(),
             log_probs: vec![0; log_probs].into(),
-            ending: if success { Ending::Terminated } else { Ending::Truncated } as i32,
+            ending: if success { Ending::GoalReached } else { Ending::Truncated } as i32,
             success,
             steps_to_goal: if success { steps } else { 0 },
             ..Trajectory::default()
@@ -288,7 +288,7 @@ fn line(from: f32, source: Source, mut act: impl FnMut(f32) -> f32) -> Trajector
     }
     let log_probs = if source == Source::Demonstration { 0 } else { 40 };
     Trajectory {
-        task: Task::FetchPush.name().to_owned(),
+        task: "fetch-push".to_owned(),
         source: source as i32,
         steps: 10,
         observation_shape: vec![16],

@@ -9,12 +9,11 @@ use learner::batch::{Batch, EpisodeRows};
 use networks::{ActorCritic, Adam, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
 use proptest::prelude::*;
 use protocol::seed::{Purpose, stream};
-use protocol::task::{ActionSpec, ObservationSpec, Spec, Task};
+use protocol::task::{ActionSpec, ObservationSpec, Spec};
 use run::config::PpoConfig;
 
 /// One step per episode; the second of three actions earns 1.
 const BANDIT: Spec = Spec {
-    task: Task::Navigation,
     observation: ObservationSpec::Vector { len: 1 },
     action: ActionSpec::Discrete { count: 3 },
     horizon_steps: 1,

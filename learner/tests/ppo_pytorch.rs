@@ -11,7 +11,7 @@ use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
 use networks::{ActorCritic, Adam, PolicyArchitecture};
-use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use run::config::PpoConfig;
 use safetensors::SafeTensors;
 
@@ -91,7 +91,7 @@ impl Case {
 fn check(name: &'static str, action: ActionSpec, squashed: bool) {
     let case = Case::open(name);
     let observation = ObservationSpec::Vector { len: NUMBERS };
-    let spec = Spec { task: Task::AntReach, observation, action, horizon_steps: 7 };
+    let spec = Spec { observation, action, horizon_steps: 7 };
     let hidden = vec![HIDDEN];
     let architecture = PolicyArchitecture { hidden, squashed, ..PolicyArchitecture::default() };
     let network = ActorCritic::new(observation, action, &architecture);

@@ -14,7 +14,7 @@ const DECIDING: [&str; 23] = [
     "Cargo.lock",
     "Cargo.toml",
     "actor/Cargo.toml",
-    "actor/experts",
+    "environments/experts",
     "actor/src",
     "environments/Cargo.toml",
     "environments/src",

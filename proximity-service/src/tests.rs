@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use protocol::messages::RewardUpdate;
-use protocol::task::{ActionSpec, ObservationSpec, Spec, Task, write_floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::{
     Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
@@ -42,7 +42,6 @@ pub(crate) fn config() -> RewardConfig {
 
 /// A corridor: the observation is a place and a row, and the goal is place 1. An action is 0 or 1.
 pub(crate) const CORRIDOR: Spec = Spec {
-    task: Task::Navigation,
     observation: ObservationSpec::Vector { len: 2 },
     action: ActionSpec::Discrete { count: 2 },
     horizon_steps: 10,

@@ -4,7 +4,6 @@ use std::cell::RefCell;
 
 use learner::algorithm;
 use learner::state::State;
-use protocol::task::Task;
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Source};
 use protocol::weights::Weights;
@@ -43,13 +42,13 @@ fn weights() {
 
 #[test]
 fn state_of_the_learner() {
-    let config = whole::config(Task::FetchPush);
+    let config = whole::config("fetch-push");
     let (learner, policy) = algorithm::create(&config, &[], one_thread());
     let state = State::fresh(policy, config.rollout.lanes);
     let mut tensors = Tensors::default();
     state.save(&mut tensors);
     learner.save(&mut tensors);
-    let trajectory = whole::trajectory(Task::FetchPush, Source::Training);
+    let trajectory = whole::trajectory("fetch-push", Source::Training);
     let batch = [Encoded::encode(trajectory)];
     let restored = RefCell::new((learner, state));
     let read = |bytes: &[u8]| {
@@ -69,8 +68,8 @@ fn state_of_the_learner() {
 
 #[test]
 fn state_of_the_service() {
-    let config = whole::config(Task::FetchPush);
-    let demonstrations = vec![whole::trajectory(Task::FetchPush, Source::Demonstration); 2];
+    let config = whole::config("fetch-push");
+    let demonstrations = vec![whole::trajectory("fetch-push", Source::Demonstration); 2];
     let rate = config.reward_learning_rate();
     let spec = config.task.spec();
     let model = Learned::<GoalProximity>::new(
@@ -81,7 +80,7 @@ fn state_of_the_service() {
         &demonstrations,
         one_thread(),
     );
-    let batch = [Encoded::encode(whole::trajectory(Task::FetchPush, Source::Training))];
+    let batch = [Encoded::encode(whole::trajectory("fetch-push", Source::Training))];
     let valid = file(&model.save());
     let model = RefCell::new(model);
     let read = |bytes: &[u8]| {

@@ -4,7 +4,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use mcap_log::{Contents, FileReader, FileWriter, Kind, Metadata, info, repair};
-use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source};
 use run::demonstrations;
 use tempfile::TempDir;
@@ -28,7 +27,7 @@ fn files() -> Vec<Vec<u8>> {
         let topics = Contents::Trajectories.topics();
         let mut writer = FileWriter::create(&path, &metadata, topics).unwrap();
         for time_ns in 0..3 {
-            let trajectory = whole::trajectory(Task::FetchPush, Source::Demonstration);
+            let trajectory = whole::trajectory("fetch-push", Source::Demonstration);
             writer.trajectory(&Encoded::encode(trajectory), time_ns).unwrap();
         }
         if is_sealed {
@@ -68,10 +67,10 @@ fn files_are_read() {
 #[test]
 fn files_are_demonstrations() {
     let folder = scratch();
-    let spec = Task::FetchPush.spec();
+    let task = whole::config("fetch-push").task;
     let read = |bytes: &[u8]| {
         let path = put(folder.path(), "some.mcap", bytes);
-        let read = demonstrations::read(&path, &spec, true).map_err(|error| error.to_string())?;
+        let read = demonstrations::read(&path, &task, true).map_err(|error| error.to_string())?;
         for trajectory in read {
             assert!(!trajectory.observations_to_goal().is_empty());
         }

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use bus::BusAddress;
 use protocol::build::Build;
-use protocol::task::Task;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::origin::Demonstrations;
 use run::summary::{EvaluationFigures, LogFigures, Seconds, Summary};
 
 use crate::{Memory, Reader, fuzz, whole};
+use system_tests::TASKS;
 
 /// A configuration is read into a tree first, and a tree of tables within tables is large.
 const OF_TEXTS: Memory = Memory { bytes: 512 << 10, per_byte: 2_000 };
@@ -28,7 +28,7 @@ fn use_configuration(config: &RunConfig) {
 
 #[test]
 fn configurations() {
-    let whole = Task::ALL.map(|task| whole::config(task).to_text().into_bytes());
+    let whole = TASKS.map(|task| whole::config(task).to_text().into_bytes());
     let read = |bytes: &[u8]| {
         let text = String::from_utf8_lossy(bytes);
         let config = RunConfig::from_text(&text, "config.toml").map_err(|why| why.to_string())?;
@@ -40,7 +40,7 @@ fn configurations() {
 
 #[test]
 fn settings() {
-    let config = whole::config(Task::FetchPush);
+    let config = whole::config("fetch-push");
     let whole = [
         "ppo.clip=0.3",
         "rollout.lanes=4",
@@ -64,7 +64,7 @@ fn settings() {
 
 fn summary() -> Summary {
     Summary {
-        task: Task::Navigation,
+        task: "navigation".to_owned(),
         method: "goal-proximity".to_owned(),
         preset: "goalward".to_owned(),
         seed: 1,
@@ -72,8 +72,8 @@ fn summary() -> Summary {
         env_steps: 8_000,
         episodes: 100,
         iterations: 20,
-        success_rate: 0.5,
-        evaluation: EvaluationFigures { episodes: 8, success_rate: 0.25 },
+        success_rate: Some(0.5),
+        evaluation: EvaluationFigures { episodes: 8, success_rate: None, mean_return: Some(0.25) },
         wall_s: 3.5,
         steps_per_s: 2_000.0,
         policy_sha256: "ab".repeat(32),

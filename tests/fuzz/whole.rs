@@ -8,22 +8,23 @@ use protocol::messages::{
     LeaseReply, LeaseRequest, Missing, PolicyUpdate, Pretraining, Progress, Query, RewardUpdate,
     Save, Saved, Score, Scores, ServiceReply, ServiceRequest,
 };
-use protocol::task::{ActionSpec, ObservationSpec, Task};
+use protocol::task::{ActionSpec, ObservationSpec};
 use protocol::trajectory::{Source, Trajectory, TrajectoryKey};
 use protocol::weights::Weights;
 use run::config::RunConfig;
-use system_tests::{SMALL, SMALL_PHYSICS};
+use system_tests::{SMALL, SMALL_PHYSICS, TASKS, spec};
 
 /// Steps of the trajectories.
 const STEPS: usize = 3;
 
 /// The configuration of a small run.
-pub(crate) fn config(task: Task) -> RunConfig {
+pub(crate) fn config(task: &str) -> RunConfig {
     let (file, small) = match task {
-        Task::Navigation => (include_str!("../../deploy/tasks/navigation.toml"), &SMALL[..]),
-        Task::FetchPick => (include_str!("../../deploy/tasks/fetch_pick.toml"), &SMALL_PHYSICS[..]),
-        Task::FetchPush => (include_str!("../../deploy/tasks/fetch_push.toml"), &SMALL_PHYSICS[..]),
-        Task::AntReach => (include_str!("../../deploy/tasks/ant_reach.toml"), &SMALL_PHYSICS[..]),
+        "navigation" => (include_str!("../../deploy/tasks/navigation.toml"), &SMALL[..]),
+        "fetch-pick" => (include_str!("../../deploy/tasks/fetch_pick.toml"), &SMALL_PHYSICS[..]),
+        "fetch-push" => (include_str!("../../deploy/tasks/fetch_push.toml"), &SMALL_PHYSICS[..]),
+        "ant-reach" => (include_str!("../../deploy/tasks/ant_reach.toml"), &SMALL_PHYSICS[..]),
+        task => panic!("no task {task}"),
     };
     let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
     let methods = include_str!("../../deploy/methods.toml");
@@ -31,8 +32,8 @@ pub(crate) fn config(task: Task) -> RunConfig {
 }
 
 /// A trajectory that its task takes.
-pub(crate) fn trajectory(task: Task, source: Source) -> Trajectory {
-    let spec = task.spec();
+pub(crate) fn trajectory(task: &str, source: Source) -> Trajectory {
+    let spec = spec(task);
     let zeros = |count: usize| Bytes::from(vec![0; count]);
     let observed = zeros((STEPS + 1) * spec.observation.bytes());
     let (cells, values) = match spec.observation {
@@ -46,7 +47,7 @@ pub(crate) fn trajectory(task: Task, source: Source) -> Trajectory {
     };
     let is_demonstration = source == Source::Demonstration;
     Trajectory {
-        task: task.name().to_owned(),
+        task: task.to_owned(),
         source: source as i32,
         iteration: 3,
         lane: 1,
@@ -61,7 +62,7 @@ pub(crate) fn trajectory(task: Task, source: Source) -> Trajectory {
         continuous_actions,
         log_probs: if is_demonstration { Bytes::new() } else { zeros(4 * STEPS) },
         environment_rewards: zeros(4 * STEPS),
-        ending: Ending::Terminated as i32,
+        ending: Ending::GoalReached as i32,
         success: true,
         state_hash: 7,
         steps_to_goal: STEPS as u32,
@@ -73,7 +74,7 @@ pub(crate) fn trajectory(task: Task, source: Source) -> Trajectory {
 pub(crate) fn trajectories() -> Vec<Vec<u8>> {
     let sources = [Source::Training, Source::Evaluation, Source::Demonstration];
     let of_task = |task| sources.map(|source| trajectory(task, source).encode_to_vec());
-    Task::ALL.into_iter().flat_map(of_task).collect()
+    TASKS.into_iter().flat_map(of_task).collect()
 }
 
 /// A lease of the rollout that the trajectories are of.
@@ -134,7 +135,7 @@ pub(crate) fn messages() -> Vec<Vec<u8>> {
 }
 
 fn asks(key: TrajectoryKey) -> [Ask; 6] {
-    let supplied = vec![trajectory(Task::FetchPush, Source::Training).encode_to_vec().into()];
+    let supplied = vec![trajectory("fetch-push", Source::Training).encode_to_vec().into()];
     [
         Ask::Begin(Begin { iteration: 4, checkpoint: "checkpoints/000004/proximity".to_owned() }),
         Ask::Batch(Batch { iteration: 3, keys: vec![key; 2], supplied }),

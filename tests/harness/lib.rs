@@ -19,10 +19,20 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::BusAddress;
+use protocol::setting::Setting;
+use protocol::task::Spec;
 use run::folder::RunFolder;
 
 pub use process::{Process, Signal, send};
 pub use summary::{Evaluation, Hashes, Log, Summary};
+
+/// The tasks that come with the programs.
+pub const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
+
+/// The shapes of one of them.
+pub fn spec(task: &str) -> Spec {
+    environments::create(task, &Setting::default()).unwrap().spec()
+}
 
 /// Iterations of a run with [`SMALL`].
 pub const ITERATIONS: u64 = 20;

@@ -36,7 +36,17 @@ const EDGES: [(&str, &[&str]); 11] = [
     ("deploy", &["protocol", "bus", "mcap-log", "run"]),
     (
         "system-tests",
-        &["protocol", "bus", "mcap-log", "run", "actor", "learner", "proximity-service", "deploy"],
+        &[
+            "protocol",
+            "bus",
+            "mcap-log",
+            "run",
+            "environments",
+            "actor",
+            "learner",
+            "proximity-service",
+            "deploy",
+        ],
     ),
 ];
 

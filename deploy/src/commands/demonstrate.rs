@@ -6,25 +6,26 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use protocol::task::Task;
 use run::config::DEFAULT_PRESET;
+use toml::Value;
 
 use crate::demonstrations::Recording;
 use crate::refusal::stopped;
 use crate::status_line::StatusLine;
-use crate::{destination, machine, programs, tasks};
+use crate::{description, destination, machine, programs, tasks};
 
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation, fetch-pick, fetch-push or ant-reach.
-    task: Task,
+    /// Task: navigation, fetch-pick, fetch-push, ant-reach, or the path of a task's file.
+    task: String,
     /// Episodes to record.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: u64,
-    /// Part of starts and goals that demonstrations may use, above 0 and at most 1.
-    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
-    coverage: f64,
+    /// Part of starts and goals that demonstrations may use, above 0 and at most 1; all of them
+    /// unless it is given.
+    #[arg(long, allow_negative_numbers = true)]
+    coverage: Option<f64>,
     /// How far starts and goals spread, in the task's own measure.
     #[arg(long, allow_negative_numbers = true)]
     noise: Option<f64>,
@@ -44,15 +45,19 @@ pub(crate) struct Arguments {
 
 /// Records demonstrations; the exit code is that of the actor.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let &Arguments { task, episodes, coverage, noise, ref policy, seed, ref out, force } =
+    let &Arguments { ref task, episodes, coverage, noise, ref policy, seed, ref out, force } =
         arguments;
     destination::file(out, force)?;
+    let config = tasks::configuration(task, DEFAULT_PRESET, &[])?;
+    let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
-    let mut config = tasks::configuration(task, DEFAULT_PRESET, &[])?;
-    config.demonstrations.coverage = coverage;
-    config.demonstrations.noise = noise;
-    let setting = config.demonstration_setting();
-    setting.check("demonstrations", &task.spec())?;
+    let mut setting = config.environment.clone();
+    // What the task's file varies are the flags here, and without one the environment's default.
+    config.demonstrations.environment.0.keys().for_each(|key| drop(setting.0.remove(key)));
+    for (key, value) in [("coverage", coverage), ("noise", noise)] {
+        setting.0.extend(value.map(|value| (key.to_owned(), Value::Float(value))));
+    }
+    let setting = description::complete_setting(task, &setting)?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
     if force {

@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use crate::print::print_line;
 use crate::programs::{self, Program};
+use crate::summary::success;
 use crate::{destination, figures, machine};
 
 /// Flags of `goalward evaluate`.
@@ -29,7 +30,8 @@ pub(crate) struct Arguments {
 #[derive(Debug, Deserialize)]
 struct Evaluation {
     episodes: u64,
-    success_rate: f64,
+    success_rate: Option<f64>,
+    mean_return: f64,
     mean_steps: f64,
     policy_version: u64,
     file: PathBuf,
@@ -44,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some((version, _)) = folder.newest_checkpoint() {
         destination::own_file(&folder.evaluation_file(version, episodes), arguments.force)?;
     }
-    let mut actor = Program::Actor.command()?;
+    let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string()]);
     print_line(table(&programs::figures(&mut actor, "evaluating")?).trim_end());
@@ -52,10 +54,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn table(evaluation: &Evaluation) -> String {
-    let Evaluation { episodes, success_rate, mean_steps, policy_version, file } = evaluation;
-    let success = figures::percent(*success_rate, 1);
+    let Evaluation { episodes, success_rate, mean_return, mean_steps, policy_version, file } =
+        evaluation;
     figures::table(&[
-        ("success", format!("{success} of {} episodes", figures::count(*episodes))),
+        ("success", success(*success_rate, *episodes, Some(*mean_return))),
         ("steps per episode", figures::number(*mean_steps)),
         ("policy version", figures::count(*policy_version)),
         ("recorded in", file.display().to_string()),
@@ -68,10 +70,15 @@ mod tests {
 
     #[test]
     fn the_actors_figures_become_a_table() {
-        let text = r#"{"episodes": 200, "success_rate": 0.965, "mean_steps": 14.25,
+        let text = r#"{"episodes": 200, "success_rate": 0.965, "mean_return": 0.5, "mean_steps": 14.25,
             "policy_version": 367, "file": "r/evaluation-v000367-200.mcap"}"#;
         let table = table(&serde_json::from_str(text).unwrap());
-        for part in ["96.5 % of 200 episodes", "14.2", "367\n", "r/evaluation-v000367-200.mcap"] {
+        for part in [
+            "96.5 % of 200 episodes; mean return 0.5",
+            "14.2",
+            "367\n",
+            "r/evaluation-v000367-200.mcap",
+        ] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }
     }

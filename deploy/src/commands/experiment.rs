@@ -10,7 +10,7 @@ use crate::experiment::{
 };
 use crate::print::print_line;
 use crate::refusal::stopped;
-use crate::{destination, programs};
+use crate::{description, destination, programs};
 
 /// Flags of `goalward experiment`.
 #[derive(Debug, clap::Args)]
@@ -55,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         refuse_other_builds(&runs, &mut archive)?;
     }
     programs::check_all()?;
+    description::check_all(runs.iter().map(|run| &run.config))?;
     for folder in [archive.runs(), archive.demonstrations()] {
         fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     }

@@ -178,13 +178,12 @@ fn steps(done: u64, wanted: u64) -> String {
 #[cfg(test)]
 mod tests {
     use protocol::messages::{Pretraining, RewardUpdate};
-    use protocol::task::Task;
 
     use super::*;
     use crate::tasks;
 
     fn config() -> RunConfig {
-        tasks::configuration(Task::Navigation, "goalward", &[]).unwrap()
+        tasks::configuration("navigation", "goalward", &[]).unwrap()
     }
 
     #[test]

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use bus::{BusAddress, check_shared_memory_room};
 use mcap_log::require_room;
-use protocol::task::Task;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
@@ -14,10 +13,11 @@ use run::summary::Summary;
 use crate::machine::Machine;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::print::{print_line, print_remark};
+use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::refusal::{Refusal, stopped};
 use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
-use crate::{demonstrations, figures, limits, programs, summary};
+use crate::{demonstrations, description, figures, limits, summary};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -28,8 +28,9 @@ const SHARED_MEMORY_BYTES: u64 = 300 << 20;
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation (the default), fetch-pick, fetch-push or ant-reach.
-    task: Option<Task>,
+    /// Task: navigation (the default), fetch-pick, fetch-push, ant-reach, or a task of your own: the path
+    /// of its file.
+    task: Option<String>,
     /// Values to begin with: goalward (our best, the default), paper (its tables) or authors (what
     /// produced their curves).
     #[arg(long)]
@@ -96,12 +97,18 @@ impl Arguments {
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let other_build = arguments.other_build;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
-    let plan = begin(arguments.wishes())?;
+    let mut plan = begin(arguments.wishes())?;
     if let Some(summary) = summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
         print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
         print_end(&plan.folder, &summary);
         return Ok(());
+    }
+    programs::check_all()?;
+    if plan.resumed {
+        plan::refuse_other_program(&plan.config)?;
+    } else {
+        plan.config = description::complete(plan.config)?;
     }
     let remarks = check(&plan)?;
     if plan.resumed && !other_build {
@@ -135,7 +142,6 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
 
 /// Everything that can be known to be wrong before the run has a folder. Gives what else is to be said.
 fn check(plan: &Plan) -> Result<Vec<String>> {
-    programs::check_all()?;
     let long = Machine::here().require_room_for(&plan.config)?;
     if let Some(file) = &plan.config.demonstrations.file {
         demonstrations::check(file, &plan.config)?;
@@ -159,7 +165,9 @@ fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome
             return Ok(Outcome::Stopped);
         }
     }
-    block_on_supervision(folder, &Source::Environments(config.resources.actors), view)
+    let program = Program::acting_in(&config.task);
+    let source = Source::Environments { count: config.resources.actors, program };
+    block_on_supervision(folder, &source, view)
 }
 
 /// Starts a run's processes and watches over them to its end.
@@ -241,9 +249,10 @@ mod tests {
             other_build: false,
         };
         let settings = arguments.wishes().settings;
-        let config = crate::tasks::configuration(Task::Navigation, "goalward", &settings).unwrap();
+        let config = crate::tasks::configuration("navigation", "goalward", &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
-        assert_eq!((config.demonstrations.coverage, config.ppo.clip), (1.0, 0.3));
+        let coverage = config.demonstrations.environment.0["coverage"].as_float();
+        assert_eq!((coverage, config.ppo.clip), (Some(1.0), 0.3));
     }
 
     #[test]

@@ -108,7 +108,7 @@ impl Training {
         if self.folder.config_file().exists() {
             command.arg("--resume").args(other_build.then_some("--other-build"));
         } else {
-            command.arg(self.run.config.task.name());
+            command.arg(&self.run.task);
             for setting in &self.run.settings {
                 command.args(["--set", setting]);
             }

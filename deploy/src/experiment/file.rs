@@ -5,7 +5,6 @@ use std::path::Path;
 
 use anyhow::Result;
 use protocol::dropped::shortened;
-use protocol::task::Task;
 use serde::Deserialize;
 
 use crate::refusal::wrong_usage;
@@ -38,7 +37,8 @@ pub(super) struct PlanFile {
 pub(super) struct PanelEntry {
     pub(super) name: String,
     pub(super) title: String,
-    pub(super) task: Task,
+    /// A name, or the path of a task's file.
+    pub(super) task: String,
     /// Environment steps; without it those of the task's file.
     pub(super) steps: Option<u64>,
     /// Settings of every curve.

@@ -33,5 +33,7 @@ fn finished(curve: &Curve) -> [String; 2] {
 /// Of the last training episodes, as in the paper's curves; of the evaluation, where a method has no
 /// training episodes.
 fn success(summary: &Summary) -> f64 {
-    if summary.episodes == 0 { summary.evaluation.success_rate } else { summary.success_rate }
+    let Summary { episodes, evaluation, success_rate, .. } = summary;
+    let rate = if *episodes == 0 { evaluation.success_rate } else { *success_rate };
+    rate.unwrap_or(f64::NAN)
 }

@@ -121,7 +121,7 @@ impl Plan {
         let mut panel = |panel: &PlannedPanel| Panel {
             name: panel.name.clone(),
             title: panel.title.clone(),
-            task: panel.task,
+            task: panel.task.clone(),
             curves: panel.curves.iter().map(&mut curve).collect(),
         };
         let panels = self.panels.iter().map(&mut panel).collect();
@@ -161,7 +161,7 @@ impl PlannedPanel {
             let anchor = curve.anchor;
             let runs = seeds.iter().map(|&seed| {
                 let settings = settings_of(panel, &curve, seed, quick.then_some(&file.quick));
-                PlannedRun::of(panel.task, &curve.method, seed, settings)
+                PlannedRun::of(&panel.task, &curve.method, seed, settings)
             });
             let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
             let runs = if sound {
@@ -172,8 +172,11 @@ impl PlannedPanel {
             let named = |error| wrong_usage(format!("curve {}: {error:#}", curve.name));
             planned.push(PlannedCurve { anchor, runs: runs.map_err(named)?, name: curve.name });
         }
-        let PanelEntry { name, title, task, .. } = panel;
-        Ok(PlannedPanel { name: name.clone(), title: title.clone(), task: *task, curves: planned })
+        let first = planned.first().and_then(|curve| curve.runs.first());
+        let task = first.map(|run| run.config.task.clone());
+        let task = task.ok_or_else(|| wrong_usage("expected a curve, found none"))?;
+        let PanelEntry { name, title, .. } = panel;
+        Ok(PlannedPanel { name: name.clone(), title: title.clone(), task, curves: planned })
     }
 }
 

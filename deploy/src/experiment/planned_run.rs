@@ -1,7 +1,6 @@
 //! A run that a plan asks for.
 
 use anyhow::Result;
-use protocol::task::Task;
 use run::config::{DEFAULT_PRESET, RunConfig};
 
 use crate::refusal::wrong_usage;
@@ -10,6 +9,8 @@ use crate::{demonstrations, tasks};
 /// A run that a plan asks for.
 #[derive(Clone, Debug)]
 pub(crate) struct PlannedRun {
+    /// Its task, as `goalward train` takes it.
+    pub(crate) task: String,
     /// Its effective configuration. It names a file of demonstrations only if the plan does.
     pub(crate) config: RunConfig,
     /// What makes that configuration of the task's file, as `goalward train --set` takes it.
@@ -22,19 +23,19 @@ impl PlannedRun {
     /// # Errors
     /// Of wrong usage, when the settings change what the plan says, or contradict their demonstrations.
     pub(super) fn of(
-        task: Task,
+        task: &str,
         method: &str,
         seed: u64,
         settings: Vec<String>,
     ) -> Result<PlannedRun> {
         let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
         let config = demonstrations::adopt(config, &settings)?;
-        if (config.task, config.method.as_str(), config.seed) != (task, method, seed) {
-            return Err(wrong_usage("its settings may change neither task nor method nor seed"));
+        if (config.method.as_str(), config.seed) != (method, seed) {
+            return Err(wrong_usage("its settings may change neither method nor seed"));
         }
         if let Some(file) = &config.demonstrations.file {
             demonstrations::check(file, &config)?;
         }
-        Ok(PlannedRun { config, settings })
+        Ok(PlannedRun { task: task.to_owned(), config, settings })
     }
 }

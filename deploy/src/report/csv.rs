@@ -52,17 +52,18 @@ pub(super) fn summary(figures: &[MeasuredFigure]) -> String {
             continue;
         };
         // A method that takes no environment steps has no training episodes.
-        let success =
-            if run.acts() { format!("{:.2}", summary.success_rate) } else { String::new() };
+        let success = summary.success_rate.filter(|_| run.acts());
+        let success = success.map_or(String::new(), |rate| format!("{rate:.2}"));
+        let evaluated = summary.evaluation.success_rate;
+        let evaluated = evaluated.map_or(String::new(), |rate| format!("{rate:.4}"));
         write_line(
             &mut text,
             format_args!(
-                "{names},{method},{preset},1,{},{},{},{success},{},{:.4},{:.1},{:.0},{},{}",
+                "{names},{method},{preset},1,{},{},{},{success},{},{evaluated},{:.1},{:.0},{},{}",
                 summary.env_steps,
                 summary.episodes,
                 summary.iterations,
                 summary.evaluation.episodes,
-                summary.evaluation.success_rate,
                 summary.wall_s,
                 summary.steps_per_s,
                 summary.policy_sha256,
@@ -79,7 +80,7 @@ fn named(figures: &[MeasuredFigure]) -> impl Iterator<Item = (&Measured, String)
         figure.panels.iter().flat_map(move |panel| {
             panel.curves.iter().flat_map(move |curve| {
                 curve.runs.iter().map(move |run| {
-                    let names = [&figure.name, &panel.name, panel.task.name(), &curve.name];
+                    let names = [&*figure.name, &panel.name, &panel.task.name, &curve.name];
                     let [figure, panel, task, curve] = names.map(field);
                     let path = field(&run.folder.path().display().to_string());
                     let seed = run.config.seed;

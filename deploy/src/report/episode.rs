@@ -3,7 +3,7 @@
 
 use anyhow::{Result, ensure};
 use maud::{Markup, PreEscaped, html};
-use protocol::task::ObservationSpec;
+use protocol::task::{ObservationSpec, Task};
 use run::config::RunConfig;
 use run::folder::RunFolder;
 
@@ -59,13 +59,13 @@ pub(super) fn along(folder: &RunFolder, config: &RunConfig) -> Result<Along> {
         "an evaluation episode of {steps} steps, {end}; lane {}, episode {}, policy version {}",
         episode.trajectory.lane, episode.trajectory.episode, episode.trajectory.policy_version
     );
-    Ok(Along { picture: picture(&episode, &estimates)?.into_string(), caption })
+    Ok(Along { picture: picture(&config.task, &episode, &estimates)?.into_string(), caption })
 }
 
-fn picture(episode: &Episode, estimates: &Estimates) -> Result<Markup> {
+fn picture(task: &Task, episode: &Episode, estimates: &Estimates) -> Result<Markup> {
     let last = estimates.proximity.len() - 1;
     let shown: Vec<usize> = (0..FRAMES).map(|frame| frame * last / (FRAMES - 1)).collect();
-    let frames = frames(episode, &shown);
+    let frames = frames(task, episode, &shown);
     let chart =
         chart::draw(&[curves(estimates, &shown)], [WIDTH, CHART_HEIGHT].map(|side| side as u32))?;
     let width = (WIDTH - (FRAMES - 1) * GAP) / FRAMES;
@@ -116,15 +116,13 @@ fn curves(estimates: &Estimates, marks: &[usize]) -> Chart {
 }
 
 /// Pictures of an episode at some of its observations.
-fn frames(episode: &Episode, shown: &[usize]) -> Vec<Markup> {
-    let Ok(task) = episode.trajectory.task.parse::<protocol::task::Task>() else {
-        return Vec::new();
-    };
-    let spec = task.spec().observation;
-    if let ObservationSpec::Cells { width, .. } = spec {
+fn frames(task: &Task, episode: &Episode, shown: &[usize]) -> Vec<Markup> {
+    if let ObservationSpec::Cells { width, .. } = task.observation {
+        let bytes = task.observation.bytes();
         let observations: Vec<&[u8]> =
-            episode.trajectory.observations().chunks_exact(spec.bytes()).collect();
-        return shown.iter().map(|&step| grid::frame(observations[step], width)).collect();
+            episode.trajectory.observations().chunks_exact(bytes).collect();
+        let frame = |&step: &usize| grid::frame(observations[step], width, &task.labels);
+        return shown.iter().map(frame).collect();
     }
     let scenes: Vec<Vec<Solid>> =
         shown.iter().filter_map(|&step| Some(Solid::all(episode.scenes.get(step)?))).collect();

@@ -105,7 +105,7 @@ fn evaluate(folder: &RunFolder) -> Result<PathBuf> {
     struct Evaluation {
         file: PathBuf,
     }
-    let mut actor = Program::Actor.command()?;
+    let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     let evaluation: Evaluation =
         programs::figures(actor.args(["--episodes", &EPISODES.to_string()]), "evaluating")?;

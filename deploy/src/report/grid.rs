@@ -1,17 +1,36 @@
-//! NAVIGATION's grid in pictures: what an observation shows, and what the proximity function says of
-//! the agent on every cell (the paper's Figure 4d).
+//! Grids in pictures: what an observation shows, and what the proximity function says of the agent on
+//! every cell (the paper's Figure 4d). A task's labels say what the classes of cells are.
 
 use maud::{Markup, html};
 use plotters::style::colors::colormaps::ViridisRGB;
+use protocol::task::{ObservationSpec, Task};
 
 use super::estimate::Estimates;
 
-/// Classes of cells, as the task's observations have them.
-mod class {
-    pub(super) const EMPTY: u8 = 0;
-    pub(super) const WALL: u8 = 1;
-    pub(super) const GOAL: u8 = 2;
-    pub(super) const AGENT: u8 = 3;
+/// The classes of cells in a grid that an agent can be put on any free cell of.
+pub(super) struct Classes {
+    width: usize,
+    empty: u8,
+    wall: u8,
+    goal: u8,
+    agent: u8,
+}
+
+impl Classes {
+    /// Those of a task; none where its labels do not name all four.
+    pub(super) fn of(task: &Task) -> Option<Classes> {
+        let ObservationSpec::Cells { width, .. } = task.observation else { return None };
+        let class = |name| task.labels.iter().position(|label| label == name);
+        let [empty, wall, goal, agent] = ["empty", "wall", "goal", "agent"].map(class);
+        let as_byte = |class: Option<usize>| u8::try_from(class?).ok();
+        Some(Classes {
+            width,
+            empty: as_byte(empty)?,
+            wall: as_byte(wall)?,
+            goal: as_byte(goal)?,
+            agent: as_byte(agent)?,
+        })
+    }
 }
 
 /// Side of a cell, units.
@@ -23,6 +42,10 @@ const CONSTANT: f64 = 0.5;
 const WALL_COLOR: &str = "#555B66";
 const GOAL_COLOR: &str = "#009E73";
 const AGENT_COLOR: &str = "#D55E00";
+/// Classes without a color of their own that are told apart.
+const OTHER_CLASSES: u8 = 12;
+
+const EMPTY_COLOR: &str = "#F4F6F8";
 
 /// Observations in which the agent stands on each free cell of an episode's grid, and those cells.
 pub(super) struct Everywhere {
@@ -32,22 +55,25 @@ pub(super) struct Everywhere {
     width: usize,
     /// The free cells, each by its place in the observation.
     free: Vec<usize>,
+    goal: u8,
+    agent: u8,
 }
 
 impl Everywhere {
     /// Of a first observation, in which the goal is still visible.
-    pub(super) fn of(observation: &[u8], width: usize) -> Everywhere {
-        let without_agent = |cell: &u8| if *cell == class::AGENT { class::EMPTY } else { *cell };
+    pub(super) fn of(observation: &[u8], classes: &Classes) -> Everywhere {
+        let &Classes { width, empty, wall, goal, agent } = classes;
+        let without_agent = |cell: &u8| if *cell == agent { empty } else { *cell };
         let cells: Vec<u8> = observation.iter().map(without_agent).collect();
-        let free = (0..cells.len()).filter(|&place| cells[place] != class::WALL).collect();
-        Everywhere { cells, width, free }
+        let free = (0..cells.len()).filter(|&place| cells[place] != wall).collect();
+        Everywhere { cells, width, free, goal, agent }
     }
 
     /// The observations, one after another.
     pub(super) fn observations(&self) -> Vec<u8> {
         let with_agent = |&place: &usize| {
             let mut cells = self.cells.clone();
-            cells[place] = class::AGENT;
+            cells[place] = self.agent;
             cells
         };
         self.free.iter().flat_map(with_agent).collect()
@@ -70,7 +96,7 @@ impl Everywhere {
     /// The goal itself is so much closer than its neighbors that the colors are for all other cells.
     fn map(&self, name: &str, numbers: &[f64], left: usize) -> Markup {
         let others = self.free.iter().zip(numbers);
-        let others = others.filter(|&(&place, _)| self.cells[place] != class::GOAL);
+        let others = others.filter(|&(&place, _)| self.cells[place] != self.goal);
         let (low, high) = others
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, &one)| {
                 (low.min(one), high.max(one))
@@ -88,7 +114,7 @@ impl Everywhere {
                 @for (&place, &number) in self.free.iter().zip(numbers) {
                     (self.cell(place, &color(shade(number))))
                 }
-                @for &place in self.free.iter().filter(|&&place| self.cells[place] == class::GOAL) {
+                @for &place in self.free.iter().filter(|&&place| self.cells[place] == self.goal) {
                     (ring(place % self.width, place / self.width))
                 }
                 (legend(side + 8, low, ends.as_ref()))
@@ -101,8 +127,8 @@ impl Everywhere {
     }
 }
 
-/// A picture of an observation: walls, goal and agent.
-pub(super) fn frame(observation: &[u8], width: usize) -> Markup {
+/// A picture of an observation whose classes have these labels.
+pub(super) fn frame(observation: &[u8], width: usize, labels: &[String]) -> Markup {
     let place = |&(place, _): &(usize, &u8)| (place % width, place / width);
     let [sides, heights] = [width * CELL, observation.len() / width * CELL];
     html! {
@@ -111,11 +137,13 @@ pub(super) fn frame(observation: &[u8], width: usize) -> Markup {
             (background(sides, heights, WALL_COLOR))
             @for cell in observation.iter().enumerate() {
                 @let (x, y) = place(&cell);
-                @match *cell.1 {
-                    class::WALL => {}
-                    class::GOAL => { (square(x, y, GOAL_COLOR)) }
-                    class::AGENT => { (square(x, y, AGENT_COLOR)) }
-                    _ => { (square(x, y, "#F4F6F8")) }
+                @let label = labels.get(usize::from(*cell.1)).map(String::as_str);
+                @match label {
+                    Some("wall") => {}
+                    Some("goal") => { (square(x, y, GOAL_COLOR)) }
+                    Some("agent") => { (square(x, y, AGENT_COLOR)) }
+                    Some("empty") => { (square(x, y, EMPTY_COLOR)) }
+                    _ => { (square(x, y, &color(f64::from(*cell.1 % OTHER_CLASSES) / f64::from(OTHER_CLASSES)))) }
                 }
             }
         }
@@ -180,15 +208,26 @@ fn color(share: f64) -> String {
 mod tests {
     use super::*;
 
+    const CLASSES: Classes = Classes { width: 2, empty: 0, wall: 1, goal: 2, agent: 3 };
+
+    #[test]
+    fn classes_are_known_by_their_labels() {
+        let mut task = crate::tasks::configuration("navigation", "goalward", &[]).unwrap().task;
+        let found = Classes::of(&task).unwrap();
+        assert_eq!((found.width, found.wall, found.agent), (19, 1, 3));
+        task.labels.clear();
+        assert!(Classes::of(&task).is_none());
+    }
+
     #[test]
     fn the_agent_is_put_on_every_free_cell() {
-        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], &CLASSES);
         assert_eq!(everywhere.observations(), [1, 3, 2, 0, 1, 0, 3, 0, 1, 0, 2, 3]);
     }
 
     #[test]
     fn the_lightest_cell_is_the_nearest() {
-        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], &CLASSES);
         let estimates =
             Estimates { proximity: vec![0.1, 0.9, 0.5], uncertainty: vec![0.0, 0.0, 0.0] };
         let picture = everywhere.picture(&estimates).into_string();
@@ -200,7 +239,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_the_same_everywhere_have_one_color_and_one_number() {
-        let everywhere = Everywhere::of(&[1, 3, 2, 0], 2);
+        let everywhere = Everywhere::of(&[1, 3, 2, 0], &CLASSES);
         let picture = |proximity: Vec<f64>| {
             let estimates = Estimates { proximity, uncertainty: vec![0.1, 0.2, 0.3] };
             everywhere.picture(&estimates).into_string()

@@ -37,8 +37,8 @@ impl Row {
             finished: curve.runs.iter().filter(|run| run.is_finished()).count(),
             wanted: curve.runs.len() + unread,
             during: SHARES.map(|share| over(&|run| success_at(run, share))),
-            last: over(&|run| Some(acting(run)?.success_rate)),
-            evaluation: over(&|run| Some(run.summary.as_ref()?.evaluation.success_rate)),
+            last: over(&|run| acting(run)?.success_rate),
+            evaluation: over(&|run| run.summary.as_ref()?.evaluation.success_rate),
             steps_per_s: over(&|run| Some(acting(run)?.steps_per_s)).map(|spread| spread.mean),
         }
     }
@@ -47,7 +47,8 @@ impl Row {
 /// Success rate of the last 100 training episodes when a share of the steps was taken.
 fn success_at(run: &Measured, share: f64) -> Option<f64> {
     let steps = share * run.config.steps as f64;
-    let reached = |point: &&Point| run.acts() && point.environment_steps as f64 >= steps;
+    let tells = run.acts() && run.config.task.tells_success;
+    let reached = |point: &&Point| tells && point.environment_steps as f64 >= steps;
     run.points.iter().find(reached).map(|point| point.success_rate)
 }
 
@@ -60,7 +61,8 @@ pub(super) enum Against {
     Time,
 }
 
-/// Success rates of a panel's curves, means over seeds with bands of half a standard deviation.
+/// Success rates of a panel's curves, means over seeds with bands of half a standard deviation; the
+/// proximity that batches had where the task does not tell success.
 pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
     let x = |point: &Point| match against {
         Against::Steps => point.environment_steps as f64,
@@ -73,11 +75,12 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
         Against::Steps => steps_unit(end),
         Against::Time => time_unit(end),
     };
+    let tells_success = panel.task.tells_success;
+    let y = |point: &Point| if tells_success { point.success_rate } else { point.mean_proximity };
     let line = |curve: &MeasuredCurve| {
         let acting = curve.runs.iter().filter(|run| run.acts());
-        let points = |run: &Measured| {
-            run.points.iter().map(|point| [x(point) / unit, point.success_rate]).collect()
-        };
+        let points =
+            |run: &Measured| run.points.iter().map(|point| [x(point) / unit, y(point)]).collect();
         let means = mean(&acting.map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
         let band = |(x, spread): &(f64, Spread)| spread.band().map(|[low, high]| [*x, low, high]);
         Line {
@@ -92,7 +95,10 @@ pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     Chart {
         title: panel.title.clone(),
         x: Axis { label: label.to_owned(), range: [0.0, end / unit], percent: false },
-        y: Axis { label: "success".to_owned(), range: [0.0, 1.0], percent: true },
+        y: match tells_success {
+            true => Axis { label: "success".to_owned(), range: [0.0, 1.0], percent: true },
+            false => Axis { label: "proximity".to_owned(), range: [0.0, 1.0], percent: false },
+        },
         curves: panel.curves.iter().map(line).collect(),
         marks: Vec::new(),
     }
@@ -131,7 +137,6 @@ fn time_unit(end_s: f64) -> (f64, &'static str) {
 
 #[cfg(test)]
 mod tests {
-    use protocol::task::Task;
     use run::folder::RunFolder;
     use run::summary::Summary;
 
@@ -141,7 +146,7 @@ mod tests {
     /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
     fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
         let steps = ["steps=1000".to_owned()];
-        let config = tasks::configuration(Task::Navigation, "goalward", &steps).unwrap();
+        let config = tasks::configuration("navigation", "goalward", &steps).unwrap();
         let summary = |evaluation: f64| -> Summary {
             let steps = points.last().unwrap().0;
             serde_json::from_value(serde_json::json!({
@@ -195,7 +200,7 @@ mod tests {
         let panel = MeasuredPanel {
             name: "navigation".to_owned(),
             title: "NAVIGATION".to_owned(),
-            task: Task::Navigation,
+            task: tasks::configuration("navigation", "goalward", &[]).unwrap().task,
             curves: vec![cloning],
         };
         let chart = chart(&panel, &Palette::of(&[vec!["curve"]]), Against::Steps);

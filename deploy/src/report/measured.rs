@@ -186,7 +186,6 @@ fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
 #[cfg(test)]
 mod tests {
     use mcap_log::{FileWriter, Kind, Metadata, Topic};
-    use protocol::task::Task;
 
     use super::*;
     use crate::tasks;
@@ -196,9 +195,9 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path().join("begun"));
         std::fs::create_dir_all(folder.log()).unwrap();
-        let config = tasks::configuration(Task::Navigation, "goalward", &[]).unwrap();
+        let config = tasks::configuration("navigation", "goalward", &[]).unwrap();
         std::fs::write(folder.config_file(), config.to_text()).unwrap();
-        let metadata = Metadata::new(Kind::Run, config.task.name(), config.seed);
+        let metadata = Metadata::new(Kind::Run, &config.task.name, config.seed);
         let log = folder.log().join("updates-00000.mcap");
         FileWriter::create(&log, &metadata, &[Topic::PolicyUpdate]).unwrap().seal().unwrap();
         let error = Measured::of(folder.clone()).err().unwrap();

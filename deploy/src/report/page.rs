@@ -227,10 +227,10 @@ fn run_row(run: &Measured, folder: &Path) -> Markup {
             td { (run.config.seed) }
             td { (figures::count(steps)) @if summary.is_none() { " so far" } }
             td { (percent(last.filter(|_| run.acts()).map(|point| point.success_rate))) }
-            td { (percent(summary.map(|summary| summary.evaluation.success_rate))) }
+            td { (percent(summary.and_then(|summary| summary.evaluation.success_rate))) }
             td { (figures::duration(summary.map_or(f64::NAN, |summary| summary.wall_s))) }
             td.text { code { (hash.unwrap_or("-".to_owned())) } }
-            td.text { code { (repeat::command(&run.config)) } }
+            td.text { code { (repeat::command(&run.folder, &run.config)) } }
         }
     }
 }

@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use protocol::task::{ObservationSpec, Task};
 
 use super::episode;
 use super::estimate;
-use super::grid::Everywhere;
+use super::grid::{Classes, Everywhere};
 use super::learning::{self, Against};
 use super::measured::{Measured, MeasuredFigure, MeasuredPanel};
 use super::palette::Palette;
 use crate::chart;
+use crate::tasks::place;
 
 /// Size of a chart of success against steps, pixels.
 const SIZE: [u32; 2] = [720, 400];
@@ -52,12 +52,10 @@ impl Pictures {
                 pictures.draw_heat(stem, panel);
             }
         }
-        for task in Task::ALL {
-            let runs = panels().filter(|panel| panel.task == task).flat_map(asked);
-            if let Some(run) = runs.into_iter().next() {
-                pictures.draw_episode(run);
-            }
-        }
+        let mut runs: Vec<&Measured> = panels().flat_map(asked).collect();
+        runs.sort_by_key(|run| place(&run.config.task.name));
+        runs.dedup_by(|run, before| run.config.task.name == before.config.task.name);
+        runs.into_iter().for_each(|run| pictures.draw_episode(run));
         Ok(pictures)
     }
 
@@ -112,9 +110,9 @@ impl Pictures {
     }
 
     fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel) {
-        let ObservationSpec::Cells { width, .. } = panel.task.spec().observation else { return };
+        let Some(classes) = Classes::of(&panel.task) else { return };
         let Some(run) = asked(panel).into_iter().next() else { return };
-        let drawn = heat(run, width).map(|drawn| {
+        let drawn = heat(run, &classes).map(|drawn| {
             self.files.insert(heat_file(&stem), drawn);
             format!(
                 "Proximity and uncertainty that the trained ensemble of {} has for the agent on \
@@ -141,11 +139,11 @@ fn asked(panel: &MeasuredPanel) -> Vec<&Measured> {
     runs.filter(|run| run.is_finished() && estimate::has_proximity(&run.config)).collect()
 }
 
-fn heat(run: &Measured, width: usize) -> Result<String> {
+fn heat(run: &Measured, classes: &Classes) -> Result<String> {
     let episodes = estimate::episodes(&run.folder, &run.config)?;
     let bytes = run.config.task.spec().observation.bytes();
     let first = episodes.first().map(|episode| &episode.trajectory.observations()[..bytes]);
-    let everywhere = Everywhere::of(first.unwrap_or(&[]), width);
+    let everywhere = Everywhere::of(first.unwrap_or(&[]), classes);
     let estimates = estimate::ask(&run.folder, &everywhere.observations())?;
     Ok(everywhere.picture(&estimates).into_string())
 }

@@ -1,6 +1,7 @@
 //! How a run is made again: the command line whose configuration is that of the run.
 
 use run::config::RunConfig;
+use run::folder::RunFolder;
 
 use crate::tasks;
 
@@ -11,7 +12,7 @@ const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 /// keys and values; seed and steps left out.
 pub(super) fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let method = format!("method={}", config.method);
-    let usual = tasks::configuration(config.task, &config.preset, &[method]);
+    let usual = tasks::configuration(&config.task.name, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
     let Ok(usual) = usual else { return Vec::new() };
     let differences = config.result_differences(&usual).into_iter();
@@ -21,9 +22,12 @@ pub(super) fn settings(config: &RunConfig) -> Vec<(String, String)> {
         .collect()
 }
 
-/// The command line.
-pub(super) fn command(config: &RunConfig) -> String {
+/// The command line; a task of the user's own is in the run's own configuration.
+pub(super) fn command(folder: &RunFolder, config: &RunConfig) -> String {
     let RunConfig { task, method, preset, seed, steps, .. } = config;
+    if tasks::configuration(&task.name, preset, &[]).is_err() {
+        return format!("goalward train {}", folder.config_file().display());
+    }
     let mut line = format!("goalward train {task} --method {method} --preset {preset}");
     line += &format!(" --seed {seed} --steps {steps}");
     for (key, value) in settings(config) {
@@ -46,7 +50,6 @@ fn quoted(word: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use protocol::task::Task;
 
     use super::*;
 
@@ -54,9 +57,9 @@ mod tests {
     fn a_command_makes_its_configuration_again() {
         let changes = ["seed=3", "steps=60000", "reward.form=absolute", "reward.hidden=[8, 16]"];
         let changes = changes.map(str::to_owned);
-        let config = tasks::configuration(Task::Navigation, "paper", &changes).unwrap();
+        let config = tasks::configuration("navigation", "paper", &changes).unwrap();
         assert_eq!(
-            command(&config),
+            command(&RunFolder::new("runs/a"), &config),
             "goalward train navigation --method goal-proximity --preset paper --seed 3 \
              --steps 60000 --set reward.form=absolute --set 'reward.hidden=[8, 16]'"
         );

@@ -11,6 +11,7 @@ use run::folder::RunFolder;
 use super::measured::Measured;
 use super::repeat::settings;
 use crate::figure::{Curve, Figure, Panel};
+use crate::tasks::place;
 
 /// Keys by which runs of one curve may differ.
 const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
@@ -29,14 +30,18 @@ pub(super) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     let mut described = Vec::new();
     for folder in folders {
         let Measured { folder, config, .. } = Measured::of(folder)?;
-        described.push((config.task, (folder, config.method.clone(), phrases(&config))));
+        let phrases = phrases(&config);
+        described.push((config.task, (folder, config.method, phrases)));
     }
-    let of_task = |task| {
-        let of_task = described.iter().filter(move |(other, _)| *other == task);
-        let runs: Vec<Described> = of_task.map(|(_, run)| run.clone()).collect();
-        (!runs.is_empty()).then(|| panel(task, runs))
-    };
-    let panels = Task::ALL.into_iter().filter_map(of_task).collect();
+    let mut tasks: Vec<(Task, Vec<Described>)> = Vec::new();
+    for (task, run) in described {
+        match tasks.iter_mut().find(|(known, _)| *known == task) {
+            Some((_, runs)) => runs.push(run),
+            None => tasks.push((task, vec![run])),
+        }
+    }
+    tasks.sort_by_key(|(task, _)| place(&task.name));
+    let panels = tasks.into_iter().map(|(task, runs)| panel(task, runs)).collect();
     Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
 }
 
@@ -67,13 +72,14 @@ fn panel(task: Task, runs: Vec<Described>) -> Panel {
         }
     }
     let common: Vec<String> = common.into_iter().collect();
-    let title = format!("{}: {}", task.name().to_uppercase().replace('-', " "), common.join(", "));
-    Panel { name: task.name().to_owned(), title, task, curves }
+    let title = format!("{}: {}", task.name.to_uppercase().replace('-', " "), common.join(", "));
+    Panel { name: task.name.clone(), title, task, curves }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tasks::configuration;
 
     #[test]
     fn seeds_come_together_and_settings_apart() {
@@ -82,7 +88,7 @@ mod tests {
             (RunFolder::new(name), "goal-proximity".to_owned(), phrases)
         };
         let panel = panel(
-            Task::FetchPush,
+            configuration("fetch-push", "goalward", &[]).unwrap().task,
             vec![
                 run("a", &["preset goalward"]),
                 run("b", &["preset goalward", "reward.uncertainty=0.1"]),

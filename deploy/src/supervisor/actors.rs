@@ -20,7 +20,12 @@ const COMEBACK: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     /// Environments, in so many actors.
-    Environments(u64),
+    Environments {
+        /// How many.
+        count: u64,
+        /// Their program.
+        program: Program,
+    },
     /// The log of a run, by one actor.
     Log {
         /// Folder of the log.
@@ -85,7 +90,7 @@ impl Actors {
     /// Takes on all of them.
     pub(super) fn take_on(&mut self) {
         match self.source {
-            Source::Environments(count) => self.scale(count),
+            Source::Environments { count, .. } => self.scale(count),
             Source::Log { .. } => self.add(),
         }
     }
@@ -108,14 +113,18 @@ impl Actors {
     fn add(&mut self) {
         let name = format!("actor-{}", self.named);
         self.named += 1;
-        let process = Process::new(&self.folder, Program::Actor, &name, self.arguments(&name));
+        let program = match &self.source {
+            Source::Environments { program, .. } => program.clone(),
+            Source::Log { .. } => Program::Actor,
+        };
+        let process = Process::new(&self.folder, program, &name, self.arguments(&name));
         let (deaths, start_at) = (ActorDeaths::default(), Some(Instant::now()));
         self.working.push(Actor { process, deaths, ended_well: false, start_at, rests: false });
     }
 
     fn arguments(&self, name: &str) -> Vec<OsString> {
         let verb = match self.source {
-            Source::Environments(_) => "rollout",
+            Source::Environments { .. } => "rollout",
             Source::Log { .. } => "replay",
         };
         let run = self.folder.path().into();

@@ -1,13 +1,13 @@
 //! Ant Reach: a quadruped walks to a goal five meters away (paper, Section 4.5 and Table 1).
 //!
 //! The ant starts at the origin; the goal is drawn anew for every episode on the half circle of five
-//! meters where y is not negative. A [`Setting`]'s coverage keeps that share of the half circle's
+//! meters where y is not negative. An [`AntSetting`]'s coverage keeps that share of the half circle's
 //! twenty parts of nine degrees, spread evenly. Its noise is half the width of a uniform draw that is
 //! added to every coordinate of the start, the height and orientation of the goal's mark included;
 //! velocities start within 0.005 of zero in any case.
 //!
 //! # Action
-//! Eight numbers, multiplied with the [`Setting`]'s scale and clipped to [-1, 1]. Each turns one joint
+//! Eight numbers, multiplied with the [`AntSetting`]'s scale and clipped to [-1, 1]. Each turns one joint
 //! with 150 newton meters at most, for 0.1 s: five timesteps.
 //!
 //! | index | joints | the leg points toward |
@@ -35,7 +35,7 @@
 //! | 40 to 129 | torque and force of the floor on 15 bodies, each number within 1 of zero | N m, N |
 //! | 130, 131 | from the torso to the goal along x and y | m |
 //!
-//! The contact forces are zeros unless the [`Setting`] asks for them, as they were in the authors'
+//! The contact forces are zeros unless the [`AntSetting`] asks for them, as they were in the authors'
 //! runs. Their rows are the bodies of the authors' model: the world, the torso, then hip, leg and foot
 //! of each leg, then the goal; nothing acts on the first and the last. Torques are about the center of
 //! mass of the ant, all along the world's axes, as means over the last timestep.
@@ -54,13 +54,15 @@ mod sampling;
 mod solids;
 
 use crate::physics::Physics;
-use crate::{Environment, EnvironmentError, Pose, Setting, Solid, Step, action};
+use crate::{Environment, EnvironmentError, Expert, Pose, Setting, Solid, Step, action};
 use anatomy::{JOINTS, State};
 use body::Body;
 use observation::Goal;
+use protocol::error::within;
 use protocol::seed::Stream;
-use protocol::task::{Spec, Task, floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use sampling::{GOAL_DISTANCE, Sampling};
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 /// Timesteps of one step.
@@ -74,13 +76,59 @@ const SUCCESS_DISTANCE: f32 = 0.5;
 /// The joint that each number of the action turns.
 const ACTUATED: [usize; JOINTS] = [6, 7, 0, 1, 2, 3, 4, 5];
 
-/// The environment of [`Task::AntReach`].
+/// The shapes of the task.
+pub const SPEC: Spec = Spec {
+    observation: ObservationSpec::Vector { len: 132 },
+    action: ActionSpec::Continuous { len: JOINTS },
+    horizon_steps: 50,
+};
+
+/// Who demonstrates the task; `environments/experts/README.md` has the command it was trained with.
+pub const EXPERT: Expert = Expert::Policy {
+    config: include_str!("../../experts/ant_reach/config.toml"),
+    weights: include_bytes!("../../experts/ant_reach/policy.safetensors"),
+};
+
+/// Most noise on the start.
+const NOISE_MAX: f64 = 0.5;
+
+/// The starts and goals of Ant Reach, what is observed, and how actions act.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AntSetting {
+    /// The part of the half circle that goals lie on, above 0 and at most 1.
+    pub coverage: f64,
+    /// Half the width of the uniform noise on the starting pose, meters and radians; 0 for the
+    /// demonstrations.
+    pub noise: f64,
+    /// Whether contact forces are observed; they are zeros in the authors' runs.
+    pub contact_forces: bool,
+    /// What each number of an action is multiplied with; empty for one.
+    pub action_scale: Vec<f64>,
+}
+
+impl Default for AntSetting {
+    fn default() -> Self {
+        AntSetting { coverage: 1.0, noise: 0.0, contact_forces: false, action_scale: Vec::new() }
+    }
+}
+
+impl AntSetting {
+    fn check(&self) -> Result<(), protocol::Error> {
+        let &AntSetting { coverage, noise, .. } = self;
+        let covers = coverage > 0.0 && coverage <= 1.0;
+        within("coverage", covers, "above 0 and at most 1", coverage)?;
+        let expected = format!("0 to {NOISE_MAX}");
+        within("noise", (0.0..=NOISE_MAX).contains(&noise), &expected, noise)
+    }
+}
+
+/// The environment of the task `ant-reach`.
 pub struct Ant {
+    setting: AntSetting,
     physics: Physics,
     body: Body,
     sampling: Sampling,
-    /// Whether observations have contact forces.
-    contact_forces: bool,
     scale: action::Scale,
     goal: Goal,
     /// Steps taken in the episode.
@@ -95,16 +143,17 @@ impl Ant {
     /// Builds the environment; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the task does not have such a setting.
-    pub fn new(setting: &Setting) -> Result<Ant, EnvironmentError> {
-        setting.check("environment", &Task::AntReach.spec())?;
+    /// When a value of the setting is out of its range.
+    pub fn new(setting: AntSetting) -> Result<Ant, EnvironmentError> {
+        setting.check()?;
+        let scale = action::Scale::new(&setting.action_scale, JOINTS)?;
         let (physics, body) = body::build();
         Ok(Ant {
             physics,
             body,
-            sampling: Sampling::new(setting),
-            contact_forces: setting.contact_forces.unwrap_or(false),
-            scale: action::Scale::new(setting),
+            sampling: Sampling::new(setting.coverage, setting.noise),
+            setting,
+            scale,
             goal: Goal::NOWHERE,
             steps: 0,
             running: false,
@@ -126,10 +175,10 @@ impl Ant {
 
     /// Checks the state and writes its observation; returns the state.
     fn observe(&self, observation: &mut [u8]) -> Result<State, EnvironmentError> {
-        self.physics.check_finite(Task::AntReach, self.steps)?;
+        self.physics.check_finite(self.steps)?;
         let world = &self.physics.world;
         let state = self.body.state(world);
-        let forces = match self.contact_forces {
+        let forces = match self.setting.contact_forces {
             true => contact::forces(world, &self.body),
             false => contact::NONE,
         };
@@ -140,7 +189,11 @@ impl Ant {
 
 impl Environment for Ant {
     fn spec(&self) -> Spec {
-        Task::AntReach.spec()
+        SPEC
+    }
+
+    fn setting(&self) -> Setting {
+        Setting::of(&self.setting)
     }
 
     fn reset(
@@ -180,11 +233,6 @@ impl Environment for Ant {
         Ok(Step { reward, ending, success: self.success })
     }
 
-    fn expert_action(&mut self, action: &mut [u8]) -> bool {
-        assert_eq!(action.len(), self.spec().action.bytes(), "the caller sizes the action");
-        false
-    }
-
     fn state_hash(&self) -> u64 {
         let mut hasher = Xxh3::new();
         self.physics.hash(&mut hasher);
@@ -214,7 +262,7 @@ mod tests {
 
     /// An episode that has begun, with an observation to write to.
     fn begun() -> (Ant, Vec<u8>) {
-        let mut ant = Ant::new(&Setting::default()).expect("the default setting");
+        let mut ant = Ant::new(AntSetting::default()).expect("the default setting");
         let mut observation = vec![0; ant.spec().observation.bytes()];
         ant.reset(&mut stream(1, Purpose::TrainingEpisode, 0, 0), &mut observation).expect("reset");
         (ant, observation)
@@ -253,8 +301,8 @@ mod tests {
         let mut action = [0; 4 * JOINTS];
         write_floats([1.0; JOINTS], &mut action);
         let error = ant.step(&action, &mut observation).expect_err("an infinite force");
-        assert!(error.to_string().starts_with("ant-reach: expected finite numbers"), "{error}");
-        let refused = Err(EnvironmentError::NotRunning { task: Task::AntReach });
+        assert!(error.to_string().starts_with("expected finite numbers"), "{error}");
+        let refused = Err(EnvironmentError::NotRunning);
         assert_eq!(ant.step(&action, &mut observation), refused);
     }
 

@@ -2,7 +2,6 @@
 
 use super::anatomy::State;
 use super::observation::Goal;
-use crate::Setting;
 use protocol::seed::Stream;
 use rand::RngExt;
 use rapier3d::prelude::{Rotation, Vector};
@@ -30,8 +29,8 @@ pub(super) struct Sampling {
 }
 
 impl Sampling {
-    pub(super) fn new(setting: &Setting) -> Sampling {
-        Sampling { noise: setting.noise.unwrap_or(0.0) as f32, bins: bins(setting.coverage) }
+    pub(super) fn new(coverage: f64, noise: f64) -> Sampling {
+        Sampling { noise: noise as f32, bins: bins(coverage) }
     }
 
     /// Draws the ant's state and the goal of an episode.

@@ -10,7 +10,7 @@
 //! | Fetch Pick | with open fingers over the cube; down around it while the fingers close; the cube to the goal |
 //! | Fetch Push | up; over a point behind the cube, seen from the goal; down; the gripper to the goal |
 
-use protocol::task::Task;
+use super::FetchTask;
 use rapier3d::prelude::Vector;
 
 /// Action for every meter of distance.
@@ -70,8 +70,8 @@ enum Stage {
 }
 
 impl Expert {
-    pub(super) fn new(task: Task) -> Expert {
-        let stage = if task == Task::FetchPush { Stage::Rise } else { Stage::Approach };
+    pub(super) fn new(task: FetchTask) -> Expert {
+        let stage = if task == FetchTask::Push { Stage::Rise } else { Stage::Approach };
         Expert { stage }
     }
 

@@ -3,11 +3,11 @@
 //! A cube of 5 cm and 2 kg lies on a table, a gripper hovers between it and the goal. In Fetch Pick the
 //! goal is 0.15 m over the table and the cube has to be grasped and carried; in Fetch Push the goal is
 //! on the table and the fingers stay closed. Cube and goal are drawn anew for every episode from the
-//! rectangles of the [`Setting`]. The robot is Gym's Fetch, whatever the paper calls it; its arm is
+//! rectangles of the [`FetchSetting`]. The robot is Gym's Fetch, whatever the paper calls it; its arm is
 //! reduced to what moves the gripper.
 //!
 //! # Action
-//! Four numbers in Fetch Pick, three in Fetch Push, multiplied with the [`Setting`]'s scale and clipped
+//! Four numbers in Fetch Pick, three in Fetch Push, multiplied with the [`FetchSetting`]'s scale and clipped
 //! to [-1, 1]. They act for 0.04 s. The palm lags behind its target: an action of 1 moves it 3 cm.
 //!
 //! | index | meaning | 1 means |
@@ -40,10 +40,11 @@ mod scene;
 use crate::{Environment, EnvironmentError, Pose, Setting, Solid, Step, action};
 use expert::{Expert, View};
 use protocol::seed::Stream;
-use protocol::task::{Spec, Task, write_floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, write_floats};
 use rapier3d::prelude::Vector;
 use sampling::Sampling;
 use scene::{GOAL_RADIUS, Scene};
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 /// How far from the palm its target is at an action of one, meters.
@@ -53,9 +54,67 @@ const PUSH_GOAL_HEIGHT: f32 = 0.4247;
 /// Height of Fetch Pick's goals, 0.15 m over those.
 const PICK_GOAL_HEIGHT: f32 = 0.5747;
 
-/// The environment of [`Task::FetchPick`] and [`Task::FetchPush`].
+/// Which of the two tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FetchTask {
+    /// The goal is in the air: the task `fetch-pick`.
+    Pick,
+    /// The goal is on the table: the task `fetch-push`.
+    Push,
+}
+
+impl FetchTask {
+    /// The shapes of the task.
+    pub const fn spec(self) -> Spec {
+        let (len, horizon_steps) = match self {
+            FetchTask::Pick => (4, 50),
+            FetchTask::Push => (3, 60),
+        };
+        let observation = ObservationSpec::Vector { len: 16 };
+        Spec { observation, action: ActionSpec::Continuous { len }, horizon_steps }
+    }
+
+    const fn action_numbers(self) -> usize {
+        self.spec().action.bytes() / 4
+    }
+}
+
+/// The starts and goals of the Fetch tasks, and how actions act.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FetchSetting {
+    /// The part of the bins of cubes and goals that is used: 0.25, 0.5, 0.75 or 1.
+    pub coverage: f64,
+    /// A factor of their ranges, 1 being that of the demonstrations.
+    pub noise: f64,
+    /// Where cubes and goals lie around their centers.
+    pub ranges: Ranges,
+    /// What each number of an action is multiplied with; empty for one.
+    pub action_scale: Vec<f64>,
+}
+
+/// Where cubes and goals lie around their centers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ranges {
+    /// To both sides of the center, as the paper says.
+    #[default]
+    Symmetric,
+    /// Away from the gripper only, as in the authors' code.
+    OneSided,
+}
+
+impl Default for FetchSetting {
+    fn default() -> Self {
+        let ranges = Ranges::default();
+        FetchSetting { coverage: 1.0, noise: 1.0, ranges, action_scale: Vec::new() }
+    }
+}
+
+/// The environment of the tasks `fetch-pick` and `fetch-push`.
 pub struct Fetch {
-    task: Task,
+    task: FetchTask,
+    setting: FetchSetting,
     scale: action::Scale,
     sampling: Sampling,
     scene: Scene,
@@ -71,17 +130,13 @@ impl Fetch {
     /// Builds the environment of one of the two tasks; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the task does not have such a setting.
-    ///
-    /// # Panics
-    /// When the task is another one.
-    pub fn new(task: Task, setting: &Setting) -> Result<Fetch, EnvironmentError> {
-        assert!(matches!(task, Task::FetchPick | Task::FetchPush), "{task} is no Fetch task");
-        setting.check("environment", &task.spec())?;
+    /// When a value of the setting is out of its range.
+    pub fn new(task: FetchTask, setting: FetchSetting) -> Result<Fetch, EnvironmentError> {
         Ok(Fetch {
             task,
-            scale: action::Scale::new(setting),
-            sampling: Sampling::new(task, setting),
+            scale: action::Scale::new(&setting.action_scale, task.action_numbers())?,
+            sampling: Sampling::new(task, &setting)?,
+            setting,
             scene: Scene::new(grip_start(task)),
             expert: Expert::new(task),
             goal: Vector::ZERO,
@@ -91,7 +146,7 @@ impl Fetch {
     }
 
     fn observe(&self, observation: &mut [u8]) -> Result<(), EnvironmentError> {
-        self.scene.check_finite(self.task, self.steps)?;
+        self.scene.check_finite(self.steps)?;
         observation::write(&self.scene, self.goal, observation);
         Ok(())
     }
@@ -99,16 +154,20 @@ impl Fetch {
 
 /// Where the grip site is when an episode begins. Gym presses Push's fingers 5 mm into a soft table;
 /// here they stand on it.
-fn grip_start(task: Task) -> Vector {
+fn grip_start(task: FetchTask) -> Vector {
     match task {
-        Task::FetchPush => Vector::new(1.3455, 0.7490, 0.4186),
-        _ => Vector::new(1.3419, 0.7491, 0.5347),
+        FetchTask::Push => Vector::new(1.3455, 0.7490, 0.4186),
+        FetchTask::Pick => Vector::new(1.3419, 0.7491, 0.5347),
     }
 }
 
 impl Environment for Fetch {
     fn spec(&self) -> Spec {
         self.task.spec()
+    }
+
+    fn setting(&self) -> Setting {
+        Setting::of(&self.setting)
     }
 
     fn reset(
@@ -119,8 +178,8 @@ impl Environment for Fetch {
         let start = grip_start(self.task);
         let ([cube_x, cube_y], [goal_x, goal_y]) = self.sampling.draw(stream);
         let goal_z = match self.task {
-            Task::FetchPush => PUSH_GOAL_HEIGHT,
-            _ => PICK_GOAL_HEIGHT,
+            FetchTask::Push => PUSH_GOAL_HEIGHT,
+            FetchTask::Pick => PICK_GOAL_HEIGHT,
         };
         self.goal = Vector::new(start.x + goal_x, start.y + goal_y, goal_z);
         self.scene.reset([start.x + cube_x, start.y + cube_y]);
@@ -137,7 +196,7 @@ impl Environment for Fetch {
         action::accept(&spec, self.running, action)?;
         let [x, y, z, fingers] = self.scale.clipped(action);
         self.scene.pull_palm([x, y, z].map(|number| PALM_REACH * number));
-        if self.task == Task::FetchPick {
+        if self.task == FetchTask::Pick {
             self.scene.pull_fingers(fingers);
         }
         self.scene.simulate();
@@ -153,8 +212,7 @@ impl Environment for Fetch {
     }
 
     fn expert_action(&mut self, action: &mut [u8]) -> bool {
-        let bytes = self.spec().action.bytes();
-        assert_eq!(action.len(), bytes, "the caller sizes the action");
+        assert_eq!(action.len(), self.spec().action.bytes(), "the caller sizes the action");
         if !self.running {
             return false;
         }
@@ -165,7 +223,10 @@ impl Environment for Fetch {
             cube: self.scene.cube(),
             goal: self.goal,
         });
-        write_floats(self.scale.inverse(numbers).into_iter().take(bytes / 4), action);
+        write_floats(
+            self.scale.inverse(numbers).into_iter().take(self.task.action_numbers()),
+            action,
+        );
         true
     }
 

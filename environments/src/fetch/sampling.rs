@@ -1,7 +1,7 @@
 //! Where the cube and the goal of an episode lie (Appendix C and the authors' code).
 //!
 //! Both are drawn beside the gripper's start, 0.1 m to the left for the cube and 0.1 m to the right
-//! for the goal, from rectangles that the [`Setting`]'s ranges name and its noise stretches:
+//! for the goal, from rectangles that the [`FetchSetting`]'s ranges name and its noise stretches:
 //!
 //! | ranges | cube x | cube y | goal x | goal y |
 //! |---|---|---|---|---|
@@ -13,16 +13,18 @@
 //! each bin of x. Cube and goal are drawn independently of each other, each from the bins that are
 //! kept of its own rectangle.
 
-use crate::Setting;
+use super::{FetchSetting, FetchTask, Ranges};
+use protocol::error::within;
 use protocol::seed::Stream;
-use protocol::setting::Ranges;
-use protocol::task::Task;
 use rand::RngExt;
 
 /// Bins along each side of a rectangle.
 const BINS: usize = 4;
 /// How far the centers of both rectangles are from the gripper's start, along y.
 const SIDE: f64 = 0.1;
+
+/// Largest factor of the rectangles.
+const NOISE_MAX: f64 = 4.0;
 
 /// The bins of y that a coverage keeps beside each bin of x.
 type Kept = [&'static [u8]; BINS];
@@ -51,25 +53,31 @@ struct Rectangle {
 }
 
 impl Sampling {
-    /// Draws by a setting that has been checked.
-    pub(super) fn new(task: Task, setting: &Setting) -> Sampling {
-        let (_, kept) = COVERAGES
-            .iter()
-            .find(|(coverage, _)| *coverage == setting.coverage)
-            .expect("a setting with another coverage is refused");
-        let (cube_x, cube_y, goal_y) = match (setting.ranges.unwrap_or_default(), task) {
-            (Ranges::Symmetric, Task::FetchPick) => (0.02, [-0.02, 0.02], [-0.02, 0.02]),
+    /// Draws by a setting.
+    ///
+    /// # Errors
+    /// When there is no such coverage or noise.
+    pub(super) fn new(
+        task: FetchTask,
+        setting: &FetchSetting,
+    ) -> Result<Sampling, protocol::Error> {
+        let &FetchSetting { coverage, noise, ranges, .. } = setting;
+        let kept = COVERAGES.iter().find(|(known, _)| *known == coverage).map(|(_, kept)| *kept);
+        within("coverage", kept.is_some(), "0.25, 0.5, 0.75 or 1", coverage)?;
+        let expected = format!("0 to {NOISE_MAX}");
+        within("noise", (0.0..=NOISE_MAX).contains(&noise), &expected, noise)?;
+        let (cube_x, cube_y, goal_y) = match (ranges, task) {
+            (Ranges::Symmetric, FetchTask::Pick) => (0.02, [-0.02, 0.02], [-0.02, 0.02]),
             (Ranges::Symmetric, _) => (0.05, [-0.02, 0.02], [-0.02, 0.02]),
             (Ranges::OneSided, _) => (0.05, [0.0, 0.04], [-0.04, 0.0]),
         };
-        let rectangle = |x: f64, y: [f64; 2], side| {
-            Rectangle { x: [-x, x], y }.stretched(setting.noise.unwrap_or(1.0)).moved(side)
-        };
-        Sampling {
+        let rectangle =
+            |x: f64, y: [f64; 2], side| Rectangle { x: [-x, x], y }.stretched(noise).moved(side);
+        Ok(Sampling {
             cube: rectangle(cube_x, cube_y, SIDE),
             goal: rectangle(0.05, goal_y, -SIDE),
-            kept: *kept,
-        }
+            kept: kept.unwrap_or_default(),
+        })
     }
 
     /// Draws where the cube lies and where the goal is, as x and y from the gripper's start.
@@ -109,8 +117,8 @@ mod tests {
     #[test]
     fn every_bin_kept_is_drawn_as_often_as_any_other() {
         for (coverage, kept) in COVERAGES {
-            let setting = Setting { coverage, noise: Some(1.75), ..Setting::default() };
-            let sampling = Sampling::new(Task::FetchPush, &setting);
+            let setting = FetchSetting { coverage, noise: 1.75, ..FetchSetting::default() };
+            let sampling = Sampling::new(FetchTask::Push, &setting).expect("the paper's coverage");
             let mut stream = stream(1, Purpose::Demonstration, 0, 0);
             let mut counts = [[[0; BINS]; BINS]; 2];
             for _ in 0..16_000 {

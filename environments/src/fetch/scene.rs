@@ -9,7 +9,6 @@
 use crate::EnvironmentError;
 use crate::physics::{Dynamics, Physics};
 use crate::scene::{Pose, Shape, Solid};
-use protocol::task::Task;
 use rapier3d::prelude::{
     BvhOptimizationStrategy, ColliderBuilder, FrictionModel, GenericJointBuilder, JointAxesMask,
     MultibodyJoint, MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RigidBodyBuilder,
@@ -164,8 +163,8 @@ impl Scene {
     }
 
     /// Refuses a state that left the finite numbers.
-    pub(super) fn check_finite(&self, task: Task, step: u32) -> Result<(), EnvironmentError> {
-        self.physics.check_finite(task, step)
+    pub(super) fn check_finite(&self, step: u32) -> Result<(), EnvironmentError> {
+        self.physics.check_finite(step)
     }
 
     pub(super) fn hash(&self, hasher: &mut Xxh3) {

@@ -1,7 +1,7 @@
 //! Navigation: walk through four rooms to a goal (paper, Section 4.3 and Table 1).
 //!
 //! The doors, the start and the goal are drawn anew for every episode; the start uniformly from the
-//! room cells that the [`Setting`] keeps, the goal uniformly from the others of them, and neither
+//! room cells that the [`NavigationSetting`] keeps, the goal uniformly from the others of them, and neither
 //! ever in a door.
 //!
 //! # Action
@@ -43,14 +43,38 @@ pub use class::{AGENT, EMPTY, GOAL, WALL};
 use crate::{Environment, EnvironmentError, Setting, Step, action};
 use expert::Distances;
 use protocol::seed::Stream;
-use protocol::task::{Spec, Task};
+use protocol::task::{ActionSpec, ObservationSpec, Spec};
 use rand::RngExt;
-use rooms::{CELL_COUNT, Cell, Rooms};
+use rooms::{CELL_COUNT, Cell, Rooms, SIZE};
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// The environment of [`Task::Navigation`].
+/// The shapes of the task.
+pub const SPEC: Spec = Spec {
+    observation: ObservationSpec::Cells { height: SIZE, width: SIZE, classes: 4 },
+    action: ActionSpec::Discrete { count: 4 },
+    horizon_steps: 100,
+};
+
+/// The starts and goals of Navigation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NavigationSetting {
+    /// The part of the cells that they lie in, above 0 and at most 1. The paper has 0.25, 0.5, 0.75
+    /// and 1.
+    pub coverage: f64,
+}
+
+impl Default for NavigationSetting {
+    fn default() -> Self {
+        NavigationSetting { coverage: 1.0 }
+    }
+}
+
+/// The environment of the task `navigation`.
 #[derive(Clone, Debug)]
 pub struct Navigation {
+    setting: NavigationSetting,
     /// Cells that starts and goals are drawn from.
     universe: &'static [Cell],
     /// Walls and doors of the episode.
@@ -69,11 +93,11 @@ impl Navigation {
     /// Builds the environment; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the task does not have such a setting, or its coverage keeps fewer than two cells.
-    pub fn new(setting: &Setting) -> Result<Navigation, EnvironmentError> {
-        setting.check("environment", &Task::Navigation.spec())?;
-        let universe = universe::universe(setting)?;
+    /// When the coverage is none, or keeps fewer than two cells.
+    pub fn new(setting: NavigationSetting) -> Result<Navigation, EnvironmentError> {
+        let universe = universe::universe(setting.coverage)?;
         Ok(Navigation {
+            setting,
             universe,
             rooms: Rooms::SHUT,
             agent: universe[0],
@@ -96,7 +120,11 @@ impl Navigation {
 
 impl Environment for Navigation {
     fn spec(&self) -> Spec {
-        Task::Navigation.spec()
+        SPEC
+    }
+
+    fn setting(&self) -> Setting {
+        Setting::of(&self.setting)
     }
 
     fn reset(

@@ -5,22 +5,21 @@
 //! leaves one quarter of all pairs. Doors are not in the list.
 
 use super::rooms::Cell;
-use crate::{EnvironmentError, Setting};
-use protocol::task::Task;
+use protocol::Error;
+use protocol::error::within;
 
 /// A start and a goal: with fewer cells there is no episode.
 const CELLS_MIN: usize = 2;
 
-/// The cells that the setting keeps: the first `coverage` of all, rounded down.
-pub(super) fn universe(setting: &Setting) -> Result<&'static [Cell], EnvironmentError> {
-    let (task, found) = (Task::Navigation, setting.coverage);
+/// The cells that a coverage keeps: the first of all, their number rounded down.
+pub(super) fn universe(coverage: f64) -> Result<&'static [Cell], Error> {
     // Also what a negative coverage, and one that is no number, end as: no cells.
-    let cells = (CELLS.len() as f64 * found) as usize;
-    if (CELLS_MIN..=CELLS.len()).contains(&cells) && found <= 1.0 {
-        Ok(&CELLS[..cells])
-    } else {
-        Err(EnvironmentError::Coverage { task, found, cells, cells_min: CELLS_MIN })
-    }
+    let cells = (CELLS.len() as f64 * coverage) as usize;
+    let holds = (CELLS_MIN..=CELLS.len()).contains(&cells) && coverage <= 1.0;
+    let expected =
+        format!("above 0 and at most 1, and leave at least {CELLS_MIN} of {} cells", CELLS.len());
+    within("coverage", holds, &expected, coverage)?;
+    Ok(&CELLS[..cells])
 }
 
 /// Every room cell in the shuffled order.
@@ -70,10 +69,6 @@ mod tests {
     use super::super::rooms::Rooms;
     use super::*;
 
-    fn with_coverage(coverage: f64) -> Result<&'static [Cell], EnvironmentError> {
-        universe(&Setting { coverage, ..Setting::default() })
-    }
-
     #[test]
     fn the_list_has_every_room_cell_once() {
         let mut cells = CELLS;
@@ -86,19 +81,20 @@ mod tests {
     fn a_coverage_keeps_the_first_cells() {
         let counts = [(0.25, 64), (0.5, 128), (0.75, 192), (1.0, 256), (0.3, 76), (2.0 / 256.0, 2)];
         for (coverage, cells) in counts {
-            assert_eq!(with_coverage(coverage), Ok(&CELLS[..cells]), "coverage {coverage}");
+            assert_eq!(universe(coverage), Ok(&CELLS[..cells]), "coverage {coverage}");
         }
     }
 
     #[test]
     fn what_is_no_coverage_is_refused() {
         for coverage in [0.0, 0.005, 1.001, 7.0, -0.5, f64::NAN, f64::INFINITY] {
-            let refused = with_coverage(coverage).unwrap_err();
-            assert!(matches!(refused, EnvironmentError::Coverage { .. }), "coverage {coverage}");
+            let refused = universe(coverage).unwrap_err();
+            assert!(matches!(refused, Error::Configuration { .. }), "coverage {coverage}");
         }
         assert_eq!(
-            with_coverage(0.005).unwrap_err().to_string(),
-            "navigation: coverage 0.005 must lie in (0, 1] and leave at least 2 cells, it leaves 1"
+            universe(0.005).unwrap_err().to_string(),
+            "configuration: `coverage` must be above 0 and at most 1, and leave at least 2 of 256 cells, \
+             found 0.005"
         );
     }
 }

@@ -1,10 +1,11 @@
 //! What an episode shows and how it ends, under experts, random actions and refused ones.
 
 use super::{Fetch, TABLE_TOP, TASKS, noise};
-use environments::{EnvironmentError, Setting, Shape};
+use environments::fetch::{FetchSetting, FetchTask};
+use environments::{Environment, EnvironmentError, Shape};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
-use protocol::task::{Task, write_floats};
+use protocol::task::write_floats;
 use rand::RngExt;
 
 /// The same in every process and with every optimisation; other processors are not promised.
@@ -12,10 +13,10 @@ use rand::RngExt;
 #[cfg(target_arch = "x86_64")]
 fn the_states_of_two_episodes_are_golden() {
     for (task, golden) in [
-        (Task::FetchPick, [0x8563_57a8_5ae8_e230, 0x02ca_b2f6_b288_63ab]),
-        (Task::FetchPush, [0x056e_234d_236f_f716, 0xe9a3_8025_dd62_58fd]),
+        (FetchTask::Pick, [0x8563_57a8_5ae8_e230, 0x02ca_b2f6_b288_63ab]),
+        (FetchTask::Push, [0x056e_234d_236f_f716, 0xe9a3_8025_dd62_58fd]),
     ] {
-        let mut fetch = Fetch::open(task, &Setting::default());
+        let mut fetch = Fetch::open(task, &FetchSetting::default());
         let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
         let hashes = [false, true].map(|random| {
             fetch.reset(0);
@@ -27,7 +28,7 @@ fn the_states_of_two_episodes_are_golden() {
                 }
             }
         });
-        assert_eq!(hashes, golden, "{task}: found {hashes:#x?}");
+        assert_eq!(hashes, golden, "{task:?}: found {hashes:#x?}");
     }
 }
 
@@ -57,8 +58,8 @@ fn wander(steps: u32) {
             let (observation, step) = fetch.step(action);
             begun = step.ending.is_none();
             let far = observation.iter().map(|number| number.abs()).fold(0.0, f32::max);
-            assert!(far < 10.0, "{task}, episode {episode}: {observation:?}");
-            assert!(observation[5] > 0.0, "{task}, episode {episode}: under the floor");
+            assert!(far < 10.0, "{task:?}, episode {episode}: {observation:?}");
+            assert!(observation[5] > 0.0, "{task:?}, episode {episode}: under the floor");
         }
     }
 }
@@ -66,33 +67,36 @@ fn wander(steps: u32) {
 #[test]
 fn an_observation_says_where_everything_is() {
     for task in TASKS {
-        let mut fetch = Fetch::open(task, &Setting::default());
+        let mut fetch = Fetch::open(task, &FetchSetting::default());
         let start = fetch.reset(0);
         for step in 0..20 {
             let action = fetch.expert();
             let (found, _) = fetch.step(action);
             for axis in 0..3 {
-                assert_eq!(found[6 + axis], found[3 + axis] - found[axis], "{task} {step}");
-                assert_eq!(found[3 + axis], fetch.pose("cube").position[axis], "{task} {step}");
-                assert_eq!(found[13 + axis], start[13 + axis], "{task}: the goal stays");
-                assert_eq!(found[13 + axis], fetch.pose("goal").position[axis], "{task}");
+                assert_eq!(found[6 + axis], found[3 + axis] - found[axis], "{task:?} {step}");
+                assert_eq!(found[3 + axis], fetch.pose("cube").position[axis], "{task:?} {step}");
+                assert_eq!(found[13 + axis], start[13 + axis], "{task:?}: the goal stays");
+                assert_eq!(found[13 + axis], fetch.pose("goal").position[axis], "{task:?}");
             }
             let fingers = ["right finger", "left finger"].map(|name| fetch.pose(name).position);
-            assert!((fingers[0][1] - found[1] - 0.0079 - found[9]).abs() < 1e-5, "{task} {step}");
-            assert!((found[1] - fingers[1][1] - 0.0079 - found[10]).abs() < 1e-5, "{task} {step}");
+            assert!((fingers[0][1] - found[1] - 0.0079 - found[9]).abs() < 1e-5, "{task:?} {step}");
+            assert!(
+                (found[1] - fingers[1][1] - 0.0079 - found[10]).abs() < 1e-5,
+                "{task:?} {step}"
+            );
         }
     }
 }
 
 #[test]
 fn an_action_that_is_no_number_is_refused() {
-    let mut fetch = Fetch::open(Task::FetchPush, &Setting::default());
+    let mut fetch = Fetch::open(FetchTask::Push, &FetchSetting::default());
     fetch.reset(0);
     let hash = fetch.environment.state_hash();
     let mut action = [0; 12];
     write_floats([0.0, f32::NAN, 0.0], &mut action);
     match fetch.environment.step(&action, &mut fetch.bytes) {
-        Err(EnvironmentError::ActionNotFinite { task: Task::FetchPush, index: 1, .. }) => {}
+        Err(EnvironmentError::ActionNotFinite { index: 1, .. }) => {}
         other => panic!("expected a refusal of the second number, found {other:?}"),
     }
     assert_eq!(fetch.environment.state_hash(), hash);
@@ -101,16 +105,16 @@ fn an_action_that_is_no_number_is_refused() {
 #[test]
 fn success_ends_the_episode_and_rewards_are_gym_s() {
     for task in TASKS {
-        let mut fetch = Fetch::open(task, &Setting::default());
+        let mut fetch = Fetch::open(task, &FetchSetting::default());
         fetch.reset(1);
         loop {
             let action = fetch.expert();
             let (found, step) = fetch.step(action);
             let distance = (0..3).map(|axis| (found[3 + axis] - found[13 + axis]).powi(2));
             let near = distance.sum::<f32>().sqrt() < 0.05;
-            assert_eq!(step.success, near, "{task}");
-            assert_eq!(step.reward, if near { 0.0 } else { -1.0 }, "{task}");
-            assert_eq!(step.ending, near.then_some(Ending::Terminated), "{task}");
+            assert_eq!(step.success, near, "{task:?}");
+            assert_eq!(step.reward, if near { 0.0 } else { -1.0 }, "{task:?}");
+            assert_eq!(step.ending, near.then_some(Ending::GoalReached), "{task:?}");
             if near {
                 break;
             }
@@ -118,9 +122,9 @@ fn success_ends_the_episode_and_rewards_are_gym_s() {
         fetch.reset(1);
         for taken in 1..=task.spec().horizon_steps {
             let (_, step) = fetch.step([0.0; 4]);
-            assert_eq!((step.success, step.reward), (false, -1.0), "{task}");
+            assert_eq!((step.success, step.reward), (false, -1.0), "{task:?}");
             let ending = (taken == task.spec().horizon_steps).then_some(Ending::Truncated);
-            assert_eq!(step.ending, ending, "{task}");
+            assert_eq!(step.ending, ending, "{task:?}");
         }
     }
 }
@@ -128,7 +132,7 @@ fn success_ends_the_episode_and_rewards_are_gym_s() {
 #[test]
 fn the_solids_have_names_of_their_own_and_the_goal_its_size() {
     for task in TASKS {
-        let mut fetch = Fetch::open(task, &Setting::default());
+        let mut fetch = Fetch::open(task, &FetchSetting::default());
         fetch.reset(0);
         let solids = fetch.environment.solids();
         let mut names: Vec<_> = solids.iter().map(|solid| solid.name).collect();

@@ -1,28 +1,27 @@
 //! The scripted experts: how often and how soon they succeed, and that asking them changes nothing.
 
 use super::{Fetch, TASKS, lowest_corner, noise};
-use environments::Setting;
+use environments::Environment;
+use environments::fetch::{FetchSetting, FetchTask, Ranges};
 use protocol::seed::{Purpose, stream};
-use protocol::setting::Ranges;
-use protocol::task::Task;
 use rand::RngExt;
 
 #[test]
 fn the_experts_succeed_as_soon_as_in_the_authors_simulator() {
     for (task, steps_expected, tolerance) in
-        [(Task::FetchPick, 33.3, 1.5), (Task::FetchPush, 53.5, 3.0)]
+        [(FetchTask::Pick, 33.3, 1.5), (FetchTask::Push, 53.5, 3.0)]
     {
         let (success, steps) = Fetch::open(task, &noise(1.0)).experts_record(200);
-        assert!(success >= 0.98, "{task}: {success}");
-        assert!((steps - steps_expected).abs() < tolerance, "{task}: {steps} steps");
+        assert!(success >= 0.98, "{task:?}: {success}");
+        assert!((steps - steps_expected).abs() < tolerance, "{task:?}: {steps} steps");
     }
 }
 
 #[test]
 fn the_experts_succeed_at_the_widest_spread_of_the_paper() {
-    for (task, factor) in [(Task::FetchPick, 1.75), (Task::FetchPush, 2.0)] {
+    for (task, factor) in [(FetchTask::Pick, 1.75), (FetchTask::Push, 2.0)] {
         let (success, _) = Fetch::open(task, &noise(factor)).experts_record(200);
-        assert!(success >= 0.97, "{task}: {success}");
+        assert!(success >= 0.97, "{task:?}: {success}");
     }
 }
 
@@ -31,15 +30,15 @@ fn the_experts_succeed_at_the_widest_spread_of_the_paper() {
 #[ignore = "takes a minute"]
 fn a_thousand_episodes_of_the_experts_are_as_long_as_in_the_authors_simulator() {
     for (task, ranges, steps_expected, tolerance) in [
-        (Task::FetchPick, Ranges::Symmetric, 33.3, 0.6),
-        (Task::FetchPick, Ranges::OneSided, 34.85, 0.6),
-        (Task::FetchPush, Ranges::Symmetric, 53.5, 2.5),
-        (Task::FetchPush, Ranges::OneSided, 55.3, 2.5),
+        (FetchTask::Pick, Ranges::Symmetric, 33.3, 0.6),
+        (FetchTask::Pick, Ranges::OneSided, 34.85, 0.6),
+        (FetchTask::Push, Ranges::Symmetric, 53.5, 2.5),
+        (FetchTask::Push, Ranges::OneSided, 55.3, 2.5),
     ] {
-        let setting = Setting { ranges: Some(ranges), ..Setting::default() };
+        let setting = FetchSetting { ranges, ..FetchSetting::default() };
         let (success, steps) = Fetch::open(task, &setting).experts_record(1_000);
-        assert_eq!(success, 1.0, "{task} {ranges:?}");
-        let found = format!("{task} {ranges:?}: {steps} steps");
+        assert_eq!(success, 1.0, "{task:?} {ranges:?}");
+        let found = format!("{task:?} {ranges:?}: {steps} steps");
         assert!((steps - steps_expected).abs() < tolerance, "{found}");
     }
 }
@@ -54,7 +53,7 @@ fn the_cube_never_sinks_into_the_table() {
                 let action = fetch.expert();
                 let (_, step) = fetch.step(action);
                 let depth = -lowest_corner(&fetch.pose("cube"));
-                assert!(depth < 0.005, "{task} {episode}: {depth} m");
+                assert!(depth < 0.005, "{task:?} {episode}: {depth} m");
                 if step.ending.is_some() {
                     break;
                 }
@@ -68,17 +67,17 @@ fn the_scale_multiplies_actions_and_divides_the_expert_s() {
     for (task, factors) in
         TASKS.into_iter().zip([vec![0.5, 0.25, 2.0, 0.125], vec![0.5, 0.25, 2.0]])
     {
-        let setting = Setting { action_scale: factors.clone(), ..Setting::default() };
-        let mut plain = Fetch::open(task, &Setting::default());
+        let setting = FetchSetting { action_scale: factors.clone(), ..FetchSetting::default() };
+        let mut plain = Fetch::open(task, &FetchSetting::default());
         let mut scaled = Fetch::open(task, &setting);
         assert_eq!(plain.reset(3), scaled.reset(3));
         loop {
             let (action, greater) = (plain.expert(), scaled.expert());
             for ((action, greater), factor) in action.iter().zip(greater).zip(&factors) {
-                assert_eq!(*action, greater * factor, "powers of two lose nothing");
+                assert_eq!(*action, greater * *factor as f32, "powers of two lose nothing");
             }
             let (observation, step) = plain.step(action);
-            assert_eq!((observation, step), scaled.step(greater), "{task}");
+            assert_eq!((observation, step), scaled.step(greater), "{task:?}");
             if step.ending.is_some() {
                 break;
             }
@@ -95,10 +94,10 @@ fn asking_the_expert_changes_nothing() {
         left.reset(5);
         let mut actions = stream(1, Purpose::TrainingActions, 0, 5);
         for _ in 0..30 {
-            assert_eq!(asked.expert(), asked.expert(), "{task}: the same state, the same action");
+            assert_eq!(asked.expert(), asked.expert(), "{task:?}: the same state, the same action");
             let action = [(); 4].map(|()| actions.random_range(-0.3f32..0.3));
-            assert_eq!(asked.step(action), left.step(action), "{task}");
-            assert_eq!(asked.environment.state_hash(), left.environment.state_hash(), "{task}");
+            assert_eq!(asked.step(action), left.step(action), "{task:?}");
+            assert_eq!(asked.environment.state_hash(), left.environment.state_hash(), "{task:?}");
         }
     }
 }

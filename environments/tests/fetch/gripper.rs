@@ -1,12 +1,12 @@
 //! How the gripper answers actions, against figures measured in MuJoCo.
 
 use super::Fetch;
-use environments::Setting;
-use protocol::task::Task;
+use environments::Environment;
+use environments::fetch::{FetchSetting, FetchTask};
 
 #[test]
 fn the_gripper_answers_as_in_mujoco() {
-    let mut fetch = Fetch::open(Task::FetchPick, &Setting::default());
+    let mut fetch = Fetch::open(FetchTask::Pick, &FetchSetting::default());
     let start = fetch.reset(0);
     let mut reach = |action, index: usize, expected: f32| {
         let (observation, _) = fetch.step(action);
@@ -27,7 +27,7 @@ fn the_gripper_answers_as_in_mujoco() {
 
 #[test]
 fn the_gripper_answers_along_every_axis_alike_and_in_proportion() {
-    let mut fetch = Fetch::open(Task::FetchPick, &Setting::default());
+    let mut fetch = Fetch::open(FetchTask::Pick, &FetchSetting::default());
     let start = fetch.reset(0);
     for (axis, action) in
         [[1.0, 0.0, 0.0, 0.0], [0.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.6, 0.0]].into_iter().enumerate()
@@ -44,7 +44,7 @@ fn the_gripper_answers_along_every_axis_alike_and_in_proportion() {
 #[test]
 fn what_passes_one_is_clipped() {
     let after = |action| {
-        let mut fetch = Fetch::open(Task::FetchPick, &Setting::default());
+        let mut fetch = Fetch::open(FetchTask::Pick, &FetchSetting::default());
         fetch.reset(0);
         fetch.step(action);
         fetch.environment.state_hash()

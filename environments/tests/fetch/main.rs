@@ -7,11 +7,12 @@ mod experts;
 mod gripper;
 mod starts;
 
-use environments::{Environment, Pose, Setting, Step, create};
+use environments::fetch::{self, FetchSetting, FetchTask};
+use environments::{Environment, Pose, Step};
 use protocol::seed::{Purpose, stream};
-use protocol::task::{Task, floats, write_floats};
+use protocol::task::{floats, write_floats};
 
-const TASKS: [Task; 2] = [Task::FetchPick, Task::FetchPush];
+const TASKS: [FetchTask; 2] = [FetchTask::Pick, FetchTask::Push];
 /// Half of the cube's side, and the height of the table's top.
 const CUBE_HALF_EXTENT: f32 = 0.025;
 const TABLE_TOP: f32 = 0.4;
@@ -19,13 +20,14 @@ const TABLE_TOP: f32 = 0.4;
 type Observation = [f32; 16];
 
 struct Fetch {
-    environment: Box<dyn Environment>,
+    environment: fetch::Fetch,
     bytes: [u8; 64],
 }
 
 impl Fetch {
-    fn open(task: Task, setting: &Setting) -> Fetch {
-        Fetch { environment: create(task, setting).expect("a setting there is"), bytes: [0; 64] }
+    fn open(task: FetchTask, setting: &FetchSetting) -> Fetch {
+        let environment = fetch::Fetch::new(task, setting.clone()).expect("a setting there is");
+        Fetch { environment, bytes: [0; 64] }
     }
 
     fn reset(&mut self, episode: u64) -> Observation {
@@ -87,8 +89,8 @@ impl Fetch {
     }
 }
 
-fn noise(factor: f64) -> Setting {
-    Setting { noise: Some(factor), ..Setting::default() }
+fn noise(factor: f64) -> FetchSetting {
+    FetchSetting { noise: factor, ..FetchSetting::default() }
 }
 
 /// Height of the lowest corner of the cube over the table's top.

@@ -1,30 +1,28 @@
 //! Where episodes begin: the gripper, and the cubes and goals that a setting allows.
 
 use super::{Fetch, noise};
-use environments::{Setting, create};
-use protocol::setting::Ranges;
-use protocol::task::Task;
+use environments::fetch::{self, FetchSetting, FetchTask, Ranges};
 
 #[test]
 fn episodes_begin_where_gym_s_do() {
     for (task, grip, goal_height) in [
-        (Task::FetchPick, [1.3419, 0.7491, 0.5347], 0.5747),
-        (Task::FetchPush, [1.3455, 0.7490, 0.4186], 0.4247),
+        (FetchTask::Pick, [1.3419, 0.7491, 0.5347], 0.5747),
+        (FetchTask::Push, [1.3455, 0.7490, 0.4186], 0.4247),
     ] {
-        let mut fetch = Fetch::open(task, &Setting::default());
+        let mut fetch = Fetch::open(task, &FetchSetting::default());
         for episode in 0..10 {
             let found = fetch.reset(episode);
             let distance = |index: usize, expected: f32| (found[index] - expected).abs();
-            assert!((0..3).all(|axis| distance(axis, grip[axis]) < 1e-6), "{task}: {found:?}");
+            assert!((0..3).all(|axis| distance(axis, grip[axis]) < 1e-6), "{task:?}: {found:?}");
             assert!(distance(5, 0.4247) < 1e-3 && distance(15, goal_height) < 1e-6);
-            assert_eq!(found[9..13], [0.0; 4], "{task}: closed fingers, an upright cube");
+            assert_eq!(found[9..13], [0.0; 4], "{task:?}: closed fingers, an upright cube");
         }
         let start = fetch.reset(0);
         for _ in 0..10 {
             let (rested, _) = fetch.step([0.0; 4]);
             let moved = |(before, after): (&f32, &f32)| (before - after).abs();
             let most = start.iter().zip(&rested).map(moved).fold(0.0, f32::max);
-            assert!(most < 3e-4, "{task}: everything rests, but {most}");
+            assert!(most < 3e-4, "{task:?}: everything rests, but {most}");
         }
     }
 }
@@ -33,12 +31,12 @@ fn episodes_begin_where_gym_s_do() {
 fn cubes_and_goals_fill_their_ranges_and_nothing_else() {
     let (symmetric, one_sided) = (Ranges::Symmetric, Ranges::OneSided);
     for (task, ranges, cube, goal) in [
-        (Task::FetchPick, symmetric, [0.02, -0.02, 0.02], [0.05, -0.02, 0.02]),
-        (Task::FetchPush, symmetric, [0.05, -0.02, 0.02], [0.05, -0.02, 0.02]),
-        (Task::FetchPick, one_sided, [0.05, 0.0, 0.04], [0.05, -0.04, 0.0]),
-        (Task::FetchPush, one_sided, [0.05, 0.0, 0.04], [0.05, -0.04, 0.0]),
+        (FetchTask::Pick, symmetric, [0.02, -0.02, 0.02], [0.05, -0.02, 0.02]),
+        (FetchTask::Push, symmetric, [0.05, -0.02, 0.02], [0.05, -0.02, 0.02]),
+        (FetchTask::Pick, one_sided, [0.05, 0.0, 0.04], [0.05, -0.04, 0.0]),
+        (FetchTask::Push, one_sided, [0.05, 0.0, 0.04], [0.05, -0.04, 0.0]),
     ] {
-        let setting = Setting { ranges: Some(ranges), ..noise(1.5) };
+        let setting = FetchSetting { ranges, ..noise(1.5) };
         let mut fetch = Fetch::open(task, &setting);
         let starts: Vec<_> = (0..1_000).map(|episode| fetch.reset(episode)).collect();
         for (place, side, [x, y_min, y_max]) in [(3, 0.1, cube), (13, -0.1, goal)] {
@@ -52,8 +50,11 @@ fn cubes_and_goals_fill_their_ranges_and_nothing_else() {
                     (low.min(offset), high.max(offset))
                 });
                 let slack = 0.01 * (largest - least);
-                assert!((low - least).abs() < slack, "{task} {ranges:?} {place} {axis}: {low}");
-                assert!((high - largest).abs() < slack, "{task} {ranges:?} {place} {axis}: {high}");
+                assert!((low - least).abs() < slack, "{task:?} {ranges:?} {place} {axis}: {low}");
+                assert!(
+                    (high - largest).abs() < slack,
+                    "{task:?} {ranges:?} {place} {axis}: {high}"
+                );
             }
         }
     }
@@ -62,8 +63,8 @@ fn cubes_and_goals_fill_their_ranges_and_nothing_else() {
 #[test]
 fn a_coverage_keeps_its_bins_of_cubes_and_of_goals() {
     for (coverage, bins) in [(0.25, 4), (0.5, 8), (0.75, 12), (1.0, 16)] {
-        let setting = Setting { coverage, ..Setting::default() };
-        let mut fetch = Fetch::open(Task::FetchPush, &setting);
+        let setting = FetchSetting { coverage, ..FetchSetting::default() };
+        let mut fetch = Fetch::open(FetchTask::Push, &setting);
         let (mut kept, mut pairs) = ([[false; 16]; 2], [[false; 16]; 16]);
         for episode in 0..4_000 {
             let start = fetch.reset(episode);
@@ -81,7 +82,8 @@ fn a_coverage_keeps_its_bins_of_cubes_and_of_goals() {
         assert_eq!(count(&kept[0]), bins, "{coverage}");
         assert_eq!(count(pairs.as_flattened()), bins * bins, "{coverage}: independent draws");
     }
-    let setting = Setting { coverage: 0.3, ..Setting::default() };
-    let refusal = create(Task::FetchPick, &setting).err().expect("no such coverage").to_string();
+    let setting = FetchSetting { coverage: 0.3, ..FetchSetting::default() };
+    let refusal =
+        fetch::Fetch::new(FetchTask::Pick, setting).err().expect("no such coverage").to_string();
     assert!(refusal.contains("0.25, 0.5, 0.75 or 1"), "{refusal}");
 }

@@ -77,14 +77,14 @@ impl Replay {
         Transition {
             observations: &trajectory.observations()[step * one..(step + 2) * one],
             action: trajectory.actions().get(step * action..(step + 1) * action).unwrap_or(&[]),
-            terminated: last && trajectory.ending == Ending::Terminated as i32,
+            terminated: last && trajectory.ending != Ending::Truncated as i32,
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use protocol::task::Task;
+    use protocol::task::{ActionSpec, ObservationSpec};
 
     use super::*;
 
@@ -97,14 +97,19 @@ mod tests {
             steps,
             cells: cells.into(),
             discrete_actions: (first..).take(steps as usize).collect::<Vec<u8>>().into(),
-            ending: Ending::Terminated as i32,
+            ending: Ending::GoalReached as i32,
             ..Trajectory::default()
         }
     }
 
     #[test]
     fn the_newest_transitions_stay_and_keep_their_episodes() {
-        let mut replay = Replay::new(Task::Navigation.spec(), 4);
+        let spec = Spec {
+            observation: ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
+            action: ActionSpec::Discrete { count: 4 },
+            horizon_steps: 100,
+        };
+        let mut replay = Replay::new(spec, 4);
         replay.push(&episode(10, 3));
         replay.push(&episode(20, 3));
         assert_eq!((replay.len(), replay.episodes.len()), (4, 2));

@@ -7,14 +7,16 @@ use mcap_log::{Ending, FileReader, Kind, Record};
 use protocol::Error;
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
-use protocol::setting::Setting;
+use protocol::setting::{ACTION_SCALE, Setting, is_same};
 use protocol::task::{Spec, Task, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use protocol::weights::to_bytes;
 use rand::seq::SliceRandom;
+use toml::Value;
 
 use crate::config::{RewardConfig, RewardModel, RunConfig, set_by_user};
 use crate::folder::RunFolder;
+use crate::metadata::recorded_task;
 
 /// What demonstrations may take of memory: hundreds of times what the paper has.
 const MOST_BYTES: usize = 1 << 30;
@@ -41,13 +43,13 @@ pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
 /// [`Error::Demonstrations`] if the file is damaged, is of another task or setting, has too few, lacks
 /// actions that the method needs, or does not say where a goal was reached.
 pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error> {
-    let mut reader = open(file, config.task)?;
-    let recorded = setting(&reader, file, config.task)?;
+    let mut reader = open(file, &config.task)?;
+    let recorded = setting(&reader, file)?;
     if let Some(recorded) = &recorded {
         require_setting(recorded, config, file)?;
     }
     let with_actions = config.needs_expert_actions();
-    let mut trajectories = rest(&mut reader, file, &config.task.spec(), with_actions)?;
+    let mut trajectories = rest(&mut reader, file, &config.task, with_actions)?;
     let (found, wanted) = (trajectories.len(), config.demonstrations.episodes as usize);
     if found < wanted {
         let message = format!(
@@ -61,30 +63,32 @@ pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error
     chosen.truncate(wanted);
     chosen.sort_unstable();
     let factors =
-        factors(&recorded.unwrap_or_default().action_scale, &config.environment.action_scale);
+        factors(&recorded.unwrap_or_default().action_scale(), &config.environment.action_scale());
     let taken = |at: usize| rescaled(std::mem::take(&mut trajectories[at]), &factors);
     let chosen: Vec<Trajectory> = chosen.into_iter().map(taken).collect();
     require_rows(&chosen, config, file)?;
     Ok(chosen)
 }
 
-/// A configuration with the coverage and noise that its file of demonstrations was recorded with,
-/// where `settings`, the user's own words, name none. A file that does not tell counts as one of
-/// the whole task.
+/// A configuration whose demonstrations differ from the agent's environment as its file of them says,
+/// where `settings`, the user's own words, do not. A file that does not tell counts as recorded in the
+/// environment itself.
 ///
 /// # Errors
 /// [`Error::Demonstrations`] if the file cannot be read, or is of another task.
 pub fn adopt(mut config: RunConfig, settings: &[String]) -> Result<RunConfig, Error> {
     if let Some(file) = &config.demonstrations.file {
-        let task = config.task;
-        let recorded = setting(&open(file, task)?, file, task)?.unwrap_or_default();
+        let recorded = setting(&open(file, &config.task)?, file)?.unwrap_or_default();
         let named = set_by_user(settings)?;
-        if !named.contains_key("demonstrations.coverage") {
-            config.demonstrations.coverage = recorded.coverage;
-        }
-        if !named.contains_key("demonstrations.noise") {
-            config.demonstrations.noise = recorded.effective_noise(task);
-        }
+        let own = &mut config.demonstrations.environment.0;
+        let is_named = |key: &str| named.contains_key(&format!("demonstrations.{key}"));
+        *own = std::mem::take(own)
+            .into_iter()
+            .filter_map(|(key, value)| match recorded.0.get(&key) {
+                _ if is_named(&key) => Some((key, value)),
+                recorded => Some((key, recorded?.clone())),
+            })
+            .collect();
     }
     Ok(config)
 }
@@ -94,58 +98,50 @@ pub fn adopt(mut config: RunConfig, settings: &[String]) -> Result<RunConfig, Er
 ///
 /// # Errors
 /// As [`adopt`].
-pub fn tells_setting(file: &Path, task: Task) -> Result<bool, Error> {
-    Ok(setting(&open(file, task)?, file, task)?.is_some())
+pub fn tells_setting(file: &Path, task: &Task) -> Result<bool, Error> {
+    Ok(setting(&open(file, task)?, file)?.is_some())
 }
 
 /// Opens a file that has to hold demonstrations of a task.
-fn open(file: &Path, task: Task) -> Result<FileReader, Error> {
+fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
     let reader = FileReader::open(file)?;
     let metadata = reader.metadata();
     if metadata.kind != Kind::Demonstrations {
         return Err(failed(file, "expected demonstrations, found the log of a run".to_owned()));
     }
-    match metadata.get("task").unwrap_or("none") {
-        found if found == task.name() => Ok(reader),
-        found => {
-            Err(failed(file, format!("expected demonstrations of the task {task}, found {found}")))
+    let found = metadata.get("task").unwrap_or("none");
+    if found != task.name {
+        let message = format!("expected demonstrations of the task {task}, found {found}");
+        return Err(failed(file, message));
+    }
+    match recorded_task(metadata) {
+        Some(found) if found.spec() != task.spec() => {
+            let message =
+                format!("expected demonstrations with {:?}, found {:?}", task.spec(), found.spec());
+            Err(failed(file, message))
         }
+        _ => Ok(reader),
     }
 }
 
 /// The setting that demonstrations were recorded in, if their file tells it.
-fn setting(reader: &FileReader, file: &Path, task: Task) -> Result<Option<Setting>, Error> {
+fn setting(reader: &FileReader, file: &Path) -> Result<Option<Setting>, Error> {
     let Some(text) = reader.metadata().get("setting") else { return Ok(None) };
-    let unreadable = |error: String| failed(file, format!("setting {text}: {error}"));
-    let setting: Setting =
-        serde_json::from_str(text).map_err(|error| unreadable(error.to_string()))?;
-    setting.check("setting", &task.spec()).map_err(|error| unreadable(error.to_string()))?;
-    Ok(Some(setting))
+    let setting = serde_json::from_str(text);
+    setting.map(Some).map_err(|error| failed(file, format!("setting {text}: {error}")))
 }
 
-/// Refuses demonstrations that were recorded in another setting than the configuration says.
+/// Refuses demonstrations that were recorded in another setting than the configuration says. A scale
+/// of actions may be another one: actions are brought to the run's own.
 fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Result<(), Error> {
     let own = config.demonstration_setting();
-    let shown = |noise: Option<f64>| noise.map_or("none".to_owned(), |noise| noise.to_string());
-    let forces = |setting: &Setting| setting.contact_forces.unwrap_or(false);
-    let [own_noise, noise] = [&own, recorded].map(|setting| setting.effective_noise(config.task));
-    for (key, expected, found, differs) in [
-        (
-            "demonstrations.coverage",
-            own.coverage.to_string(),
-            recorded.coverage.to_string(),
-            own.coverage != recorded.coverage,
-        ),
-        ("demonstrations.noise", shown(own_noise), shown(noise), own_noise != noise),
-        (
-            "environment.contact_forces",
-            forces(&own).to_string(),
-            forces(recorded).to_string(),
-            forces(&own) != forces(recorded),
-        ),
-    ] {
-        if differs {
-            let message = format!("expected {key} = {expected}, found them recorded with {found}");
+    for (key, found) in recorded.0.iter().filter(|(key, _)| *key != ACTION_SCALE) {
+        let expected = own.0.get(key);
+        if !expected.is_some_and(|expected| is_same(expected, found)) {
+            let expected = expected.map_or("nothing".to_owned(), Value::to_string);
+            let message = format!(
+                "expected demonstrations.{key} = {expected}, found them recorded with {found}"
+            );
             return Err(failed(file, message));
         }
     }
@@ -176,9 +172,12 @@ fn require_rows(
 /// A demonstration up to where it first reached the goal: what came after would have labels as if it
 /// were closer.
 fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String> {
+    if !trajectory.success {
+        return Err("expected one that reaches the goal".to_owned());
+    }
     let Trajectory { steps, steps_to_goal, ending, .. } = trajectory;
     match steps_to_goal {
-        0 if ending == TrajectoryEnding::Terminated as i32 => Ok(trajectory),
+        0 if ending == TrajectoryEnding::GoalReached as i32 => Ok(trajectory),
         0 => Err("expected the step that reached the goal, or an end there, found neither".into()),
         goal if goal == steps => Ok(trajectory),
         goal if goal < steps => Ok(cut(trajectory, goal, spec)),
@@ -199,7 +198,7 @@ fn cut(trajectory: Trajectory, steps: u32, spec: &Spec) -> Trajectory {
         discrete_actions: first(&trajectory.discrete_actions, steps, action),
         continuous_actions: first(&trajectory.continuous_actions, steps, action),
         environment_rewards: first(&trajectory.environment_rewards, steps, 4),
-        ending: TrajectoryEnding::Terminated as i32,
+        ending: TrajectoryEnding::GoalReached as i32,
         // It was that of the last state.
         state_hash: 0,
         ..trajectory
@@ -227,30 +226,33 @@ fn rescaled(trajectory: Trajectory, factors: &[f32]) -> Trajectory {
     Trajectory { continuous_actions: to_bytes(&numbers), ..trajectory }
 }
 
-/// Every demonstration of a file, each up to where it first reached the goal.
+/// Every demonstration of a file, each up to where it first reached the goal, if the task tells.
 ///
 /// # Errors
 /// [`Error::Demonstrations`] if the file is damaged, or lacks actions where they are needed.
-pub fn read(file: &Path, spec: &Spec, with_actions: bool) -> Result<Vec<Trajectory>, Error> {
-    rest(&mut FileReader::open(file)?, file, spec, with_actions)
+pub fn read(file: &Path, task: &Task, with_actions: bool) -> Result<Vec<Trajectory>, Error> {
+    rest(&mut FileReader::open(file)?, file, task, with_actions)
 }
 
 /// What a reader has not given yet of a file of demonstrations.
 fn rest(
     reader: &mut FileReader,
     file: &Path,
-    spec: &Spec,
+    task: &Task,
     with_actions: bool,
 ) -> Result<Vec<Trajectory>, Error> {
-    let (mut trajectories, mut held) = (Vec::new(), 0);
+    let (mut trajectories, mut held, spec) = (Vec::new(), 0, task.spec());
     for entry in &mut *reader {
         let Record::Trajectory(bytes) = entry?.record else { continue };
         let (number, length) = (trajectories.len(), bytes.len());
         let of_this = |message: String| failed(file, format!("demonstration {number}: {message}"));
-        let encoded = Encoded::decode(bytes, spec).map_err(|error| of_this(error.to_string()))?;
+        let encoded = Encoded::decode(bytes, &spec).map_err(|error| of_this(error.to_string()))?;
         let trajectory = encoded.trajectory;
-        if !trajectory.success {
-            return Err(of_this("expected one that reaches the goal".to_owned()));
+        if trajectory.task != task.name {
+            return Err(of_this(format!(
+                "expected one of {task}, found one of {}",
+                trajectory.task
+            )));
         }
         if with_actions && trajectory.actions().is_empty() {
             let message =
@@ -261,7 +263,8 @@ fn rest(
         if held > MOST_BYTES {
             return Err(of_this(format!("expected up to {} MiB in all", MOST_BYTES >> 20)));
         }
-        trajectories.push(up_to_goal(trajectory, spec).map_err(of_this)?);
+        let whole = if task.tells_success { up_to_goal(trajectory, &spec) } else { Ok(trajectory) };
+        trajectories.push(whole.map_err(of_this)?);
     }
     match reader.ending() {
         Some(Ending::Complete) => Ok(trajectories),

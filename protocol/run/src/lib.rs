@@ -9,6 +9,7 @@ pub mod diagnostics;
 pub mod folder;
 pub mod headway;
 pub mod learning_rate;
+pub mod metadata;
 pub mod origin;
 pub mod process;
 pub mod summary;

@@ -5,7 +5,6 @@ use std::fs;
 use protocol::build::Build;
 use protocol::dropped::shortened;
 use protocol::error::MESSAGE_CHARS;
-use protocol::task::Task;
 use protocol::{Error, durable};
 use serde::{Deserialize, Serialize};
 
@@ -15,8 +14,8 @@ use crate::origin::Demonstrations;
 /// Figures of a finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The task.
-    pub task: Task,
+    /// Name of the task.
+    pub task: String,
     /// The method.
     pub method: String,
     /// Name of the preset the configuration came from.
@@ -31,8 +30,8 @@ pub struct Summary {
     pub episodes: u64,
     /// Iterations finished.
     pub iterations: u64,
-    /// Of the last 100 training episodes, in [0, 1].
-    pub success_rate: f64,
+    /// Of the last 100 training episodes, in [0, 1]; none where the task does not tell success.
+    pub success_rate: Option<f64>,
     /// Episodes run after training.
     pub evaluation: EvaluationFigures,
     /// Wall time of training, earlier sittings of a resumed run included, seconds.
@@ -61,8 +60,11 @@ pub struct Summary {
 pub struct EvaluationFigures {
     /// How many.
     pub episodes: u64,
-    /// Share of them that reached the goal.
-    pub success_rate: f64,
+    /// Share of them that reached the goal; none where the task does not tell.
+    pub success_rate: Option<f64>,
+    /// Mean of the environment's own returns; none in a summary from before this was recorded.
+    #[serde(default)]
+    pub mean_return: Option<f64>,
 }
 
 /// The recorded files.

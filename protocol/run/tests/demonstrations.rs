@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 use mcap_log::{FileWriter, Kind, Metadata, Topic};
 use protocol::ending::Ending;
-use protocol::task::{Task, write_floats};
+use protocol::setting::Setting;
+use protocol::task::write_floats;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::RunConfig;
 use run::demonstrations::{adopt, load};
@@ -18,7 +19,7 @@ const METHODS: &str = include_str!("../../../deploy/methods.toml");
 
 /// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
 fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
-    let spec = Task::FetchPush.spec();
+    let spec = RunConfig::assemble(FILE, METHODS, "goalward", &[]).unwrap().task.spec();
     let numbered = |count: u32, bytes: usize| {
         let mut all = vec![0; count as usize * bytes];
         let numbers = (0..count).flat_map(|step| vec![step as f32; bytes / 4]);
@@ -26,7 +27,7 @@ fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
         all
     };
     Trajectory {
-        task: spec.task.name().to_owned(),
+        task: "fetch-push".to_owned(),
         source: Source::Demonstration as i32,
         steps,
         observation_shape: spec.observation.shape(),
@@ -101,15 +102,15 @@ fn usual(trajectories: &[Trajectory]) -> Given {
 #[test]
 fn what_runs_on_after_the_goal_is_cut_there() {
     let [long, short] = [(60, 25), (12, 12)].map(|(steps, goal)| {
-        let ending = if steps == 60 { Ending::Truncated } else { Ending::Terminated };
+        let ending = if steps == 60 { Ending::Truncated } else { Ending::GoalReached };
         demonstration(steps, goal, ending)
     });
     // Of a file that does not tell where the goal was, an end at the goal does.
-    let untold = demonstration(9, 0, Ending::Terminated);
+    let untold = demonstration(9, 0, Ending::GoalReached);
     let given = usual(&[long, short.clone(), untold.clone()]);
     let found = given.load().unwrap();
     // State hashes are of final states, and the last one is another now.
-    let expected = Trajectory { state_hash: 0, ..demonstration(25, 25, Ending::Terminated) };
+    let expected = Trajectory { state_hash: 0, ..demonstration(25, 25, Ending::GoalReached) };
     assert_eq!(found[0], expected);
     assert_eq!(found[1..], [short, untold]);
 }
@@ -117,9 +118,9 @@ fn what_runs_on_after_the_goal_is_cut_there() {
 #[test]
 fn a_goal_without_its_step_is_refused() {
     let untold = demonstration(60, 0, Ending::Truncated);
-    let said = usual(&[demonstration(9, 9, Ending::Terminated), untold]).refusal();
+    let said = usual(&[demonstration(9, 9, Ending::GoalReached), untold]).refusal();
     assert!(said.contains("demonstration 1: expected the step that reached the goal"), "{said}");
-    let said = usual(&[demonstration(9, 10, Ending::Terminated)]).refusal();
+    let said = usual(&[demonstration(9, 10, Ending::GoalReached)]).refusal();
     assert!(
         said.contains("demonstration 0: trajectory: expected steps to the goal 0..=9, found 10"),
         "{said}"
@@ -128,11 +129,11 @@ fn a_goal_without_its_step_is_refused() {
 
 #[test]
 fn the_setting_of_a_file_decides() {
-    let whole = [demonstration(9, 9, Ending::Terminated)];
+    let whole = [demonstration(9, 9, Ending::GoalReached)];
     let recorded = |setting| Given::new(Some(setting), &whole);
     let quarter = recorded("{\"coverage\":0.25,\"noise\":1.5}");
-    let found = quarter.config().unwrap().demonstrations;
-    assert_eq!((found.coverage, found.noise), (0.25, Some(1.5)));
+    let found = quarter.config().unwrap().demonstrations.environment;
+    assert_eq!(found, Setting("coverage = 0.25\nnoise = 1.5".parse().unwrap()));
     quarter.load().unwrap();
     // Said and true.
     let said = ["demonstrations.coverage=0.25", "demonstrations.noise=1.5"];
@@ -144,18 +145,22 @@ fn the_setting_of_a_file_decides() {
     assert!(refusal.contains("found them recorded with 1"), "{refusal}");
     let refusal = full().with("demonstrations.noise=2.0").refusal();
     assert!(refusal.contains("demonstrations.noise = 2"), "{refusal}");
-    // The spread of demonstrations is what a file without one has.
-    recorded("{\"coverage\":1.0}").with("demonstrations.noise=1.0").load().unwrap();
+    // An integer is the number it is; of what a file does not tell the user's word holds.
+    recorded("{\"coverage\":1}").with("demonstrations.noise=1.0").load().unwrap();
+    // What tasks do not let demonstrations differ in is that of the agent's environment.
+    let refusal = recorded("{\"ranges\":\"one-sided\"}").refusal();
+    assert!(refusal.contains("demonstrations.ranges = \"symmetric\""), "{refusal}");
+    let one_sided = recorded("{\"ranges\":\"one-sided\"}");
+    one_sided.with("demonstrations.ranges=one-sided").load().unwrap();
 }
 
 #[test]
 fn a_setting_that_cannot_be_read_is_refused() {
-    let whole = [demonstration(9, 9, Ending::Terminated)];
+    let whole = [demonstration(9, 9, Ending::GoalReached)];
     for (setting, words) in [
         ("{\"coverage\":", "setting"),
-        ("{\"coverage\":1.0,\"wind\":3}", "wind"),
-        ("{\"coverage\":0.6}", "0.25, 0.5, 0.75 or 1, found 0.6"),
-        ("{\"coverage\":1.0,\"action_scale\":[0.1]}", "3 numbers"),
+        ("[1.0]", "setting"),
+        ("{\"coverage\":1.0,\"wind\":3}", "demonstrations.wind = nothing"),
     ] {
         let refusal = Given::new(Some(setting), &whole).refusal();
         assert!(refusal.contains(words), "{setting}: {refusal}");
@@ -164,19 +169,22 @@ fn a_setting_that_cannot_be_read_is_refused() {
 
 #[test]
 fn a_file_without_a_setting_takes_the_word_of_the_user() {
-    let whole = [demonstration(9, 9, Ending::Terminated)];
+    let whole = [demonstration(9, 9, Ending::GoalReached)];
     let silent = Given::new(None, &whole);
-    let found = silent.config().unwrap().demonstrations;
-    assert_eq!((found.coverage, found.noise), (1.0, Some(1.0)));
+    let found = silent.config().unwrap();
+    assert!(found.demonstrations.environment.0.is_empty());
+    assert_eq!(found.demonstration_setting(), found.environment);
     silent.load().unwrap();
     let told = silent.with("demonstrations.coverage=0.5");
-    assert_eq!(told.config().unwrap().demonstrations.coverage, 0.5);
+    let found = told.config().unwrap().demonstrations.environment;
+    assert_eq!(found, Setting("coverage = 0.5".parse().unwrap()));
     told.load().unwrap();
 }
 
 #[test]
 fn too_few_rows_for_a_batch_are_refused() {
-    let whole = [demonstration(9, 9, Ending::Terminated), demonstration(8, 8, Ending::Terminated)];
+    let whole =
+        [demonstration(9, 9, Ending::GoalReached), demonstration(8, 8, Ending::GoalReached)];
     let batch = |rows: u32| usual(&whole).with(&format!("reward.batch={rows}"));
     batch(19).load().unwrap();
     let refusal = batch(20).refusal();

@@ -5,7 +5,9 @@
 #[repr(i32)]
 pub enum Ending {
     /// By the task: the goal was reached.
-    Terminated = 0,
+    GoalReached = 0,
     /// By the horizon.
     Truncated = 1,
+    /// By the task, and the goal was not reached: nothing follows, and nothing was won.
+    Failed = 2,
 }

@@ -13,14 +13,6 @@ pub const MESSAGE_CHARS: usize = 300;
 /// What can go wrong while processes talk, record or read a configuration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A task name that is none of ours.
-    #[error("unknown task `{found}`; known tasks: {known}")]
-    UnknownTask {
-        /// The name given.
-        found: String,
-        /// The names there are.
-        known: String,
-    },
     /// Bytes that are not the message they should be.
     #[error("undecodable {what}")]
     Undecodable {
@@ -48,6 +40,12 @@ pub enum Error {
         expected: String,
         /// The value found.
         found: String,
+    },
+    /// A setting that its environment does not have.
+    #[error("{message}")]
+    Setting {
+        /// What the environment expects, with the key.
+        message: String,
     },
     /// Text that is no configuration of ours.
     #[error("configuration {origin}: {message}")]
@@ -145,6 +143,21 @@ pub enum Error {
         /// What was expected and what was met.
         message: String,
     },
+}
+
+impl Error {
+    /// The refusal of a setting, with the part of the configuration that has the setting.
+    pub fn of_part(self, part: &str) -> Error {
+        match self {
+            Error::Configuration { key, expected, found } => {
+                Error::Configuration { key: format!("{part}.{key}"), expected, found }
+            }
+            Error::Setting { message } => {
+                Error::ConfigurationText { origin: format!("`{part}`"), message }
+            }
+            other => other,
+        }
+    }
 }
 
 /// Refuses a configuration value unless it holds.

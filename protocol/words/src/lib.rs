@@ -5,6 +5,7 @@
 //! [`build`] what made a file, [`durable`] how a file is written.
 
 pub mod build;
+pub mod description;
 pub mod digest;
 pub mod dropped;
 pub mod durable;

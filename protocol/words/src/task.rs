@@ -1,85 +1,111 @@
-//! The tasks and the shape of what flows between their environments and the networks (Table 1).
+//! What a task is to all but its environment: a name, and the shape of what flows between environment
+//! and networks (Table 1).
 //!
 //! An observation and an action are each a fixed number of bytes, laid out as [`ObservationSpec`]
 //! and [`ActionSpec`] say. The same bytes are written by the environment, sent through shared
 //! memory, kept in the log and read by the networks; nothing in between converts them.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
+use crate::Error;
 use crate::ending::Ending;
+use crate::error::within;
 
-/// A task of the paper.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Task {
-    /// Four rooms on a 19 x 19 grid (paper, Section 4.3).
-    Navigation,
-    /// A gripper lifts a cube to a goal in the air (Section 4.4).
-    FetchPick,
-    /// A gripper pushes a cube to a goal on the table (Section 4.4).
-    FetchPush,
-    /// A quadruped walks to a goal five meters away (Section 4.5).
-    AntReach,
+/// A task, as configurations and logs have it: what is to be known of it by whoever does not act in it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Task {
+    /// What people and logs call it: letters, digits, `-`, `_` and `.`.
+    pub name: String,
+    /// Shape of one observation.
+    pub observation: ObservationSpec,
+    /// Shape of one action.
+    pub action: ActionSpec,
+    /// Longest episode, in environment steps.
+    pub horizon_steps: u32,
+    /// What each class of cells is, or each number of a vector; empty where nobody says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub labels: Vec<String>,
+    /// Whether an episode depends on its seed and its actions alone, so that it can be acted again.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub deterministic: bool,
+    /// Whether its episodes say if they reached the goal. Where they do not, demonstrations count from
+    /// their last state, and a run is judged by return and proximity.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub tells_success: bool,
+    /// The program that acts in it; without it, `goalward-actor`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<PathBuf>,
+    /// SHA-256 of that program, which decides results; it is found out when a run begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program_sha256: Option<String>,
 }
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(found: &bool) -> bool {
+    *found
+}
+
+/// Longest name of a task, characters.
+const NAME_CHARS: usize = 64;
+
+/// Largest observation, bytes.
+const OBSERVATION_BYTES: usize = 1 << 20;
 
 impl Task {
-    /// Every task, in the order of the paper.
-    pub const ALL: [Task; 4] = [Task::Navigation, Task::FetchPick, Task::FetchPush, Task::AntReach];
-
-    /// The name users type and the log carries.
-    pub fn name(self) -> &'static str {
-        match self {
-            Task::Navigation => "navigation",
-            Task::FetchPick => "fetch-pick",
-            Task::FetchPush => "fetch-push",
-            Task::AntReach => "ant-reach",
-        }
-    }
-
     /// The shapes of the task (Table 1).
-    pub fn spec(self) -> Spec {
-        let (observation, action, horizon_steps) = match self {
-            Task::Navigation => (
-                ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
-                ActionSpec::Discrete { count: 4 },
-                100,
-            ),
-            Task::FetchPick => {
-                (ObservationSpec::Vector { len: 16 }, ActionSpec::Continuous { len: 4 }, 50)
-            }
-            Task::FetchPush => {
-                (ObservationSpec::Vector { len: 16 }, ActionSpec::Continuous { len: 3 }, 60)
-            }
-            Task::AntReach => {
-                (ObservationSpec::Vector { len: 132 }, ActionSpec::Continuous { len: 8 }, 50)
-            }
-        };
-        Spec { task: self, observation, action, horizon_steps }
+    pub fn spec(&self) -> Spec {
+        let &Task { observation, action, horizon_steps, .. } = self;
+        Spec { observation, action, horizon_steps }
     }
-}
 
-impl std::str::FromStr for Task {
-    type Err = crate::Error;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        Task::ALL.into_iter().find(|task| task.name() == name).ok_or_else(|| {
-            let known: Vec<_> = Task::ALL.iter().map(|task| task.name()).collect();
-            crate::Error::UnknownTask { found: name.to_owned(), known: known.join(", ") }
-        })
+    /// Checks that networks and logs can have such a task.
+    ///
+    /// # Errors
+    /// Names the first key that is out of its range.
+    pub fn check(&self) -> Result<(), Error> {
+        let name = &self.name;
+        let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+        let fits = (1..=NAME_CHARS).contains(&name.len());
+        let plain = fits && name.chars().all(is_plain) && !name.starts_with('.');
+        let expected = "up to 64 letters, digits, `-`, `_` and `.`";
+        within("task.name", plain, expected, format!("`{name}`"))?;
+        if let ObservationSpec::Cells { classes, .. } = self.observation {
+            let holds = (1..=256).contains(&classes);
+            within("task.observation", holds, "of 1 to 256 classes", classes)?;
+        }
+        let parts = self.observation.parts();
+        let labeled = self.labels.is_empty() || self.labels.len() == parts;
+        let expected = format!("none, or {parts}, as the observation has classes or numbers");
+        within("task.labels", labeled, &expected, self.labels.len())?;
+        let bytes = self.observation.checked_bytes();
+        let fits = bytes.is_some_and(|bytes| (1..=OBSERVATION_BYTES).contains(&bytes));
+        let found = || bytes.map_or("more".to_owned(), |bytes| bytes.to_string());
+        within("task.observation", fits, "1 byte to 1 MiB large", found())?;
+        let (count, expected) = match self.action {
+            ActionSpec::Discrete { count } => (count, "1 to 256 actions"),
+            ActionSpec::Continuous { len } => (len, "1 to 256 numbers"),
+        };
+        within("task.action", (1..=256).contains(&count), expected, count)?;
+        let horizon = self.horizon_steps;
+        within("task.horizon_steps", (1..=1_000_000).contains(&horizon), "1 to 1000000", horizon)
     }
 }
 
 impl std::fmt::Display for Task {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str(self.name())
+        formatter.write_str(&self.name)
     }
 }
 
-/// What a task looks like from outside.
+/// The shapes of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spec {
-    /// The task described.
-    pub task: Task,
     /// Shape of one observation.
     pub observation: ObservationSpec,
     /// Shape of one action.
@@ -93,14 +119,15 @@ impl Spec {
     /// there, or else at the horizon.
     pub fn ending(&self, at_goal: bool, steps: u32) -> Option<Ending> {
         if at_goal {
-            return Some(Ending::Terminated);
+            return Some(Ending::GoalReached);
         }
         (steps == self.horizon_steps).then_some(Ending::Truncated)
     }
 }
 
 /// Shape and layout of one observation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum ObservationSpec {
     /// A grid of cell classes, one byte a cell, row by row. Networks see it as one-hot channels.
     Cells {
@@ -127,10 +154,26 @@ impl ObservationSpec {
         }
     }
 
+    /// Its classes of cells, or its numbers.
+    fn parts(&self) -> usize {
+        match *self {
+            ObservationSpec::Cells { classes, .. } => classes,
+            ObservationSpec::Vector { len } => len,
+        }
+    }
+
+    /// Its length in bytes; none if it is beyond all memory.
+    fn checked_bytes(&self) -> Option<usize> {
+        match *self {
+            ObservationSpec::Cells { height, width, .. } => height.checked_mul(width),
+            ObservationSpec::Vector { len } => len.checked_mul(4),
+        }
+    }
+
     /// Checks that these are whole observations, with only classes there are, or only finite numbers.
-    pub fn check(&self, observations: &[u8]) -> Result<(), crate::Error> {
+    pub fn check(&self, observations: &[u8]) -> Result<(), Error> {
         let refused = |what, expected: String, found: String| {
-            Err(crate::Error::Trajectory { what, expected, found })
+            Err(Error::Trajectory { what, expected, found })
         };
         let (one, found) = (self.bytes(), observations.len());
         if !found.is_multiple_of(one) {
@@ -170,7 +213,8 @@ impl ObservationSpec {
 }
 
 /// Shape and layout of one action.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum ActionSpec {
     /// One byte, below `count`.
     Discrete {
@@ -186,7 +230,7 @@ pub enum ActionSpec {
 
 impl ActionSpec {
     /// Length of one action in bytes.
-    pub fn bytes(&self) -> usize {
+    pub const fn bytes(&self) -> usize {
         match *self {
             ActionSpec::Discrete { .. } => 1,
             ActionSpec::Continuous { len } => 4 * len,

@@ -195,10 +195,15 @@ impl Trajectory {
         }
     }
 
-    /// Checks lengths, classes, finiteness and names against the task's shapes.
+    /// What the environment's own rewards add up to.
+    pub fn environment_return(&self) -> f64 {
+        crate::task::floats(&self.environment_rewards).map(f64::from).sum()
+    }
+
+    /// Checks lengths, classes and finiteness against the task's shapes. Which task it is, files and runs
+    /// say as a whole.
     fn check(&self, spec: &Spec) -> Result<(), Error> {
         let steps = self.steps as usize;
-        expect("task", spec.task.name(), self.task.as_str())?;
         expect("observation shape", spec.observation.shape(), self.observation_shape.clone())?;
         if steps == 0 || steps > spec.horizon_steps as usize {
             let expected = format!("1 to {}", spec.horizon_steps);
@@ -242,7 +247,7 @@ impl Trajectory {
             return Err(mismatch("source", "0 to 2".to_owned(), self.source));
         }
         if Ending::try_from(self.ending).is_err() {
-            return Err(mismatch("ending", "0 or 1".to_owned(), self.ending));
+            return Err(mismatch("ending", "0 to 2".to_owned(), self.ending));
         }
         Ok(())
     }

@@ -124,10 +124,8 @@ impl Input {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::task::Task;
 
     const TINY: Spec = Spec {
-        task: Task::Navigation,
         observation: ObservationSpec::Cells { height: 1, width: 2, classes: 9 },
         action: ActionSpec::Discrete { count: 2 },
         horizon_steps: 9,

@@ -23,7 +23,7 @@ struct Verification {
 
 /// Verifies a run's log: fails when an episode differs, and has lost data when a file is damaged.
 pub(super) fn verify(folder: &RunFolder) -> Result<()> {
-    let mut actor = Program::Actor.command()?;
+    let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
     let verification: Verification = programs::figures(actor, "acting again")?;
     print_line(table(&verification).trim_end());

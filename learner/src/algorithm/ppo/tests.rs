@@ -3,7 +3,7 @@
 
 use networks::PolicyArchitecture;
 use proptest::prelude::*;
-use protocol::task::{ActionSpec, ObservationSpec, Task, floats, write_floats};
+use protocol::task::{ActionSpec, ObservationSpec, floats, write_floats};
 
 use super::loss::{Row, clipped_value};
 use super::*;
@@ -215,7 +215,6 @@ proptest! {
 #[test]
 fn a_cut_episode_is_bootstrapped_with_the_value_of_its_last_state_and_no_other_is() {
     let spec = Spec {
-        task: Task::Navigation,
         observation: ObservationSpec::Vector { len: 1 },
         action: ActionSpec::Discrete { count: 2 },
         horizon_steps: 1,

@@ -39,9 +39,7 @@ impl RunConfig {
         for (key, number, most) in at_most {
             within(key, number <= most, &format!("at most {most}"), number)?;
         }
-        let spec = self.task.spec();
-        self.environment.check("environment", &spec)?;
-        self.demonstration_setting().check("demonstrations", &spec)?;
+        self.task.check()?;
         self.check_widths()?;
         self.check_limits()?;
         self.check_learner()?;
@@ -96,13 +94,16 @@ impl RunConfig {
             sqil.check()?;
         }
         // A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
-        let scale = &self.environment.action_scale;
+        let scale = self.environment.action_scale();
         let unscaled = scale.is_empty() || self.learner != Learner::Sqil;
         within("environment.action_scale", unscaled, "none for sqil", format!("{scale:?}"))?;
         // What they replay comes from the log when a run is continued.
         let replays = matches!(self.learner, Learner::Bco | Learner::Sqil);
         let kept = self.log.observations;
-        within("log.observations", kept || !replays, "true for bco and sqil", kept)
+        within("log.observations", kept || !replays, "true for bco and sqil", kept)?;
+        let acts_again = self.task.deterministic;
+        let expected = "true for a task whose episodes cannot be acted again";
+        within("log.observations", kept || acts_again, expected, kept)
     }
 
     fn check_reward(&self) -> Result<(), Error> {

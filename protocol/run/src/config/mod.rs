@@ -1,7 +1,8 @@
 //! What a run is: the effective configuration, complete, checked once, recorded first in its log.
 //!
-//! A task's file (`deploy/tasks/*.toml`) holds the default preset and, under `[preset.NAME]`, what
-//! other presets change. Flags of the command line change single keys. Everything after
+//! `defaults.toml` beside this file has a value for every key. A task's file (`deploy/tasks/*.toml`, or
+//! one of the user's) says what the task is and which values it changes, and, under `[preset.NAME]`,
+//! what other presets change. Then a method has its changes, and the command line. Everything after
 //! [`RunConfig::assemble`] reads checked values only.
 
 mod check;
@@ -17,8 +18,9 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use protocol::Error;
+use protocol::description::Description;
 use protocol::dropped::shortened;
-use protocol::error::{MESSAGE_CHARS, out_of_range};
+use protocol::error::{MESSAGE_CHARS, out_of_range, within};
 use protocol::setting::Setting;
 use protocol::table::{flat, merge, parse_setting, result_differences};
 use protocol::task::Task;
@@ -38,6 +40,9 @@ pub const DEFAULT_PRESET: &str = "goalward";
 /// What chooses the values that settings change, and the words that choose it.
 const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
 
+/// Every key that tasks have in common, and what grids and vectors change.
+const DEFAULTS: &str = include_str!("defaults.toml");
+
 /// The effective configuration of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,7 +60,7 @@ pub struct RunConfig {
     /// Environment steps to train for; the run ends with the iteration that reaches them. Behavioral
     /// cloning takes none.
     pub steps: u64,
-    /// The starts and goals the agent is trained and evaluated on, and how its actions act.
+    /// What the environment is made with that the agent is trained and evaluated in.
     #[serde(default)]
     pub environment: Setting,
     /// Which demonstrations the run learns from.
@@ -89,18 +94,15 @@ pub struct RunConfig {
 
 /// Demonstrations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DemonstrationConfig {
     /// MCAP file; where it is not given, the expert records one for the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// How many are learned from.
     pub episodes: u64,
-    /// Part of starts and goals they may use, in (0, 1].
-    pub coverage: f64,
-    /// How far their starts and goals spread ([`Setting::noise`]).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub noise: Option<f64>,
+    /// All other keys: what differs from the agent's environment where they are recorded.
+    #[serde(flatten)]
+    pub environment: Setting,
 }
 
 /// Lanes and their steps.
@@ -179,17 +181,21 @@ pub struct ResourceConfig {
 }
 
 impl RunConfig {
-    /// Puts a configuration together: a task's file, a preset of it, what a method changes, then
-    /// `key=value` settings. `methods` has a table for each method, and in it under `task` what it
-    /// changes for single tasks only.
+    /// Puts a configuration together: the defaults, a task's file, a preset of it, what a method
+    /// changes, then `key=value` settings. `methods` has a table for each method, and in it under
+    /// `task` what it changes for single tasks only.
+    ///
+    /// # Errors
+    /// For the first key that is unknown, out of its range, or without effect.
     pub fn assemble(
         file: &str,
         methods: &str,
         preset: &str,
         settings: &[String],
     ) -> Result<Self, Error> {
-        let mut table = parse(file, "file")?;
-        let presets = taken(&mut table, "preset");
+        let mut file = parse(file, "file")?;
+        let presets = taken(&mut file, "preset");
+        let mut table = over_defaults(file)?;
         if preset != DEFAULT_PRESET {
             let Some(Value::Table(changes)) = presets.get(preset) else {
                 let known = format!("one of {DEFAULT_PRESET}, {}", names(&presets));
@@ -208,8 +214,8 @@ impl RunConfig {
         };
         let mut changes = changes.clone();
         let of_tasks = taken(&mut changes, "task");
-        let task = table.get("task").and_then(Value::as_str).unwrap_or("none");
-        let of_task = of_tasks.get(task).and_then(Value::as_table).cloned();
+        let task = table.get("task").and_then(|task| task.get("name")).and_then(Value::as_str);
+        let of_task = of_tasks.get(task.unwrap_or("none")).and_then(Value::as_table).cloned();
         merge(&mut table, changes);
         merge(&mut table, of_task.unwrap_or_default());
         Self::changed(table, settings)
@@ -238,9 +244,13 @@ impl RunConfig {
         metadata.get("config").map(|text| Self::from_text(text, "of the log"))
     }
 
-    /// Reads a complete configuration, as a run's `config.toml` holds it.
+    /// Reads a configuration, as a run's `config.toml` holds it; keys that were not there when it was
+    /// written have their default.
+    ///
+    /// # Errors
+    /// For the first key that is unknown or out of its range.
     pub fn from_text(text: &str, origin: &str) -> Result<Self, Error> {
-        Self::from_table(parse(text, origin)?)
+        Self::from_table(over_defaults(parse(text, origin)?)?)
     }
 
     fn from_table(table: Table) -> Result<Self, Error> {
@@ -278,10 +288,37 @@ impl RunConfig {
         result_differences(&table(self), &table(other))
     }
 
-    /// What an expert's demonstrations for this run start from and reach.
+    /// What the environment is made with that demonstrations for this run are recorded in.
     pub fn demonstration_setting(&self) -> Setting {
-        let DemonstrationConfig { coverage, noise, .. } = self.demonstrations;
-        Setting { coverage, noise, ..self.environment.clone() }
+        self.environment.with(&self.demonstrations.environment)
+    }
+
+    /// This configuration with what the program that acts in its task says of it: both settings are
+    /// complete then.
+    ///
+    /// # Errors
+    /// When the task is another one there.
+    pub fn described(mut self, description: Description) -> Result<Self, Error> {
+        let Description { task, environment, demonstrations, .. } = description;
+        let shapes = |task: &Task| {
+            [
+                ("task.observation", format!("{:?}", task.observation)),
+                ("task.action", format!("{:?}", task.action)),
+                ("task.horizon_steps", task.horizon_steps.to_string()),
+                ("task.tells_success", task.tells_success.to_string()),
+            ]
+        };
+        for ((key, expected), (_, found)) in shapes(&task).into_iter().zip(shapes(&self.task)) {
+            let holds = expected == found;
+            within(key, holds, &format!("{expected}, as its environment has it"), found)?;
+        }
+        self.environment = environment;
+        for (key, value) in &mut self.demonstrations.environment.0 {
+            if let Some(complete) = demonstrations.0.get(key) {
+                *value = complete.clone();
+            }
+        }
+        Ok(self)
     }
 
     /// Environment steps of one iteration, on average.
@@ -320,6 +357,36 @@ fn parse(text: &str, origin: &str) -> Result<Table, Error> {
         origin: origin.to_owned(),
         message: format!("{}: {}", place(text, error.span()), line_of(error.message())),
     })
+}
+
+/// A configuration's table over the defaults of all tasks and those of tasks with such observations.
+fn over_defaults(changes: Table) -> Result<Table, Error> {
+    let mut defaults = parse(DEFAULTS, "defaults")?;
+    let kinds = ["cells", "vector"].map(|kind| (kind, taken(&mut defaults, kind)));
+    let refused = |message| Error::ConfigurationText { origin: "values".to_owned(), message };
+    match changes.get("task") {
+        Some(Value::Table(task)) => {
+            let observation = task.get("observation").and_then(Value::as_table);
+            for (kind, of_kind) in kinds {
+                if observation.is_some_and(|observation| observation.contains_key(kind)) {
+                    merge(&mut defaults, of_kind);
+                }
+            }
+        }
+        Some(Value::String(name)) => {
+            return Err(refused(format!(
+                "expected a table `task` with name, observation, action and horizon_steps, found \
+                 task = {name:?}, as older builds of goalward wrote it"
+            )));
+        }
+        _ => {
+            let message =
+                "expected a table `task` with name, observation, action and horizon_steps";
+            return Err(refused(format!("{message}, found none")));
+        }
+    }
+    merge(&mut defaults, changes);
+    Ok(defaults)
 }
 
 /// The keys that settings name, and the values they give them.

@@ -1,0 +1,70 @@
+//! What the program that acts in a task says of it, asked before anything is laid out.
+
+use std::collections::BTreeSet;
+
+use anyhow::{Context, Result};
+use protocol::description::Description;
+use protocol::digest;
+use protocol::setting::Setting;
+use protocol::task::Task;
+use run::config::RunConfig;
+
+use crate::programs::{self, Program};
+use crate::refusal::wrong_usage;
+
+/// A configuration whose settings are complete, as the task's own environment has them.
+///
+/// # Errors
+/// Of wrong usage, when the environment does not have such a setting, or has other shapes.
+pub(crate) fn complete(config: RunConfig) -> Result<RunConfig> {
+    let demonstrations = config.demonstration_setting();
+    let description = describe(&config.task, &config.environment, &demonstrations)?;
+    let mut config = config.described(description)?;
+    config.task.program_sha256 = program_sha256(&config.task)?;
+    Ok(config)
+}
+
+/// The setting of demonstrations, complete.
+///
+/// # Errors
+/// As [`complete`].
+pub(crate) fn complete_setting(task: &Task, setting: &Setting) -> Result<Setting> {
+    Ok(describe(task, &Setting::default(), setting)?.demonstrations)
+}
+
+/// Checks configurations that are to be trained later, each environment once.
+///
+/// # Errors
+/// As [`complete`].
+pub(crate) fn check_all<'a>(configs: impl Iterator<Item = &'a RunConfig>) -> Result<()> {
+    let mut known = BTreeSet::new();
+    for config in configs {
+        let (environment, demonstrations) = (&config.environment, config.demonstration_setting());
+        if known.insert(format!("{:?} {environment:?} {demonstrations:?}", config.task)) {
+            let named = || format!("{} by {}", config.task, config.method);
+            complete(config.clone()).with_context(named)?;
+        }
+    }
+    Ok(())
+}
+
+/// SHA-256 of the program that a task brings along; none where it is ours.
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn program_sha256(task: &Task) -> Result<Option<String>> {
+    let Some(path) = &task.program else { return Ok(None) };
+    let hash = digest::sha256_of_file(path);
+    hash.map(Some).with_context(|| format!("the program {} of {task}", path.display()))
+}
+
+fn describe(task: &Task, environment: &Setting, demonstrations: &Setting) -> Result<Description> {
+    let mut actor = Program::acting_in(task).command()?;
+    actor
+        .args(["describe", &task.name])
+        .args(["--environment", &serde_json::to_string(environment)?])
+        .args(["--demonstrations", &serde_json::to_string(demonstrations)?]);
+    let described: Result<Description, String> =
+        programs::figures(&mut actor, "describing the task")?;
+    described.map_err(wrong_usage)
+}
