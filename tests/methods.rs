@@ -46,8 +46,16 @@ fn train(run: &TestRun, task: &str, small: &[&str], method: &str) -> Summary {
 
 #[test]
 fn every_method_trains_and_evaluates() {
-    let methods =
-        ["gaifo-s-uncertainty", "gaifo", "ranking", "proximity-with-actions", "bc", "bco", "sqil"];
+    let methods = [
+        "gaifo-s-uncertainty",
+        "gaifo",
+        "ranking",
+        "proximity-with-actions",
+        "nearest-state",
+        "bc",
+        "bco",
+        "sqil",
+    ];
     for (task, small) in [("navigation", &SMALL[..]), ("fetch-push", &SMALL_PHYSICS)] {
         for method in methods {
             let summary = train(&TestRun::new(programs!()), task, small, method);

@@ -5,8 +5,8 @@ use anyhow::Result;
 use run::folder::RunFolder;
 use serde::Serialize;
 
+use crate::model;
 use crate::rescore::restore;
-use crate::reward_model;
 
 /// What a model says of observations, one number for each, as it is printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -24,7 +24,7 @@ pub struct PrintedEstimates {
 pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<PrintedEstimates> {
     let config = folder.config()?;
     config.task.spec().observation.check(observations)?;
-    let mut model = reward_model(folder, &config)?;
+    let mut model = model::of_run(folder, &config)?;
     restore(&mut *model, folder)?;
     let estimates = model.estimate(observations)?;
     Ok(PrintedEstimates { proximity: estimates.proximity, uncertainty: estimates.uncertainty })

@@ -19,13 +19,9 @@ mod tests;
 
 use anyhow::Result;
 use bus::{Bus, BusAddress, SERVICE_NAME};
-use run::config::{RewardModel as Model, RunConfig};
 use run::folder::RunFolder;
 use run::process::Stop;
 
-use crate::model::{
-    Discriminator, FixedReward, GoalProximity, Learned, Objective, Ranking, RewardModel,
-};
 use crate::service::Service;
 
 /// Serves a run until the learner is gone and a stop is requested.
@@ -33,26 +29,6 @@ pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
     // It is on the bus before it has read its demonstrations, which may take long: who waits sees it.
     let bus = Bus::open(&BusAddress::of_run(folder.path())?, SERVICE_NAME)?;
-    let model = reward_model(folder, &config)?;
+    let model = model::of_run(folder, &config)?;
     Service::open(folder, &config, bus, model)?.serve(stop)
-}
-
-fn reward_model(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
-    Ok(match config.reward.model {
-        Model::Proximity => Box::new(learned::<GoalProximity>(folder, config)?),
-        Model::Ranking => Box::new(learned::<Ranking>(folder, config)?),
-        Model::Discriminator => Box::new(learned::<Discriminator>(folder, config)?),
-        Model::Environment => Box::new(FixedReward::Environment),
-        Model::None => Box::new(FixedReward::None),
-    })
-}
-
-fn learned<O: Objective>(folder: &RunFolder, config: &RunConfig) -> Result<Learned<O>> {
-    let demonstrations = run::demonstrations::load(folder, config)?;
-    let threads = rayon::ThreadPoolBuilder::new()
-        .num_threads(config.resources.service_threads)
-        .thread_name(|number| format!("ensemble-{number}"))
-        .build()?;
-    let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
-    Ok(Learned::new(&spec, &config.reward, rate, config.seed, &demonstrations, threads))
 }

@@ -16,8 +16,7 @@ use run::config::{RunConfig, UpdateOrder};
 use run::folder::{PROXIMITY_FILE, RunFolder};
 use serde::Serialize;
 
-use crate::model::RewardModel;
-use crate::reward_model;
+use crate::model::{self, RewardModel};
 
 /// Points of the curves, if there are as many episodes.
 const POINTS: usize = 60;
@@ -70,7 +69,7 @@ pub fn rescore(
     trained: Option<&RunFolder>,
     lines: &mut impl Write,
 ) -> Result<Comparison> {
-    let mut model = reward_model(folder, config)?;
+    let mut model = model::of_run(folder, config)?;
     match trained {
         None => drop(model.pretrain(Duration::MAX)?),
         Some(other) => restore(&mut *model, other)?,

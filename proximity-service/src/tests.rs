@@ -16,7 +16,7 @@ use crate::model::{Discriminator, GoalProximity, Learned, Objective, Ranking, Re
 /// The paper's reward over small networks.
 pub(crate) fn config() -> RewardConfig {
     RewardConfig {
-        model: Model::Proximity,
+        model: Model::named("proximity").unwrap(),
         input: RewardInput::State,
         form: RewardForm::Difference,
         final_bonus: true,

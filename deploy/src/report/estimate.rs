@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use mcap_log::{FileReader, Record};
 use protocol::scene::SceneUpdate;
 use protocol::trajectory::Trajectory;
-use run::config::{RewardConfig, RewardInput, RewardModel, RunConfig};
+use run::config::{RewardConfig, RewardInput, RunConfig};
 use run::folder::RunFolder;
 use serde::Deserialize;
 
@@ -37,7 +37,7 @@ pub(super) struct Episode {
 /// Whether a run learned a function of the state that can be asked for proximity.
 pub(super) fn has_proximity(config: &RunConfig) -> bool {
     let RewardConfig { model, input, .. } = &config.reward;
-    matches!(model, RewardModel::Proximity | RewardModel::Ranking) && *input == RewardInput::State
+    model.imitates && !model.adversarial && *input == RewardInput::State
 }
 
 /// Asks the model in the newest checkpoint of a run.

@@ -14,7 +14,7 @@ use protocol::weights::to_bytes;
 use rand::seq::SliceRandom;
 use toml::Value;
 
-use crate::config::{RewardConfig, RewardModel, RunConfig, set_by_user};
+use crate::config::{RewardConfig, RunConfig, set_by_user};
 use crate::folder::RunFolder;
 use crate::metadata::recorded_task;
 
@@ -156,10 +156,10 @@ fn require_rows(
 ) -> Result<(), Error> {
     let RewardConfig { model, batch, .. } = config.reward;
     // A discriminator has a row for each step, the others one for each observation.
-    let last = u64::from(model != RewardModel::Discriminator);
+    let last = u64::from(!model.adversarial);
     let rows = demonstrations.iter().map(|trajectory| u64::from(trajectory.steps) + last);
     let (rows, count) = (rows.sum::<u64>(), demonstrations.len());
-    if model.learns() && rows < batch as u64 {
+    if model.trains && rows < batch as u64 {
         let message = format!(
             "expected rows for a batch, reward.batch = {batch}, found {rows} in {count} \
              demonstrations"

@@ -25,7 +25,7 @@ fn a_preset_changes_the_file_and_a_setting_changes_the_preset() {
     assert_eq!((authors.seed, authors.reward.delta), (7, 0.9));
     assert_eq!(authors.reward.order, UpdateOrder::ImproveFirst);
     let other = assemble("goalward", &["method=environment-reward"]).unwrap();
-    assert_eq!(other.reward.model, RewardModel::Environment);
+    assert_eq!(other.reward.model, RewardModel::named("environment").unwrap());
     assert!(!other.imitates() && !other.needs_expert_actions());
 }
 

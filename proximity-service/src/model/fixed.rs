@@ -1,16 +1,12 @@
 //! Rewards that nothing is learned for: the environment's own, as recorded in the trajectories, and
 //! none, for policy learners that need no reward.
 
-use std::time::Duration;
-
 use anyhow::{Result, bail};
-use protocol::messages::{Estimates, RewardUpdate, Score};
+use protocol::messages::{Estimates, Score};
 use protocol::task::floats;
-use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
-use run::process::Final;
 
-use super::{RewardModel, Slice};
+use super::RewardModel;
 
 /// A reward that stays as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,16 +18,6 @@ pub enum FixedReward {
 }
 
 impl RewardModel for FixedReward {
-    fn pretrain(&mut self, _time: Duration) -> Result<Slice, Final> {
-        let weights_sha256 = self.sha256();
-        Ok(Slice::Done(RewardUpdate { weights_sha256, ..RewardUpdate::default() }))
-    }
-
-    fn improve(&mut self, iteration: u64, _batch: &[Encoded]) -> Result<RewardUpdate, Final> {
-        let weights_sha256 = self.sha256();
-        Ok(RewardUpdate { iteration, weights_sha256, ..RewardUpdate::default() })
-    }
-
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
         let rewards = |encoded: &Encoded| match self {
             FixedReward::Environment => floats(&encoded.trajectory.environment_rewards).collect(),
@@ -55,14 +41,6 @@ impl RewardModel for FixedReward {
 
     fn sha256(&self) -> String {
         protocol::weights::sha256([])
-    }
-
-    fn save(&self) -> Tensors {
-        Tensors::default()
-    }
-
-    fn restore(&mut self, _tensors: &Tensors) -> Result<(), String> {
-        Ok(())
     }
 }
 

@@ -5,8 +5,7 @@ use protocol::error::within;
 use protocol::task::ObservationSpec;
 
 use super::{
-    CloningConfig, InverseDynamicsConfig, Learner, RewardForm, RewardInput, RewardModel, RunConfig,
-    SqilConfig,
+    CloningConfig, InverseDynamicsConfig, Learner, RewardForm, RewardInput, RunConfig, SqilConfig,
 };
 
 impl RunConfig {
@@ -109,9 +108,9 @@ impl RunConfig {
     fn check_reward(&self) -> Result<(), Error> {
         let reward = &self.reward;
         let found = self.learner;
-        let rewarded = reward.model != RewardModel::None;
+        let rewarded = reward.model.rewards;
         within("reward.model", rewarded || found != Learner::Ppo, "some for ppo", "none")?;
-        let adversarial = reward.model == RewardModel::Discriminator;
+        let adversarial = reward.model.adversarial;
         let (expected, fits) = match reward.form {
             RewardForm::Difference | RewardForm::Absolute => {
                 ("airl or gail for a discriminator", !adversarial)
@@ -121,7 +120,7 @@ impl RunConfig {
         };
         within(
             "reward.form",
-            fits || !reward.model.learns(),
+            fits || !reward.model.trains,
             expected,
             format!("{:?}", reward.form),
         )?;

@@ -2,7 +2,7 @@
 //! through networks. Coarse on purpose, from above: demonstrations count as long as the longest
 //! episode. What it is for is to tell a run that fits from one that cannot.
 
-use super::{Learner, NetworkSize, RewardModel, RunConfig};
+use super::{Learner, NetworkSize, RunConfig};
 
 /// Bytes of a process that has learned nothing yet: program, stacks, buffers, its part of the bus.
 const PROCESS_BYTES: f64 = 60e6;
@@ -138,14 +138,14 @@ impl RunConfig {
 
     fn service_bytes(&self, cores: usize) -> f64 {
         let reward = &self.reward;
-        if !reward.model.learns() {
+        if !reward.model.trains {
             return PROCESS_BYTES;
         }
         let spec = self.task.spec();
         let [frames, beside] = self.reward_row();
         let row = (frames * spec.observation.bytes() + 4 * beside) as f64;
         let (size, members) = (self.member_size(), reward.ensemble as f64);
-        let pairs = if reward.model == RewardModel::Ranking { 2.0 } else { 1.0 };
+        let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
         // A member computes a minibatch at once.
         let numbers = size.parameters * MEMBER_VERSIONS + 2.0 * minibatch * size.row_numbers;
@@ -199,12 +199,12 @@ impl RunConfig {
 
     fn reward_work(&self) -> Work {
         let reward = &self.reward;
-        if !reward.model.learns() {
+        if !reward.model.trains {
             return Work::default();
         }
         let (rows, iterations) = (self.demonstration_rows(), self.iterations() as f64);
         let (members, batch) = (reward.ensemble as f64, reward.batch as f64);
-        let pairs = if reward.model == RewardModel::Ranking { 2.0 } else { 1.0 };
+        let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let offline = reward.pretraining_epochs as f64 * rows;
         let online = iterations * (reward.samples as f64).min(rows);
         let scored = iterations * self.iteration_steps() as f64;

@@ -6,7 +6,7 @@ use protocol::Error;
 use protocol::error::within;
 use protocol::task::ActionSpec;
 
-use super::{Discounting, Learner, RewardModel, RunConfig};
+use super::{Discounting, Learner, RunConfig};
 
 /// Least label of a state two steps from the goal, and how far labels fall at least over an episode.
 const LEAST_LABEL: f64 = 0.01;
@@ -15,10 +15,10 @@ impl RunConfig {
     pub(super) fn check_learning(&self) -> Result<(), Error> {
         self.check_magnitudes()?;
         self.check_policy_learner()?;
-        if self.reward.model.learns() {
+        if self.reward.model.trains {
             self.check_ensemble()?;
         }
-        if self.reward.model == RewardModel::Proximity { self.check_labels() } else { Ok(()) }
+        if self.reward.model.labels { self.check_labels() } else { Ok(()) }
     }
 
     /// What is so small that no weight moves, or so large that numbers of 32 bits cannot hold it. A rate
@@ -62,8 +62,8 @@ impl RunConfig {
     }
 
     fn check_policy_learner(&self) -> Result<(), Error> {
-        let (learner, model) = (self.learner.name(), self.reward.model.name());
-        let rewarded = self.learner == Learner::Ppo || self.reward.model == RewardModel::None;
+        let (learner, model) = (self.learner.name(), self.reward.model.name);
+        let rewarded = self.learner == Learner::Ppo || !self.reward.model.rewards;
         let expected = format!("none for {learner}, which asks for no rewards");
         within("reward.model", rewarded, &expected, model)?;
         let steps = self.steps;
@@ -105,7 +105,7 @@ impl RunConfig {
         let (samples, kept) = (reward.samples, reward.experience);
         let expected = format!("at most reward.experience = {kept}");
         within("reward.samples", samples <= kept, &expected, samples)?;
-        let adversarial = reward.model == RewardModel::Discriminator;
+        let adversarial = reward.model.adversarial;
         within("reward.samples", samples > 0 || !adversarial, "above 0 for a discriminator", 0)?;
         let trains = samples > 0 || reward.pretraining_epochs > 0;
         within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;

@@ -32,7 +32,9 @@ pub use learner::{CloningConfig, InverseDynamicsConfig, Learner, PpoConfig, Sqil
 use mcap_log::Metadata;
 pub use parameters::NetworkSize;
 pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
-pub use reward::{Discounting, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder};
+pub use reward::{
+    Discounting, REWARD_MODELS, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder,
+};
 
 /// The preset a task's file holds without a table of its own.
 pub const DEFAULT_PRESET: &str = "goalward";
@@ -341,14 +343,13 @@ impl RunConfig {
 
     /// Whether the run learns from demonstrations.
     pub fn imitates(&self) -> bool {
-        self.learner != Learner::Ppo || self.reward.model.learns()
+        self.learner != Learner::Ppo || self.reward.model.imitates
     }
 
     /// Whether it needs the actions of the demonstrations, too.
     pub fn needs_expert_actions(&self) -> bool {
         let clones = matches!(self.learner, Learner::Bc | Learner::Sqil);
-        let discriminates = self.reward.model.learns();
-        clones || (discriminates && self.reward.input == RewardInput::StateAction)
+        clones || (self.reward.model.trains && self.reward.input == RewardInput::StateAction)
     }
 }
 

@@ -1,13 +1,16 @@
 //! Reward models and the rewards made from them (Table 3).
 
-use serde::{Deserialize, Serialize};
+use protocol::dropped::shortened;
+use protocol::error::FOUND_CHARS;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// The reward model and the reward made from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RewardConfig {
     /// What is learned.
-    pub model: RewardModel,
+    pub model: &'static RewardModel,
     /// What it sees of a step.
     pub input: RewardInput,
     /// Reward per step.
@@ -65,37 +68,101 @@ impl RewardConfig {
     }
 }
 
-/// What a reward model learns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RewardModel {
-    /// How close a state is to the goal, by regression on the steps to it: the paper's method.
-    Proximity,
-    /// How close a state is to the goal, by which of two states comes later (Figure 7).
-    Ranking,
-    /// Whether a state, transition or state and action is the expert's: GAIfO-s, GAIfO, GAIL.
-    Discriminator,
-    /// Nothing: the environment's own reward, an upper reference.
-    Environment,
-    /// Nothing: no reward, for policy learners that need none.
-    None,
+/// A reward model, as far as configurations, demonstrations and estimates have to know it. How it
+/// makes rewards only the proximity service knows, which has a constructor for each name.
+#[derive(Debug, PartialEq, Eq)]
+pub struct RewardModel {
+    /// Its name in a configuration.
+    pub name: &'static str,
+    /// Whether it gives rewards: policy learners that need none go without.
+    pub rewards: bool,
+    /// Whether it needs demonstrations.
+    pub imitates: bool,
+    /// Whether it trains an ensemble on them.
+    pub trains: bool,
+    /// Whether it tells demonstrations from the agent's experience, of which it needs some: it has a row
+    /// for each step, no offline phase, and rewards of its own forms.
+    pub adversarial: bool,
+    /// Whether it trains on labels that fall with the steps to the goal.
+    pub labels: bool,
+    /// Whether its rows come in pairs.
+    pub pairs: bool,
+    /// The keys of its table that it reads, where it trains no ensemble.
+    pub reads: &'static [&'static str],
 }
 
+/// Most models train an ensemble on demonstrations.
+const TRAINED: RewardModel = RewardModel {
+    name: "",
+    rewards: true,
+    imitates: true,
+    trains: true,
+    adversarial: false,
+    labels: false,
+    pairs: false,
+    reads: &[],
+};
+
+/// Others learn nothing.
+const FIXED: RewardModel = RewardModel { imitates: false, trains: false, ..TRAINED };
+
+/// The reward models there are.
+pub const REWARD_MODELS: &[RewardModel] = &[
+    // How close a state is to the goal, by regression on the steps to it: the paper's method.
+    RewardModel { name: "proximity", labels: true, ..TRAINED },
+    // How close a state is to the goal, by which of two states comes later (Figure 7).
+    RewardModel { name: "ranking", pairs: true, ..TRAINED },
+    // Whether a state, transition or state and action is the expert's: GAIfO-s, GAIfO, GAIL.
+    RewardModel { name: "discriminator", adversarial: true, ..TRAINED },
+    // How close a state is to the nearest one of the demonstrations.
+    RewardModel {
+        name: "nearest-state",
+        trains: false,
+        reads: &["normalize_observations"],
+        ..TRAINED
+    },
+    // The environment's own reward, an upper reference.
+    RewardModel { name: "environment", ..FIXED },
+    // No reward.
+    RewardModel { name: "none", rewards: false, ..FIXED },
+];
+
 impl RewardModel {
-    /// Its name in a configuration.
-    pub fn name(self) -> &'static str {
-        match self {
-            RewardModel::Proximity => "proximity",
-            RewardModel::Ranking => "ranking",
-            RewardModel::Discriminator => "discriminator",
-            RewardModel::Environment => "environment",
-            RewardModel::None => "none",
-        }
+    /// The model of that name.
+    pub fn named(name: &str) -> Option<&'static RewardModel> {
+        REWARD_MODELS.iter().find(|model| model.name == name)
     }
 
-    /// Whether it learns from demonstrations.
-    pub fn learns(self) -> bool {
-        !matches!(self, RewardModel::Environment | RewardModel::None)
+    /// Why a run with it does not read this key of its table; none if it does.
+    pub(super) fn unread(&self, key: &str) -> Option<String> {
+        let read = match key {
+            "model" => true,
+            _ if !self.trains => self.reads.contains(&key),
+            "discounting" | "delta" => self.labels,
+            "pretraining_epochs" | "final_bonus" => !self.adversarial,
+            _ => true,
+        };
+        (!read).then(|| format!("the reward model {} does not read it", self.name))
+    }
+}
+
+impl Serialize for RewardModel {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name)
+    }
+}
+
+impl<'de> Deserialize<'de> for &'static RewardModel {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        RewardModel::named(&name).ok_or_else(|| {
+            let known: Vec<_> = REWARD_MODELS.iter().map(|model| model.name).collect();
+            let found = shortened(&name, FOUND_CHARS);
+            D::Error::custom(format!(
+                "unknown model `{found}`, expected one of {}",
+                known.join(", ")
+            ))
+        })
     }
 }
 

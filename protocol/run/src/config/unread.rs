@@ -8,7 +8,7 @@ use protocol::error::within;
 use protocol::task::ObservationSpec;
 use toml::Value;
 
-use super::{Learner, RewardModel, RunConfig};
+use super::{Learner, RunConfig};
 
 const NO_HIDDEN: &str = "the policy has no hidden layers over a grid";
 const NO_GRID: &str = "the task's observations are no grid";
@@ -73,7 +73,7 @@ impl RunConfig {
             ("ppo", "decay_steps") if !self.ppo.learning_rate_decay => NO_DECAY,
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
             ("demonstrations", "file") if !self.imitates() => "the method learns from none",
-            ("reward", name) => return self.unread_of_reward(name),
+            ("reward", name) => return self.reward.model.unread(name),
             (table, name) => return self.unread_of_learner(table, name, grid),
         };
         Some(why.to_owned())
@@ -89,18 +89,5 @@ impl RunConfig {
             _ => self.learner.has_table(table),
         };
         (!read).then(|| not_of_learner(self.learner))
-    }
-
-    fn unread_of_reward(&self, name: &str) -> Option<String> {
-        let model = self.reward.model;
-        let read = match name {
-            "model" => true,
-            "discounting" | "delta" => model == RewardModel::Proximity,
-            "pretraining_epochs" | "final_bonus" => {
-                model.learns() && model != RewardModel::Discriminator
-            }
-            _ => model.learns(),
-        };
-        (!read).then(|| format!("the reward model {} does not read it", model.name()))
     }
 }

@@ -1,0 +1,64 @@
+//! Which reward models there are.
+
+use anyhow::{Context, Result};
+use run::config::RunConfig;
+use run::folder::RunFolder;
+
+use super::{
+    Discriminator, FixedReward, GoalProximity, Learned, NearestState, Objective, Ranking,
+    RewardModel,
+};
+
+type Constructor = fn(&RunFolder, &RunConfig) -> Result<Box<dyn RewardModel>>;
+
+/// A line for each name of [`run::config::REWARD_MODELS`].
+const MODELS: &[(&str, Constructor)] = &[
+    ("proximity", learned::<GoalProximity>),
+    ("ranking", learned::<Ranking>),
+    ("discriminator", learned::<Discriminator>),
+    ("nearest-state", NearestState::of_run),
+    ("environment", |_, _| Ok(Box::new(FixedReward::Environment))),
+    ("none", |_, _| Ok(Box::new(FixedReward::None))),
+];
+
+/// The reward model of a run, as it is before any training.
+///
+/// # Errors
+/// When its demonstrations cannot be read.
+pub fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
+    let name = config.reward.model.name;
+    let found = MODELS.iter().find(|(known, _)| *known == name);
+    let (_, construct) = found.with_context(|| format!("no reward model is called {name}"))?;
+    construct(folder, config)
+}
+
+fn learned<O: Objective + 'static>(
+    folder: &RunFolder,
+    config: &RunConfig,
+) -> Result<Box<dyn RewardModel>> {
+    let demonstrations = run::demonstrations::load(folder, config)?;
+    let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
+    let (reward, threads) = (&config.reward, threads(config)?);
+    Ok(Box::new(Learned::<O>::new(&spec, reward, rate, config.seed, &demonstrations, threads)))
+}
+
+/// The threads that a model computes on.
+pub(super) fn threads(config: &RunConfig) -> Result<rayon::ThreadPool> {
+    Ok(rayon::ThreadPoolBuilder::new()
+        .num_threads(config.resources.service_threads)
+        .thread_name(|number| format!("ensemble-{number}"))
+        .build()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use run::config::REWARD_MODELS;
+
+    use super::*;
+
+    #[test]
+    fn every_model_of_a_configuration_can_be_made() {
+        let names = MODELS.iter().map(|(name, _)| *name);
+        assert!(names.eq(REWARD_MODELS.iter().map(|model| model.name)));
+    }
+}
