@@ -5,7 +5,7 @@ use mcap_log::{Batches, Record, log_files, read_run, repair};
 use protocol::durable;
 use protocol::tensors::Tensors;
 use run::checkpoint;
-use run::config::{Learner, RunConfig};
+use run::config::RunConfig;
 use run::folder::{LEARNER_FILE, RunFolder};
 
 use crate::algorithm::{self, PolicyLearner};
@@ -41,11 +41,9 @@ impl Beginning {
     }
 
     fn fresh(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
-        let demonstrations = match config.learner {
-            Learner::Ppo => Vec::new(),
-            Learner::Bc | Learner::Bco | Learner::Sqil => {
-                run::demonstrations::load(folder, config)?
-            }
+        let demonstrations = match config.learner.imitates() {
+            true => run::demonstrations::load(folder, config)?,
+            false => Vec::new(),
         };
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(config.resources.learner_threads)

@@ -19,7 +19,7 @@ use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
-use run::config::{Learner, RunConfig};
+use run::config::RunConfig;
 use run::process::Final;
 
 use crate::state::PolicyState;
@@ -67,6 +67,18 @@ pub trait PolicyLearner {
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String>;
 }
 
+type Constructor = fn(Setup<'_>) -> Box<dyn PolicyLearner>;
+
+/// A line for each name of [`run::config::LEARNERS`].
+const LEARNERS: &[(&str, Constructor)] = &[
+    ("ppo", |setup| Box::new(ppo::Ppo::new(setup))),
+    ("bc", |setup| Box::new(bc::Bc::new(setup))),
+    ("bco", |setup| Box::new(bco::Bco::new(setup))),
+    ("sqil", |setup| Box::new(sqil::Sqil::new(setup))),
+];
+
+const IN_BOTH_TABLES: &str = "a test holds both tables together";
+
 /// What changes over a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
@@ -90,19 +102,15 @@ pub fn create(
     let threads = Arc::new(threads);
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
-    let normalizer = match config.learner {
-        Learner::Ppo => RunningNormalizer::new(normalized(config, &spec)),
+    let normalizer = match config.learner.imitates() {
         // Whoever learns actions from demonstrations sees observations as they lie there, for good.
-        Learner::Bc | Learner::Bco | Learner::Sqil => moments(config, &spec, demonstrations),
+        true => moments(config, &spec, demonstrations),
+        false => RunningNormalizer::new(normalized(config, &spec)),
     };
-    let of = Setup { config, network, threads, normalizer: &normalizer, demonstrations };
-    let learner: Box<dyn PolicyLearner> = match config.learner {
-        Learner::Ppo => Box::new(ppo::Ppo::new(of)),
-        Learner::Bc => Box::new(bc::Bc::new(of)),
-        Learner::Bco => Box::new(bco::Bco::new(of)),
-        Learner::Sqil => Box::new(sqil::Sqil::new(of)),
-    };
-    (learner, PolicyState { parameters, normalizer })
+    let setup = Setup { config, network, threads, normalizer: &normalizer, demonstrations };
+    let name = config.learner.name();
+    let (_, construct) = LEARNERS.iter().find(|(known, _)| *known == name).expect(IN_BOTH_TABLES);
+    (construct(setup), PolicyState { parameters, normalizer })
 }
 
 /// What a policy learner is made of.
@@ -197,5 +205,16 @@ impl Metrics {
             gradient_norm: self.gradient_norm / count,
             held_out_loss: self.held_out_loss / count,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_learner_of_a_configuration_can_be_made() {
+        let names = LEARNERS.iter().map(|(name, _)| *name);
+        assert!(names.eq(run::config::LEARNERS.iter().map(|learner| learner.name())));
     }
 }

@@ -1,6 +1,6 @@
 //! Learning rates over a run: of the policy and of the reward model.
 
-use crate::config::{Learner, PpoConfig, RewardConfig, RunConfig};
+use crate::config::{RewardConfig, RunConfig};
 
 /// A learning rate that stays as it is, or falls linearly to 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,16 +22,7 @@ impl LearningRate {
 impl RunConfig {
     /// The learning rate of the policy, which every learner has in a table of its own.
     pub fn policy_learning_rate(&self) -> LearningRate {
-        match (self.learner, &self.cloning, &self.sqil) {
-            (Learner::Bc | Learner::Bco, Some(cloning), _) => {
-                self.learning_rate(cloning.learning_rate, false, 0)
-            }
-            (Learner::Sqil, _, Some(sqil)) => self.learning_rate(sqil.learning_rate, true, 0),
-            _ => {
-                let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.ppo;
-                self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
-            }
-        }
+        self.learner.learning_rate(self)
     }
 
     /// The learning rate of the reward model.
@@ -40,7 +31,8 @@ impl RunConfig {
         self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
     }
 
-    fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
+    /// A rate that falls, if it does, over so many steps; 0 takes the run's own.
+    pub(crate) fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
         let steps = if decay_steps == 0 { self.steps } else { decay_steps };
         LearningRate { first, iterations: decay.then(|| steps.div_ceil(self.iteration_steps())) }
     }

@@ -4,9 +4,7 @@ use protocol::Error;
 use protocol::error::within;
 use protocol::task::ObservationSpec;
 
-use super::{
-    CloningConfig, InverseDynamicsConfig, Learner, RewardForm, RewardInput, RunConfig, SqilConfig,
-};
+use super::{RewardForm, RewardInput, RunConfig};
 
 impl RunConfig {
     pub(super) fn check(&self) -> Result<(), Error> {
@@ -67,22 +65,10 @@ impl RunConfig {
     }
 
     fn check_learner(&self) -> Result<(), Error> {
-        let (cloning, inverse, sqil) = match self.learner {
-            Learner::Ppo => (false, false, false),
-            Learner::Bc => (true, false, false),
-            Learner::Bco => (true, true, false),
-            Learner::Sqil => (false, false, true),
-        };
-        let acts = self.learner != Learner::Bc;
-        within("steps", !acts || self.steps >= 1, "at least 1", self.steps)?;
-        let given = |present: bool| if present { "some" } else { "none" };
-        for (key, wanted, found) in [
-            ("cloning", cloning, self.cloning.is_some()),
-            ("inverse_dynamics", inverse, self.inverse_dynamics.is_some()),
-            ("sqil", sqil, self.sqil.is_some()),
-        ] {
-            within(key, found || !wanted, "there for this learner", given(found))?;
+        for &table in self.learner.tables() {
+            within(table, self.has_table(table), "there for this learner", "none")?;
         }
+        within("steps", self.steps >= 1 || !self.learner.acts(), "at least 1", self.steps)?;
         if let Some(cloning) = &self.cloning {
             cloning.check()?;
         }
@@ -92,12 +78,8 @@ impl RunConfig {
         if let Some(sqil) = &self.sqil {
             sqil.check()?;
         }
-        // A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
-        let scale = self.environment.action_scale();
-        let unscaled = scale.is_empty() || self.learner != Learner::Sqil;
-        within("environment.action_scale", unscaled, "none for sqil", format!("{scale:?}"))?;
-        // What they replay comes from the log when a run is continued.
-        let replays = matches!(self.learner, Learner::Bco | Learner::Sqil);
+        self.learner.check(self)?;
+        let replays = self.learner.replays();
         let kept = self.log.observations;
         within("log.observations", kept || !replays, "true for bco and sqil", kept)?;
         let acts_again = self.task.deterministic;
@@ -107,9 +89,8 @@ impl RunConfig {
 
     fn check_reward(&self) -> Result<(), Error> {
         let reward = &self.reward;
-        let found = self.learner;
-        let rewarded = reward.model.rewards;
-        within("reward.model", rewarded || found != Learner::Ppo, "some for ppo", "none")?;
+        let rewards = reward.model.rewards || !self.learner.is_rewarded();
+        within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
         let adversarial = reward.model.adversarial;
         let (expected, fits) = match reward.form {
             RewardForm::Difference | RewardForm::Absolute => {
@@ -205,50 +186,6 @@ impl RunConfig {
     }
 }
 
-impl CloningConfig {
-    fn check(&self) -> Result<(), Error> {
-        positive("cloning.learning_rate", self.learning_rate)?;
-        positive("cloning.adam_epsilon", self.adam_epsilon)?;
-        positive("cloning.max_gradient_norm", self.max_gradient_norm)?;
-        within("cloning.batch", self.batch >= 1, "at least 1", self.batch)?;
-        within("cloning.epochs", self.epochs >= 1, "at least 1", self.epochs)?;
-        let held_out = self.validation;
-        within(
-            "cloning.validation",
-            (0.0..1.0).contains(&held_out),
-            "0 or above, below 1",
-            held_out,
-        )?;
-        within("cloning.patience", self.patience >= 1, "at least 1", self.patience)
-    }
-}
-
-impl InverseDynamicsConfig {
-    fn check(&self) -> Result<(), Error> {
-        positive("inverse_dynamics.learning_rate", self.learning_rate)?;
-        within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;
-        let (batch, samples) = (self.batch, self.samples);
-        within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
-        within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;
-        let kept = self.experience;
-        within("inverse_dynamics.experience", kept >= samples, "at least the samples", kept)
-    }
-}
-
-impl SqilConfig {
-    fn check(&self) -> Result<(), Error> {
-        positive("sqil.learning_rate", self.learning_rate)?;
-        positive("sqil.temperature", self.temperature)?;
-        positive("sqil.updates_per_step", self.updates_per_step)?;
-        let (gamma, rate) = (self.gamma, self.target_rate);
-        within("sqil.gamma", gamma > 0.0 && gamma < 1.0, "above 0 and below 1", gamma)?;
-        within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
-        let (batch, kept) = (self.batch, self.experience);
-        within("sqil.batch", batch >= 1, "at least 1", batch)?;
-        within("sqil.experience", kept >= batch, "at least a batch", kept)
-    }
-}
-
-fn positive(key: &str, number: f64) -> Result<(), Error> {
+pub(super) fn positive(key: &str, number: f64) -> Result<(), Error> {
     within(key, number.is_finite() && number > 0.0, "above 0", number)
 }

@@ -2,7 +2,7 @@
 //! through networks. Coarse on purpose, from above: demonstrations count as long as the longest
 //! episode. What it is for is to tell a run that fits from one that cannot.
 
-use super::{Learner, NetworkSize, RunConfig};
+use super::{NetworkSize, RunConfig};
 
 /// Bytes of a process that has learned nothing yet: program, stacks, buffers, its part of the bus.
 const PROCESS_BYTES: f64 = 60e6;
@@ -56,17 +56,30 @@ impl Estimate {
     }
 }
 
-/// Steps of an optimizer and the rows that pass for them.
-#[derive(Clone, Copy, Default)]
-struct Work {
-    gradient_steps: f64,
-    row_passes: f64,
+/// What is computed over a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Work {
+    /// Steps of an optimizer.
+    pub gradient_steps: f64,
+    /// Rows that pass through a network for them.
+    pub row_passes: f64,
+}
+
+/// What a policy learner holds, besides the policy.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Memory {
+    /// Rows of a minibatch.
+    pub minibatch: f64,
+    /// Copies of the demonstrations.
+    pub copies: f64,
+    /// Transitions that are kept to be drawn again.
+    pub kept: usize,
 }
 
 impl RunConfig {
     /// What a run of this configuration takes on a machine with so many cores.
     pub fn estimate(&self, cores: usize) -> Estimate {
-        let [policy, reward] = [self.policy_work(), self.reward_work()];
+        let [policy, reward] = [self.learner.work(self), self.reward_work()];
         let horizon = f64::from(self.task.spec().horizon_steps);
         let shown = if self.imitates() && self.demonstrations.file.is_none() {
             self.demonstration_rows()
@@ -88,7 +101,7 @@ impl RunConfig {
     }
 
     /// Observations of all demonstrations, at most.
-    fn demonstration_rows(&self) -> f64 {
+    pub(super) fn demonstration_rows(&self) -> f64 {
         self.demonstrations.episodes as f64 * (f64::from(self.task.spec().horizon_steps) + 1.0)
     }
 
@@ -114,14 +127,7 @@ impl RunConfig {
         let rows = self.demonstration_rows();
         let observation = spec.observation.bytes() as f64;
         let transition = observation + spec.action.bytes() as f64 + STEP_BYTES;
-        let cloned = self.cloning.as_ref().map_or(0.0, |cloning| (cloning.batch as f64).min(rows));
-        // Rows of a minibatch, copies of the demonstrations, and transitions to be drawn again.
-        let (minibatch, copies, kept) = match (self.learner, &self.inverse_dynamics, &self.sqil) {
-            (Learner::Bc, ..) => (cloned, 2.0, 0),
-            (Learner::Bco, Some(inverse), _) => (cloned, 4.0, inverse.experience),
-            (Learner::Sqil, _, Some(sqil)) => (2.0 * sqil.batch as f64, 1.0, sqil.experience),
-            _ => (self.iteration_steps() as f64 / self.ppo.minibatches as f64, 0.0, 0),
-        };
+        let Memory { minibatch, copies, kept } = self.learner.memory(self);
         let kept = (kept as f64).min(self.steps as f64 + self.iteration_steps() as f64);
         let mut bytes = Self::trained_bytes(self.policy_size(), minibatch);
         if let (Some(size), Some(inverse)) = (self.inverse_dynamics_size(), &self.inverse_dynamics)
@@ -161,40 +167,6 @@ impl RunConfig {
             + NUMBER_BYTES * (members * numbers + scored)
             + row * (reward.experience as f64 + 2.0 * rows)
             + drawn
-    }
-
-    fn policy_work(&self) -> Work {
-        let rows = self.demonstration_rows();
-        let iterations = self.iterations() as f64;
-        let (steps, taken) = (self.steps_wanted() as f64, self.iteration_steps() as f64);
-        match (self.learner, &self.cloning, &self.inverse_dynamics, &self.sqil) {
-            (Learner::Bc, Some(cloning), ..) => Work {
-                gradient_steps: iterations * (rows / cloning.batch as f64).ceil(),
-                row_passes: iterations * rows,
-            },
-            (Learner::Bco, Some(cloning), Some(inverse), _) => {
-                let (samples, epochs) = (inverse.samples as f64, cloning.epochs as f64);
-                let inferred = (samples / inverse.batch as f64).ceil();
-                let cloned = epochs * (rows / cloning.batch as f64).ceil();
-                Work {
-                    gradient_steps: iterations * (inferred + cloned),
-                    row_passes: iterations * (samples + rows * (1.0 + epochs)),
-                }
-            }
-            (Learner::Sqil, .., Some(sqil)) => {
-                let updates = steps * sqil.updates_per_step;
-                // Forwards and both ways through two functions and the policy.
-                let rows = 2.0 * sqil.batch as f64 * 5.0;
-                Work { gradient_steps: updates * 3.0, row_passes: updates * rows }
-            }
-            _ => {
-                let epochs = self.ppo.epochs as f64;
-                Work {
-                    gradient_steps: iterations * epochs * self.ppo.minibatches as f64,
-                    row_passes: iterations * taken * (epochs + 1.0),
-                }
-            }
-        }
     }
 
     fn reward_work(&self) -> Work {

@@ -4,9 +4,8 @@
 
 use protocol::Error;
 use protocol::error::within;
-use protocol::task::ActionSpec;
 
-use super::{Discounting, Learner, RunConfig};
+use super::{Discounting, RunConfig};
 
 /// Least label of a state two steps from the goal, and how far labels fall at least over an episode.
 const LEAST_LABEL: f64 = 0.01;
@@ -63,41 +62,10 @@ impl RunConfig {
 
     fn check_policy_learner(&self) -> Result<(), Error> {
         let (learner, model) = (self.learner.name(), self.reward.model.name);
-        let rewarded = self.learner == Learner::Ppo || !self.reward.model.rewards;
+        let rewarded = self.learner.is_rewarded() || !self.reward.model.rewards;
         let expected = format!("none for {learner}, which asks for no rewards");
         within("reward.model", rewarded, &expected, model)?;
-        let steps = self.steps;
-        match (self.learner, &self.sqil, &self.inverse_dynamics) {
-            (Learner::Ppo, ..) => self.check_minibatches(),
-            (Learner::Sqil, Some(sqil), _) => {
-                let (key, found) = ("sqil.exploration_steps", sqil.exploration_steps);
-                within(key, found < steps, &format!("below steps = {steps}"), found)?;
-                let squashed = self.policy.is_squashed();
-                let discrete = matches!(self.task.spec().action, ActionSpec::Discrete { .. });
-                let expected = "squashed-gaussian for sqil";
-                within("policy.distribution", discrete || squashed, expected, "gaussian")
-            }
-            (Learner::Bco, _, Some(inverse)) => {
-                let (key, found) =
-                    ("inverse_dynamics.exploration_steps", inverse.exploration_steps);
-                within(key, found <= steps, &format!("at most steps = {steps}"), found)
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// An iteration of a lane ends with an episode, so one that began long before the last iteration's
-    /// end leaves the next as little as `lane_steps` less the rest of the longest episode.
-    fn check_minibatches(&self) -> Result<(), Error> {
-        let horizon = u64::from(self.task.spec().horizon_steps);
-        let (lanes, lane_steps) = (self.rollout.lanes, self.rollout.lane_steps);
-        let least = lanes.saturating_mul((lane_steps + 1).saturating_sub(horizon));
-        let expected = format!(
-            "at most the {least} steps that an iteration has at least, with rollout.lanes = {lanes} \
-             and rollout.lane_steps = {lane_steps}"
-        );
-        let minibatches = self.ppo.minibatches;
-        within("ppo.minibatches", minibatches <= least, &expected, minibatches)
+        self.learner.check_learning(self)
     }
 
     fn check_ensemble(&self) -> Result<(), Error> {

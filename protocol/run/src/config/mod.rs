@@ -23,12 +23,14 @@ use protocol::dropped::shortened;
 use protocol::error::{MESSAGE_CHARS, out_of_range, within};
 use protocol::setting::Setting;
 use protocol::table::{flat, merge, parse_setting, result_differences};
-use protocol::task::Task;
+use protocol::task::{ObservationSpec, Task};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-pub use estimate::Estimate;
-pub use learner::{CloningConfig, InverseDynamicsConfig, Learner, PpoConfig, SqilConfig};
+pub use estimate::{Estimate, Memory, Work};
+pub use learner::{
+    CloningConfig, InverseDynamicsConfig, LEARNERS, Learner, LearnerRules, PpoConfig, SqilConfig,
+};
 use mcap_log::Metadata;
 pub use parameters::NetworkSize;
 pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
@@ -38,6 +40,12 @@ pub use reward::{
 
 /// The preset a task's file holds without a table of its own.
 pub const DEFAULT_PRESET: &str = "goalward";
+
+/// The tables that a configuration has only where its learner needs them.
+const OPTIONAL_TABLES: [&str; 3] = ["cloning", "inverse_dynamics", "sqil"];
+
+/// Why a learner's table is there.
+const IS_CHECKED: &str = "a configuration is refused that lacks a table of its learner";
 
 /// What chooses the values that settings change, and the words that choose it.
 const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
@@ -330,26 +338,50 @@ impl RunConfig {
 
     /// Iterations the run takes, at most: behavioral cloning has one for each pass.
     pub fn iterations(&self) -> u64 {
-        match (self.learner, &self.cloning) {
-            (Learner::Bc, Some(cloning)) => cloning.epochs,
-            _ => self.steps.div_ceil(self.iteration_steps()),
-        }
+        self.learner.iterations(self)
     }
 
     /// Environment steps the run takes; behavioral cloning takes none.
     pub fn steps_wanted(&self) -> u64 {
-        if self.learner == Learner::Bc { 0 } else { self.steps }
+        if self.learner.acts() { self.steps } else { 0 }
     }
 
     /// Whether the run learns from demonstrations.
     pub fn imitates(&self) -> bool {
-        self.learner != Learner::Ppo || self.reward.model.imitates
+        self.learner.imitates() || self.reward.model.imitates
     }
 
     /// Whether it needs the actions of the demonstrations, too.
     pub fn needs_expert_actions(&self) -> bool {
-        let clones = matches!(self.learner, Learner::Bc | Learner::Sqil);
-        clones || (self.reward.model.trains && self.reward.input == RewardInput::StateAction)
+        let sees_actions = self.reward.input == RewardInput::StateAction;
+        self.learner.needs_expert_actions() || (self.reward.model.trains && sees_actions)
+    }
+
+    /// Whether observations are grids of cells.
+    fn is_of_cells(&self) -> bool {
+        matches!(self.task.observation, ObservationSpec::Cells { .. })
+    }
+
+    /// Whether it has this table, which not every learner needs.
+    fn has_table(&self, table: &str) -> bool {
+        match table {
+            "cloning" => self.cloning.is_some(),
+            "inverse_dynamics" => self.inverse_dynamics.is_some(),
+            "sqil" => self.sqil.is_some(),
+            _ => true,
+        }
+    }
+
+    fn cloning(&self) -> &CloningConfig {
+        self.cloning.as_ref().expect(IS_CHECKED)
+    }
+
+    fn inverse_dynamics(&self) -> &InverseDynamicsConfig {
+        self.inverse_dynamics.as_ref().expect(IS_CHECKED)
+    }
+
+    fn sqil(&self) -> &SqilConfig {
+        self.sqil.as_ref().expect(IS_CHECKED)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use protocol::task::{ActionSpec, ObservationSpec};
 
-use super::{Learner, RewardInput, RunConfig};
+use super::{RewardInput, RunConfig};
 
 /// Side of a convolution's window.
 const KERNEL: usize = 2;
@@ -95,9 +95,14 @@ impl RunConfig {
 
     /// The inverse dynamics model, of a learner that has one.
     pub fn inverse_dynamics_size(&self) -> Option<NetworkSize> {
-        let inverse = self.inverse_dynamics.as_ref().filter(|_| self.learner == Learner::Bco)?;
+        let inverse =
+            self.inverse_dynamics.as_ref().filter(|_| self.learner_reads("inverse_dynamics"))?;
         let features = (&inverse.convolution_channels[..], inverse.features, &inverse.hidden[..]);
         Some(self.actor_critic_size(features, 2, true, false))
+    }
+
+    fn learner_reads(&self, table: &str) -> bool {
+        self.learner.tables().contains(&table)
     }
 
     fn actor_critic_size(
@@ -147,7 +152,7 @@ impl RunConfig {
     /// One of the two Q-functions, of a learner that has them: with discrete actions the policy is one.
     pub fn q_function_size(&self) -> Option<NetworkSize> {
         let spec = self.task.spec();
-        let sqil = self.sqil.as_ref().filter(|_| self.learner == Learner::Sqil)?;
+        let sqil = self.sqil.as_ref().filter(|_| self.learner_reads("sqil"))?;
         let ActionSpec::Continuous { len: beside } = spec.action else { return None };
         let (observation, hidden) = (spec.observation, &sqil.hidden);
         let (frames, channels, features, outputs) = (1, &[], 0, 1);

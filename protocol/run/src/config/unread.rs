@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 
 use protocol::Error;
 use protocol::error::within;
-use protocol::task::ObservationSpec;
 use toml::Value;
 
-use super::{Learner, RunConfig};
+use super::learner::TABLES;
+use super::{Learner, OPTIONAL_TABLES, RunConfig};
 
 const NO_HIDDEN: &str = "the policy has no hidden layers over a grid";
 const NO_GRID: &str = "the task's observations are no grid";
@@ -18,26 +18,15 @@ const NO_DECAY: &str = "the learning rate does not fall";
 /// Refuses keys in tables of other learners, which come with their methods and are whole only then.
 pub(super) fn check_tables(learner: Learner, set: &BTreeMap<String, Value>) -> Result<(), Error> {
     for (key, value) in set {
-        let has_table = key.split_once('.').is_none_or(|(table, _)| learner.has_table(table));
-        within(key, has_table, &format!("left out: {}", not_of_learner(learner)), value)?;
+        let table = key.split_once('.').map_or("", |(table, _)| table);
+        let of_others = OPTIONAL_TABLES.contains(&table) && !learner.tables().contains(&table);
+        within(key, !of_others, &format!("left out: {}", not_of_learner(learner)), value)?;
     }
     Ok(())
 }
 
 fn not_of_learner(learner: Learner) -> String {
     format!("the learner {} does not read it", learner.name())
-}
-
-impl Learner {
-    /// Whether a configuration with this learner has this table.
-    fn has_table(self, table: &str) -> bool {
-        match table {
-            "cloning" => matches!(self, Learner::Bc | Learner::Bco),
-            "inverse_dynamics" => self == Learner::Bco,
-            "sqil" => self == Learner::Sqil,
-            _ => true,
-        }
-    }
 }
 
 impl RunConfig {
@@ -60,7 +49,7 @@ impl RunConfig {
 
     /// Why the run reads this key nowhere; none if it does.
     fn unread(&self, table: &str, name: &str) -> Option<String> {
-        let grid = matches!(self.task.spec().observation, ObservationSpec::Cells { .. });
+        let grid = self.is_of_cells();
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
             ("policy", "distribution") if grid => DISCRETE,
@@ -74,20 +63,13 @@ impl RunConfig {
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
             ("demonstrations", "file") if !self.imitates() => "the method learns from none",
             ("reward", name) => return self.reward.model.unread(name),
-            (table, name) => return self.unread_of_learner(table, name, grid),
+            (table, name) => return self.unread_of_learner(table, name),
         };
         Some(why.to_owned())
     }
 
-    fn unread_of_learner(&self, table: &str, name: &str, grid: bool) -> Option<String> {
-        let read = match (table, self.learner) {
-            ("ppo", Learner::Ppo) => true,
-            // What soft Q-learning of discrete actions has of PPO's optimizer.
-            ("ppo", Learner::Sqil) => grid && ["adam_epsilon", "max_gradient_norm"].contains(&name),
-            ("ppo", Learner::Bc | Learner::Bco) => false,
-            ("cloning", Learner::Bco) => !["validation", "patience"].contains(&name),
-            _ => self.learner.has_table(table),
-        };
+    fn unread_of_learner(&self, table: &str, name: &str) -> Option<String> {
+        let read = !TABLES.contains(&table) || self.learner.reads(self, table, name);
         (!read).then(|| not_of_learner(self.learner))
     }
 }

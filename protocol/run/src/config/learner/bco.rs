@@ -1,0 +1,97 @@
+//! Behavioral cloning from observation: actions inferred by an inverse dynamics model.
+
+use protocol::Error;
+use protocol::error::within;
+use serde::{Deserialize, Serialize};
+
+use super::LearnerRules;
+use super::bc::{cloned_rows, cloning_rate};
+use crate::config::RunConfig;
+use crate::config::check::positive;
+use crate::config::estimate::{Memory, Work};
+use crate::learning_rate::LearningRate;
+
+/// The inverse dynamics model of behavioral cloning from observation: which action led from one
+/// observation to the next.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InverseDynamicsConfig {
+    /// Output channels of the convolutions, for grid tasks.
+    pub convolution_channels: [usize; 3],
+    /// Numbers the encoder makes of a grid.
+    pub features: usize,
+    /// Hidden layers.
+    pub hidden: Vec<usize>,
+    /// Adam's learning rate.
+    pub learning_rate: f64,
+    /// Transitions in a minibatch.
+    pub batch: usize,
+    /// Transitions of the agent drawn for the training of an iteration.
+    pub samples: usize,
+    /// Newest transitions kept.
+    pub experience: usize,
+    /// Environment steps of the first policy, which acts at random, before actions are inferred.
+    pub exploration_steps: u64,
+}
+
+impl InverseDynamicsConfig {
+    pub(in crate::config) fn check(&self) -> Result<(), Error> {
+        positive("inverse_dynamics.learning_rate", self.learning_rate)?;
+        within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;
+        let (batch, samples) = (self.batch, self.samples);
+        within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
+        within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;
+        let kept = self.experience;
+        within("inverse_dynamics.experience", kept >= samples, "at least the samples", kept)
+    }
+}
+
+pub(super) struct Bco;
+
+impl LearnerRules for Bco {
+    fn name(&self) -> &'static str {
+        "bco"
+    }
+
+    fn replays(&self) -> bool {
+        true
+    }
+
+    fn tables(&self) -> &'static [&'static str] {
+        &["cloning", "inverse_dynamics"]
+    }
+
+    fn reads(&self, _config: &RunConfig, table: &str, key: &str) -> bool {
+        match table {
+            "cloning" => !["validation", "patience"].contains(&key),
+            table => table == "inverse_dynamics",
+        }
+    }
+
+    fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
+        let (steps, found) = (config.steps, config.inverse_dynamics().exploration_steps);
+        let expected = format!("at most steps = {steps}");
+        within("inverse_dynamics.exploration_steps", found <= steps, &expected, found)
+    }
+
+    fn learning_rate(&self, config: &RunConfig) -> LearningRate {
+        cloning_rate(config)
+    }
+
+    fn memory(&self, config: &RunConfig) -> Memory {
+        let kept = config.inverse_dynamics().experience;
+        Memory { minibatch: cloned_rows(config), copies: 4.0, kept }
+    }
+
+    fn work(&self, config: &RunConfig) -> Work {
+        let (rows, iterations) = (config.demonstration_rows(), self.iterations(config) as f64);
+        let (cloning, inverse) = (config.cloning(), config.inverse_dynamics());
+        let (samples, epochs) = (inverse.samples as f64, cloning.epochs as f64);
+        let inferred = (samples / inverse.batch as f64).ceil();
+        let cloned = epochs * (rows / cloning.batch as f64).ceil();
+        Work {
+            gradient_steps: iterations * (inferred + cloned),
+            row_passes: iterations * (samples + rows * (1.0 + epochs)),
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Proximal policy optimization on the rewards of the reward model.
+
+use protocol::Error;
+use protocol::error::within;
+use serde::{Deserialize, Serialize};
+
+use super::LearnerRules;
+use crate::config::RunConfig;
+use crate::config::estimate::{Memory, Work};
+use crate::learning_rate::LearningRate;
+
+/// Proximal policy optimization.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PpoConfig {
+    /// Learning rate of the first iteration.
+    pub learning_rate: f64,
+    /// Whether it falls linearly to 0.
+    pub learning_rate_decay: bool,
+    /// Environment steps over which it falls; 0 takes the run's own.
+    pub decay_steps: u64,
+    /// Adam's epsilon.
+    pub adam_epsilon: f64,
+    /// Discount factor.
+    pub gamma: f64,
+    /// Lambda of generalized advantage estimation.
+    pub gae_lambda: f64,
+    /// Clip range of the probability ratio.
+    pub clip: f64,
+    /// Clip range of the value; 0 leaves values unclipped.
+    pub value_clip: f64,
+    /// Weight of the value loss (which itself has the factor 1/2).
+    pub value_coefficient: f64,
+    /// Weight of the entropy bonus.
+    pub entropy_coefficient: f64,
+    /// Passes over a batch.
+    pub epochs: u64,
+    /// No pass follows one in which the mean divergence from the policy that acted was above this;
+    /// 0 never ends passes early.
+    pub target_kl: f64,
+    /// Minibatches per pass.
+    pub minibatches: u64,
+    /// Largest norm of a gradient.
+    pub max_gradient_norm: f64,
+    /// Whether an episode cut by the horizon is bootstrapped with the value of its last state.
+    pub bootstrap_truncated: bool,
+    /// Whether rewards are divided by the running deviation of the discounted return.
+    pub normalize_rewards: bool,
+}
+
+pub(super) struct Ppo;
+
+impl LearnerRules for Ppo {
+    fn name(&self) -> &'static str {
+        "ppo"
+    }
+
+    fn is_rewarded(&self) -> bool {
+        true
+    }
+
+    fn imitates(&self) -> bool {
+        false
+    }
+
+    fn tables(&self) -> &'static [&'static str] {
+        &["ppo"]
+    }
+
+    fn reads(&self, _config: &RunConfig, table: &str, _key: &str) -> bool {
+        table == "ppo"
+    }
+
+    /// An iteration of a lane ends with an episode, so one that began long before the last iteration's
+    /// end leaves the next as little as `lane_steps` less the rest of the longest episode.
+    fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
+        let horizon = u64::from(config.task.spec().horizon_steps);
+        let (lanes, lane_steps) = (config.rollout.lanes, config.rollout.lane_steps);
+        let least = lanes.saturating_mul((lane_steps + 1).saturating_sub(horizon));
+        let expected = format!(
+            "at most the {least} steps that an iteration has at least, with rollout.lanes = {lanes} \
+             and rollout.lane_steps = {lane_steps}"
+        );
+        let minibatches = config.ppo.minibatches;
+        within("ppo.minibatches", minibatches <= least, &expected, minibatches)
+    }
+
+    fn learning_rate(&self, config: &RunConfig) -> LearningRate {
+        let PpoConfig { learning_rate, learning_rate_decay, decay_steps, .. } = config.ppo;
+        config.learning_rate(learning_rate, learning_rate_decay, decay_steps)
+    }
+
+    fn memory(&self, config: &RunConfig) -> Memory {
+        let minibatch = config.iteration_steps() as f64 / config.ppo.minibatches as f64;
+        Memory { minibatch, ..Memory::default() }
+    }
+
+    fn work(&self, config: &RunConfig) -> Work {
+        let iterations = self.iterations(config) as f64;
+        let (epochs, taken) = (config.ppo.epochs as f64, config.iteration_steps() as f64);
+        Work {
+            gradient_steps: iterations * epochs * config.ppo.minibatches as f64,
+            row_passes: iterations * taken * (epochs + 1.0),
+        }
+    }
+}

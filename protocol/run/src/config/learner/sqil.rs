@@ -1,0 +1,114 @@
+//! Soft Q imitation learning: the expert's transitions earn 1, the agent's 0.
+
+use protocol::Error;
+use protocol::error::within;
+use protocol::task::ActionSpec;
+use serde::{Deserialize, Serialize};
+
+use super::LearnerRules;
+use crate::config::RunConfig;
+use crate::config::check::positive;
+use crate::config::estimate::{Memory, Work};
+use crate::learning_rate::LearningRate;
+
+/// Soft Q imitation learning: soft Q-learning for discrete actions, a soft actor-critic for
+/// continuous ones (paper, Appendix D.3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SqilConfig {
+    /// Hidden layers of the Q-functions over vector observations.
+    pub hidden: Vec<usize>,
+    /// Adam's learning rate of the first iteration; it falls linearly to 0 over the run.
+    pub learning_rate: f64,
+    /// Discount factor.
+    pub gamma: f64,
+    /// Whether the goal is an absorbing state that earns 1 for ever. Otherwise nothing comes after
+    /// it, and staying away from it earns an expert more.
+    pub absorbing: bool,
+    /// How much of the Q-functions the target functions take over at an update.
+    pub target_rate: f64,
+    /// Weight of the entropy; the first one, where it is tuned.
+    pub temperature: f64,
+    /// Whether the temperature is tuned towards an entropy of minus the numbers of an action.
+    pub tune_temperature: bool,
+    /// Transitions of each kind, expert's and agent's, in a minibatch.
+    pub batch: usize,
+    /// Updates for each environment step.
+    pub updates_per_step: f64,
+    /// Newest transitions of the agent kept.
+    pub experience: usize,
+    /// Environment steps before the first update.
+    pub exploration_steps: u64,
+}
+
+impl SqilConfig {
+    pub(in crate::config) fn check(&self) -> Result<(), Error> {
+        positive("sqil.learning_rate", self.learning_rate)?;
+        positive("sqil.temperature", self.temperature)?;
+        positive("sqil.updates_per_step", self.updates_per_step)?;
+        let (gamma, rate) = (self.gamma, self.target_rate);
+        within("sqil.gamma", gamma > 0.0 && gamma < 1.0, "above 0 and below 1", gamma)?;
+        within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
+        let (batch, kept) = (self.batch, self.experience);
+        within("sqil.batch", batch >= 1, "at least 1", batch)?;
+        within("sqil.experience", kept >= batch, "at least a batch", kept)
+    }
+}
+
+pub(super) struct Sqil;
+
+impl LearnerRules for Sqil {
+    fn name(&self) -> &'static str {
+        "sqil"
+    }
+
+    fn needs_expert_actions(&self) -> bool {
+        true
+    }
+
+    fn replays(&self) -> bool {
+        true
+    }
+
+    fn tables(&self) -> &'static [&'static str] {
+        &["sqil"]
+    }
+
+    /// Soft Q-learning of discrete actions has PPO's optimizer.
+    fn reads(&self, config: &RunConfig, table: &str, key: &str) -> bool {
+        let optimizer = ["adam_epsilon", "max_gradient_norm"].contains(&key);
+        table == "sqil" || (table == "ppo" && config.is_of_cells() && optimizer)
+    }
+
+    /// A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
+    fn check(&self, config: &RunConfig) -> Result<(), Error> {
+        let scale = config.environment.action_scale();
+        within("environment.action_scale", scale.is_empty(), "none for sqil", format!("{scale:?}"))
+    }
+
+    fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
+        let (steps, found) = (config.steps, config.sqil().exploration_steps);
+        let expected = format!("below steps = {steps}");
+        within("sqil.exploration_steps", found < steps, &expected, found)?;
+        let discrete = matches!(config.task.spec().action, ActionSpec::Discrete { .. });
+        let squashed = discrete || config.policy.is_squashed();
+        within("policy.distribution", squashed, "squashed-gaussian for sqil", "gaussian")
+    }
+
+    fn learning_rate(&self, config: &RunConfig) -> LearningRate {
+        config.learning_rate(config.sqil().learning_rate, true, 0)
+    }
+
+    fn memory(&self, config: &RunConfig) -> Memory {
+        let sqil = config.sqil();
+        Memory { minibatch: 2.0 * sqil.batch as f64, copies: 1.0, kept: sqil.experience }
+    }
+
+    fn work(&self, config: &RunConfig) -> Work {
+        let sqil = config.sqil();
+        let updates = config.steps as f64 * sqil.updates_per_step;
+        // Forwards and both ways through two functions and the policy.
+        let rows = 2.0 * sqil.batch as f64 * 5.0;
+        Work { gradient_steps: updates * 3.0, row_passes: updates * rows }
+    }
+}
