@@ -7,6 +7,7 @@ use anyhow::{Result, bail, ensure};
 use environments::Registration;
 use mcap_log::{FileWriter, Kind, Topic};
 use protocol::messages::Lease;
+use protocol::task::ActionSpec;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::ActionChoice;
 use run::headway::{Headway, Teller};
@@ -59,7 +60,7 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
         .with("setting", serde_json::to_string(&setting)?);
     ensure!(!file.exists(), "{} exists and is not overwritten", file.display());
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
-    let mut demonstrator = Demonstrator::begin(&factory, *seed, expert)?;
+    let mut demonstrator = Demonstrator::begin(&factory, task.action, *seed, expert)?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
     if recorded.is_err() {
@@ -115,13 +116,18 @@ struct Demonstrator {
 }
 
 impl Demonstrator {
-    fn begin(factory: &Factory, seed: u64, expert: Expert) -> Result<Demonstrator> {
+    fn begin(
+        factory: &Factory,
+        action: ActionSpec,
+        seed: u64,
+        expert: Expert,
+    ) -> Result<Demonstrator> {
         let lease = Lease {
             source: Source::Demonstration as i32,
             episodes_owed: u64::MAX,
             ..Lease::default()
         };
-        let action = vec![0; factory.make()?.spec().action.bytes()];
+        let action = vec![0; action.bytes()];
         let lane = Lane::begin(lease, factory, seed)?;
         let Registration { name, tells_success, .. } = *factory.task;
         Ok(Demonstrator { tells_success, task: name, expert, lane, action })

@@ -6,7 +6,7 @@
 //! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
 //!
 //! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
-//! [`Registration`]s; a task's file names it. `deploy/examples/pendulum/` is one.
+//! [`Registration`]s; a task's file names it. `deploy/examples/reacher/` is one.
 
 pub mod cli;
 pub mod demonstrate;

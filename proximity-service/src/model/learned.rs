@@ -63,7 +63,7 @@ impl<O: Objective> Learned<O> {
                 &mut rows,
             );
         }
-        let normalizer = normalizer(spec, config, demonstrations);
+        let normalizer = normalizer(spec.observation, config, demonstrations);
         let ensemble =
             TrainedEnsemble::new(input, config, run_seed, normalizer, O::SQUASHED, threads);
         Learned {
@@ -138,13 +138,13 @@ fn diverged(message: &str) -> Final {
     Final(format!("the reward model diverged: {message}"))
 }
 
-/// What the ensemble's observations are normalized by.
-fn normalizer(
-    spec: &Spec,
+/// What observations are normalized by.
+pub(super) fn normalizer(
+    observation: ObservationSpec,
     config: &RewardConfig,
     demonstrations: &[Trajectory],
 ) -> RunningNormalizer {
-    match spec.observation {
+    match observation {
         ObservationSpec::Vector { len } if config.normalize_observations => {
             let observations: Vec<&[u8]> =
                 demonstrations.iter().map(Trajectory::observations).collect();

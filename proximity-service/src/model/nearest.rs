@@ -13,6 +13,7 @@ use run::config::{RewardConfig, RunConfig};
 use run::folder::RunFolder;
 
 use super::RewardModel;
+use super::learned::normalizer;
 use super::registry::threads;
 
 /// The states of the demonstrations.
@@ -41,12 +42,7 @@ impl NearestState {
         let states: Vec<&[u8]> =
             demonstrations.iter().map(Trajectory::observations_to_goal).collect();
         let mut demonstrated = states.concat();
-        let normalizer = match observation {
-            ObservationSpec::Vector { len } if config.normalize_observations => {
-                RunningNormalizer::of_demonstrations(len, &demonstrated)
-            }
-            _ => RunningNormalizer::new(0),
-        };
+        let normalizer = normalizer(observation, config, demonstrations);
         normalizer.normalize(&mut demonstrated);
         NearestState { observation, normalizer, demonstrated, threads }
     }
