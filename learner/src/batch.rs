@@ -84,7 +84,7 @@ impl Batch {
         }
     }
 
-    /// Divides the rewards by the running deviation of the discounted return.
+    /// Divides the rewards by the running standard deviation of the discounted return.
     pub fn scale_rewards(&mut self, scale: &mut RewardScale, trajectories: &[Encoded], gamma: f64) {
         let mut rest = &mut self.rewards[..];
         let mut episodes = Vec::with_capacity(trajectories.len());

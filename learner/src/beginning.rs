@@ -45,11 +45,7 @@ impl Beginning {
             true => run::demonstrations::load(folder, config)?,
             false => Vec::new(),
         };
-        let threads = rayon::ThreadPoolBuilder::new()
-            .num_threads(config.resources.learner_threads)
-            .thread_name(|number| format!("update-{number}"))
-            .build()?;
-        let (learner, policy) = algorithm::create(config, &demonstrations, threads);
+        let (learner, policy) = algorithm::create(config, &demonstrations);
         Ok(Beginning { learner, state: State::fresh(policy, config.rollout.lanes) })
     }
 

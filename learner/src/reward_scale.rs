@@ -1,24 +1,16 @@
-//! Rewards divided by the running deviation of the discounted return, between scoring and
+//! Rewards divided by the running standard deviation of the discounted return, between scoring and
 //! advantages. The authors' setting; it makes their "reward scale" (Table 3) have no effect.
 
-/// Running deviation of the discounted return over all lanes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+use networks::RunningMoments;
+
+/// Running moments of the discounted return over all lanes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RewardScale {
-    /// Mean of the returns seen.
-    pub mean: f64,
-    /// Variance of the returns seen.
-    pub variance: f64,
-    /// Weight of what was seen.
-    pub count: f64,
+    /// Moments of the returns seen.
+    pub returns: RunningMoments,
 }
 
-impl Default for RewardScale {
-    fn default() -> Self {
-        RewardScale { mean: 0.0, variance: 1.0, count: 1e-4 }
-    }
-}
-
-/// The rewards of one episode, beside the lane it belongs to.
+/// The rewards of one episode, and the lane it belongs to.
 pub struct EpisodeRewards<'a> {
     /// Lane of the episode.
     pub lane: u64,
@@ -28,7 +20,7 @@ pub struct EpisodeRewards<'a> {
 
 impl RewardScale {
     /// Scales a batch's rewards in place. Episodes are sorted by lane; the lanes are walked side by
-    /// side, as if they had been stepped together, and each step's returns enter the deviation
+    /// side, as if they had been stepped together, and each step's returns enter the moments
     /// before that step's rewards are divided by it.
     pub fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
         let mut lanes = LaneCursor::of(episodes);
@@ -43,7 +35,7 @@ impl RewardScale {
                 steps.push((episode, step));
             }
             self.include(&returns);
-            let scale = (self.variance + 1e-8).sqrt();
+            let scale = self.returns.deviation();
             for (episode, step) in steps {
                 let reward = &mut episodes[episode].rewards[step];
                 *reward = (f64::from(*reward) / scale) as f32;
@@ -51,19 +43,13 @@ impl RewardScale {
         }
     }
 
-    /// Chan's parallel update of mean and variance.
+    /// Takes in the returns of one step of every lane. Their sum of squares comes from their variance,
+    /// whose rounding all recorded runs have in their weights.
     fn include(&mut self, returns: &[f64]) {
         let count = returns.len() as f64;
         let mean = returns.iter().sum::<f64>() / count;
         let variance = returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-        let total = self.count + count;
-        let shift = mean - self.mean;
-        let squares = self.variance * self.count
-            + variance * count
-            + shift * shift * self.count * count / total;
-        self.mean += shift * count / total;
-        self.variance = squares / total;
-        self.count = total;
+        self.returns.merge(count, mean, variance * count);
     }
 }
 
@@ -119,8 +105,8 @@ mod tests {
             EpisodeRewards { lane: 1, rewards: &mut second },
         ];
         scale.apply(&mut episodes, 0.0);
-        assert!((scale.mean - 1.0).abs() < 1e-3);
-        assert!(scale.count > 5.0);
+        assert!((scale.returns.mean - 1.0).abs() < 1e-3);
+        assert!(scale.returns.count > 5.0);
         assert!(first.iter().all(|reward| reward.is_finite() && *reward > 0.0));
     }
 
@@ -137,7 +123,7 @@ mod tests {
         together.apply(&mut episodes, 0.9);
         let mut by_hand = RewardScale::default();
         by_hand.include(&[0.5, 2.0]);
-        let scale = (by_hand.variance + 1e-8).sqrt();
+        let scale = by_hand.returns.deviation();
         assert_eq!(copies[1][0], (2.0 / scale) as f32);
         by_hand.include(&[0.5 * 0.9 - 1.0, 2.0 * 0.9 + 0.25]);
         assert_eq!(together, by_hand);

@@ -35,6 +35,7 @@ pub struct Trainer {
     pub(crate) desk: DeskHandle,
     pub(crate) progress: Progress,
     pub(crate) learner: Box<dyn PolicyLearner>,
+    threads: rayon::ThreadPool,
     pub(crate) stop: Stop,
     pub(crate) seconds: Seconds,
     started: Instant,
@@ -78,6 +79,7 @@ impl Trainer {
             desk,
             progress,
             learner,
+            threads: update_threads(&config)?,
             stop: stop.clone(),
             seconds: Seconds::default(),
             started: Instant::now(),
@@ -230,7 +232,8 @@ impl Trainer {
         let schedule = Schedule { run_seed, iteration, learning_rate };
         let State { policy, previous_policy, .. } = &mut self.state;
         previous_policy.clone_from(policy);
-        let updated = self.learner.update(policy, trajectories, scores, &schedule);
+        let update = || self.learner.update(policy, trajectories, scores, &schedule);
+        let updated = self.threads.install(update);
         let metrics = updated.with_context(|| format!("iteration {iteration}"))?;
         if !policy.is_finite() {
             let message = "the learner diverged: expected finite parameters after the update";
@@ -335,6 +338,14 @@ impl Trainer {
         self.desk.order(Order::Open(rollout))?;
         self.rolled_out()
     }
+}
+
+/// The threads that policy updates compute on.
+fn update_threads(config: &RunConfig) -> Result<rayon::ThreadPool> {
+    Ok(rayon::ThreadPoolBuilder::new()
+        .num_threads(config.resources.learner_threads)
+        .thread_name(|number| format!("update-{number}"))
+        .build()?)
 }
 
 fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {

@@ -122,15 +122,6 @@ fn modes(config: &RunConfig, policy: &PolicyState, observations: &[u8]) -> Vec<V
     outputs.as_slice().chunks_exact(outputs.nrows()).map(mode).collect()
 }
 
-fn begin(
-    config: &RunConfig,
-    demonstrations: &[Trajectory],
-    threads: usize,
-) -> (Box<dyn PolicyLearner>, PolicyState) {
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    algorithm::create(config, demonstrations, threads)
-}
-
 fn schedule(config: &RunConfig, iteration: u64) -> Schedule {
     let learning_rate = config.policy_learning_rate().at(iteration);
     Schedule { run_seed: 1, iteration, learning_rate }
@@ -142,12 +133,14 @@ fn wander(
     iterations: u64,
     threads: usize,
 ) -> (Box<dyn PolicyLearner>, PolicyState) {
-    let (mut learner, mut policy) = begin(config, &Corridor::demonstrations(), threads);
+    let (mut learner, mut policy) = algorithm::create(config, &Corridor::demonstrations());
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     for iteration in 0..iterations {
         let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
         let batch = Corridor::wandering(&mut draws, 20);
-        let metrics =
-            learner.update(&mut policy, &batch, &[], &schedule(config, iteration)).unwrap();
+        let schedule = schedule(config, iteration);
+        let update = || learner.update(&mut policy, &batch, &[], &schedule);
+        let metrics = threads.install(update).unwrap();
         assert!(metrics.policy_loss.is_finite() && metrics.value_loss.is_finite());
     }
     (learner, policy)
@@ -195,7 +188,7 @@ fn sqil() -> RunConfig {
 #[test]
 fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
     let config = small("bc", &["cloning.patience=150", "cloning.batch=16"]);
-    let (mut learner, mut policy) = begin(&config, &Corridor::demonstrations(), 2);
+    let (mut learner, mut policy) = algorithm::create(&config, &Corridor::demonstrations());
     assert!(learner.is_offline() && Corridor::agreement(&config, &policy) < 0.8);
     let mut losses = Vec::new();
     for iteration in 0..config.iterations() {
@@ -216,7 +209,10 @@ fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
 fn actions_are_inferred_from_what_the_agent_did_itself() {
     let config = bco();
     let (_, early) = wander(&config, 1, 2);
-    assert_eq!(early.parameters, begin(&config, &Corridor::demonstrations(), 1).1.parameters);
+    assert_eq!(
+        early.parameters,
+        algorithm::create(&config, &Corridor::demonstrations()).1.parameters
+    );
     let (_, policy) = wander(&config, 60, 2);
     let agreement = Corridor::agreement(&config, &policy);
     assert!(agreement > 0.9, "{agreement}");
@@ -248,7 +244,7 @@ fn a_soft_actor_critic_follows_the_expert() {
     let demonstrations: Vec<Trajectory> = (0..40)
         .map(|number| line(number as f32 / 20.0 - 1.0, Source::Demonstration, expert))
         .collect();
-    let (mut learner, mut policy) = begin(&config, &demonstrations, 2);
+    let (mut learner, mut policy) = algorithm::create(&config, &demonstrations);
     let mut draws = stream(1, Purpose::TrainingActions, 0, 0);
     for iteration in 0..25 {
         let episode = |_| {
@@ -308,7 +304,7 @@ fn threads_change_no_bit_and_a_restored_learner_goes_on_alike() {
         assert_eq!(policy.parameters, same.parameters, "{}", config.method);
         let mut tensors = Tensors::default();
         one.save(&mut tensors);
-        let (mut restored, _) = begin(&config, &Corridor::demonstrations(), 2);
+        let (mut restored, _) = algorithm::create(&config, &Corridor::demonstrations());
         restored.restore(&tensors).unwrap();
         let mut policies = [policy.clone(), policy];
         let mut learners = [one, restored];
@@ -327,7 +323,7 @@ fn threads_change_no_bit_and_a_restored_learner_goes_on_alike() {
 
 #[test]
 fn a_foreign_checkpoint_is_refused_with_the_array_that_differs() {
-    let (mut learner, _) = begin(&bco(), &Corridor::demonstrations(), 1);
+    let (mut learner, _) = algorithm::create(&bco(), &Corridor::demonstrations());
     let mut tensors = Tensors::default();
     learner.save(&mut tensors);
     tensors.put_f32("inverse.parameters", [1.0]);

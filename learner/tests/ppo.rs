@@ -1,12 +1,10 @@
 //! The policy update as a whole: it solves a bandit, and threads change no bit of it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::sync::Arc;
-
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
-use networks::{ActorCritic, Adam, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
+use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
 use proptest::prelude::*;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
@@ -74,15 +72,14 @@ fn train(threads: usize, iterations: u64) -> (Vec<f32>, f32) {
 fn train_with(config: PpoConfig, threads: usize, iterations: u64) -> (Vec<f32>, f32) {
     let network = network();
     let mut parameters = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
-    let mut optimizer = Adam::new(parameters.len(), 1e-5);
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
+    let mut ppo = PpoUpdate::new(BANDIT, config, network.clone());
     let mut mean = 0.0;
     for iteration in 0..iterations {
         let batch = batch(&network, &parameters, iteration);
         mean = batch.rewards.iter().sum::<f32>() / ROWS as f32;
         let schedule = Schedule { run_seed: 1, iteration, learning_rate: 0.003 };
-        let metrics = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
+        let metrics = threads.install(|| ppo.update(&mut parameters, &batch, &schedule)).unwrap();
         assert!(metrics.gradient_norm.is_finite() && metrics.entropy >= 0.0);
     }
     (parameters, mean)
@@ -120,14 +117,13 @@ fn every_row_is_learned_from_where_there_are_fewer_than_minibatches() {
         few
     };
     for rows in [1, 2, 3] {
-        let threads = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
         let config = PpoConfig { minibatches: 8, ..config() };
-        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
-        let (mut parameters, mut optimizer) = (first.clone(), Adam::new(first.len(), 1e-5));
+        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone());
+        let mut parameters = first.clone();
         let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
-        let updated = ppo.update(&mut parameters, &mut optimizer, &few(rows), &schedule);
+        let updated = ppo.update(&mut parameters, &few(rows), &schedule);
         let metrics = updated.expect("finite numbers");
-        assert_eq!(optimizer.step, 4 * rows as u64, "a step for every row and epoch");
+        assert_eq!(ppo.optimizer().step, 4 * rows as u64, "a step for every row and epoch");
         assert!(metrics.value_loss.is_finite() && parameters != first, "{rows} rows");
     }
 }
@@ -162,10 +158,8 @@ proptest! {
         let network = network();
         let mut parameters =
             network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
-        let mut optimizer = Adam::new(parameters.len(), 1e-5);
-        let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let config = PpoConfig { value_clip: clip, minibatches: 2, epochs: 2, ..config() };
-        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone(), Arc::new(threads));
+        let mut ppo = PpoUpdate::new(BANDIT, config, network.clone());
         let mut batch = batch(&network, &parameters, 0);
         batch.observations.truncate(4 * rewards.len());
         batch.actions.truncate(rewards.len());
@@ -176,8 +170,9 @@ proptest! {
         }
         batch.rewards = rewards;
         let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
-        match ppo.update(&mut parameters, &mut optimizer, &batch, &schedule) {
+        match ppo.update(&mut parameters, &batch, &schedule) {
             Ok(metrics) => {
+                let optimizer = ppo.optimizer();
                 let moments = optimizer.first_moment.iter().chain(&optimizer.second_moment);
                 prop_assert!(parameters.iter().chain(moments).all(|number| number.is_finite()));
                 prop_assert!(metrics.expect_finite("").is_ok(), "{metrics:?}");
@@ -197,15 +192,13 @@ fn a_ratio_beyond_all_numbers_is_clipped() {
     let network = network();
     let mut parameters = network.initial_parameters(&mut stream(1, Purpose::PolicyWeights, 0, 0));
     let before = parameters.clone();
-    let mut optimizer = Adam::new(parameters.len(), 1e-5);
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let mut ppo = PpoUpdate::new(BANDIT, config(), network.clone(), Arc::new(threads));
+    let mut ppo = PpoUpdate::new(BANDIT, config(), network.clone());
     let mut batch = batch(&network, &parameters, 0);
     let better =
         batch.rewards.iter().zip(&mut batch.log_probs).filter(|(reward, _)| **reward > 0.0);
     better.for_each(|(_, log_prob)| *log_prob = -1000.0);
     let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: 0.003 };
-    let metrics = ppo.update(&mut parameters, &mut optimizer, &batch, &schedule).unwrap();
+    let metrics = ppo.update(&mut parameters, &batch, &schedule).unwrap();
     assert!(metrics.approximate_kl > 1e30 && metrics.approximate_kl.is_finite(), "{metrics:?}");
     assert!(parameters != before && parameters.iter().all(|number| number.is_finite()));
 }

@@ -5,12 +5,10 @@
 //! precision.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::sync::Arc;
-
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
 use learner::batch::{Batch, EpisodeRows};
-use networks::{ActorCritic, Adam, PolicyArchitecture};
+use networks::{ActorCritic, PolicyArchitecture};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use run::config::PpoConfig;
 use safetensors::SafeTensors;
@@ -97,11 +95,9 @@ fn check(name: &'static str, action: ActionSpec, squashed: bool) {
     let network = ActorCritic::new(observation, action, &architecture);
     let config = case.config();
     let mut parameters = case.numbers("parameters");
-    let mut optimizer = Adam::new(parameters.len(), config.adam_epsilon);
     let schedule = Schedule { run_seed: 1, iteration: 0, learning_rate: config.learning_rate };
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    let mut update = PpoUpdate::new(spec, config, network, Arc::new(threads));
-    let found = update.update(&mut parameters, &mut optimizer, &case.batch(), &schedule).unwrap();
+    let mut update = PpoUpdate::new(spec, config, network);
+    let found = update.update(&mut parameters, &case.batch(), &schedule).unwrap();
     let metrics = [
         found.policy_loss,
         found.value_loss,

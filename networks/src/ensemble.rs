@@ -2,8 +2,9 @@
 
 use protocol::seed::Stream;
 
+use crate::batch::Batch;
 use crate::loss::sigmoid;
-use crate::network::{Batch, Network, Prepared, Workspace};
+use crate::network::{Network, Prepared, Workspace};
 
 /// Independently drawn copies of one network with a single output.
 #[derive(Clone, Debug)]

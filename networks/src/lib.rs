@@ -6,9 +6,10 @@
 //! column. All parameters of a network are one flat slice: what is optimized, clipped, hashed,
 //! published and checkpointed is that slice, and a network itself holds only shapes.
 //!
-//! There is no clock, no thread, no file and no randomness here but the stream handed in. Every sum
-//! has one fixed order, so the bits of a row never depend on the rows beside it, and the bits of a
-//! gradient never depend on who computed it.
+//! There is no clock, no file and no randomness here but the stream handed in, and threads in
+//! [`training`] alone. Every sum has one fixed order, so the bits of a row never depend on the rows
+//! beside it, and the bits of a gradient never depend on who computed it.
+mod batch;
 mod distribution;
 mod ensemble;
 mod initialization;
@@ -19,14 +20,17 @@ mod normalization;
 mod optimizer;
 mod policy;
 mod shape;
+mod training;
 
+pub use batch::{Batch, RowSize};
 pub use distribution::Distribution;
 pub use ensemble::{Ensemble, Score};
 pub use initialization::Initialization;
 pub use layer::activation::{Activation, tanh};
 pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};
-pub use network::{Batch, Network, Prepared, Workspace};
+pub use network::{Network, Prepared, Workspace};
 pub use normalization::{RunningMoments, RunningNormalizer};
 pub use optimizer::{Adam, add, clip_global_norm};
 pub use policy::{ActorCritic, Evaluation, PolicyWorkspace, PreparedPolicy};
 pub use shape::{CellsArchitecture, Head, NetworkShape, PolicyArchitecture, RewardArchitecture};
+pub use training::{Shard, ShardedTrainer, Step, Trainable, evaluate};

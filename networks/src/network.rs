@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use protocol::seed::Stream;
 use protocol::task::{ObservationSpec, floats};
 
+use crate::batch::{Batch, RowSize};
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 use crate::layer::affine::{Affine, Panels};
@@ -28,22 +29,6 @@ pub struct Network {
     initializations: Vec<Initialization>,
     /// Where each layer's parameters lie.
     ranges: Vec<Range<usize>>,
-}
-
-/// What a network is evaluated on: rows one after another.
-#[derive(Clone, Copy, Debug)]
-pub struct Batch<'a> {
-    /// Observations as their bytes, `frames` to a row.
-    pub observations: &'a [u8],
-    /// The numbers beside each row's observations; empty if the network takes none.
-    pub extra_inputs: &'a [f32],
-}
-
-impl<'a> Batch<'a> {
-    /// Rows of observations with nothing beside them.
-    pub fn new(observations: &'a [u8]) -> Self {
-        Self { observations, extra_inputs: &[] }
-    }
 }
 
 /// One version of a network's parameters, packed for the kernels. Any number of threads may share it.
@@ -132,6 +117,12 @@ impl Network {
         &self.shape
     }
 
+    /// Size of a row of the batches it is evaluated on.
+    pub fn row_size(&self) -> RowSize {
+        let NetworkShape { observation, frames, extra_inputs, .. } = &self.shape;
+        RowSize { observation_bytes: frames * observation.bytes(), extra_inputs: *extra_inputs }
+    }
+
     /// Outputs of all heads.
     pub fn outputs(&self) -> usize {
         self.shape.heads.iter().map(|head| head.outputs).sum()
@@ -201,20 +192,6 @@ impl Network {
         }
     }
 
-    /// Rows in a batch, after checking that it fits this network.
-    fn rows(&self, batch: Batch<'_>) -> usize {
-        let bytes = self.shape.frames * self.shape.observation.bytes();
-        let rows = batch.observations.len() / bytes;
-        assert_eq!(batch.observations.len(), rows * bytes, "rows have {bytes} observation bytes");
-        let extra_inputs = self.shape.extra_inputs;
-        assert_eq!(
-            batch.extra_inputs.len(),
-            rows * extra_inputs,
-            "rows have {extra_inputs} extra inputs"
-        );
-        rows
-    }
-
     /// Evaluates the network; the outputs are `outputs x rows`. A row's outputs depend on that row and
     /// the parameters only, bit for bit.
     ///
@@ -226,7 +203,7 @@ impl Network {
         batch: Batch<'_>,
         workspace: &'w mut Workspace,
     ) -> &'w DMatrix<f32> {
-        let rows = self.rows(batch);
+        let rows = batch.rows(self.row_size());
         workspace.values.resize_with(self.affine.len() + 1, || DMatrix::zeros(0, 0));
         self.encode(prepared, batch, rows, workspace);
         for (index, (layer, panels)) in self.affine.iter().zip(&prepared.panels).enumerate() {
@@ -280,7 +257,7 @@ impl Network {
         let Workspace { values, winners, vectors, output_gradients, input_gradients } = workspace;
         assert_eq!(gradient.len(), self.parameter_count(), "parameters of this network");
         assert_eq!(output_gradient.shape(), values[self.affine.len()].shape(), "outputs x rows");
-        let rows = self.rows(batch);
+        let rows = batch.rows(self.row_size());
         assert_eq!(rows, output_gradient.ncols(), "rows of the batch of the forward half");
         reshape(output_gradients, output_gradient.nrows(), rows);
         output_gradients.copy_from(output_gradient);

@@ -1,4 +1,4 @@
-//! Running mean and variance, for observations the policy sees and for returns (Table 2).
+//! Running mean and variance, of observations the policy sees and of returns (Table 2).
 //!
 //! Batches are merged by Chan's parallel update in double precision, in the order they are given.
 
@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 /// What is added to a variance before its root is taken.
 const EPSILON: f64 = 1e-8;
 
-/// Numbers that vary by less in demonstrations are not normalized by them; meters, radians, or per
-/// second.
+/// Numbers whose standard deviation in demonstrations is smaller are not normalized; meters, radians,
+/// or per second.
 const LEAST_DEVIATION: f64 = 0.01;
 
 /// Normalized observations are cut off at this many standard deviations.
@@ -41,6 +41,11 @@ impl RunningMoments {
         let count = batch.len() as f64;
         let mean = batch.clone().sum::<f64>() / count;
         let squares = batch.map(|number| (number - mean) * (number - mean)).sum::<f64>();
+        self.merge(count, mean, squares);
+    }
+
+    /// Takes in so many numbers with this mean and this sum of squared distances from it.
+    pub fn merge(&mut self, count: f64, mean: f64, squares: f64) {
         let (distance, total) = (mean - self.mean, self.count + count);
         let between = distance * distance * self.count * count / total;
         self.variance = (self.variance * self.count + squares + between) / total;

@@ -8,9 +8,10 @@ use nalgebra::DMatrix;
 use protocol::seed::Stream;
 use protocol::task::{ActionSpec, ObservationSpec};
 
+use crate::batch::{Batch, RowSize};
 use crate::distribution::Distribution;
 use crate::initialization::Initialization;
-use crate::network::{Batch, Network, Prepared, Workspace, reshape};
+use crate::network::{Network, Prepared, Workspace, reshape};
 use crate::shape::{Head, NetworkShape, PolicyArchitecture};
 
 /// A policy and its value function; their parameters are one flat slice kept elsewhere.
@@ -105,6 +106,11 @@ impl ActorCritic {
     /// How actions are drawn from the parameters that the actor gives.
     pub fn distribution(&self) -> Distribution {
         self.distribution
+    }
+
+    /// Size of a row of the batches it is evaluated on.
+    pub fn row_size(&self) -> RowSize {
+        self.networks[0].row_size()
     }
 
     /// Length of the flat parameters: networks in order, then logarithms of standard deviations.

@@ -43,7 +43,7 @@ fn weights() {
 #[test]
 fn state_of_the_learner() {
     let config = whole::config("fetch-push");
-    let (learner, policy) = algorithm::create(&config, &[], one_thread());
+    let (learner, policy) = algorithm::create(&config, &[]);
     let state = State::fresh(policy, config.rollout.lanes);
     let mut tensors = Tensors::default();
     state.save(&mut tensors);

@@ -164,9 +164,13 @@ fn environments_and_networks_are_pure() {
         sources.iter().filter(move |source| folders.iter().any(|folder| source.is_in(folder)))
     };
     assert!(pure().count() > 15);
-    let rule = "environments and networks have no clock, no thread, no file, and no randomness but \
-                the stream handed to them";
-    keep(rule, places(pure(), IMPURE));
+    let rule = "environments and networks have no clock, no file, no randomness but the stream \
+                handed to them, and no threads but in networks/src/training.rs";
+    let threads_of_training = "networks/src/training.rs:";
+    let mut breaches = places(pure(), IMPURE);
+    breaches
+        .retain(|place| !(place.starts_with(threads_of_training) && place.ends_with(": rayon")));
+    keep(rule, breaches);
 }
 
 #[test]

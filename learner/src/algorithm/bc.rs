@@ -37,15 +37,14 @@ struct Best {
 impl Bc {
     /// A learner that has not learned yet.
     pub(super) fn new(of: Setup<'_>) -> Bc {
-        let Setup { config, network, threads, normalizer, demonstrations } = of;
+        let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let (held_out, training) = split(demonstrations, cloning.validation, config.seed);
         let parameters = network.parameter_count();
-        let bytes = [spec.observation.bytes(), spec.action.bytes()];
         Bc {
             passes: config.iterations(),
-            cloning: Cloning::new(network, bytes, settings(&cloning), threads),
+            cloning: Cloning::new(network, spec.action.bytes(), settings(&cloning)),
             training: pairs(&training, &spec, normalizer),
             held_out: pairs(&held_out, &spec, normalizer),
             best: Best {

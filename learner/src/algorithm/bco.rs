@@ -2,8 +2,6 @@
 //! dynamics model, fitted to the agent's own transitions, infers the actions of the demonstrations,
 //! and the policy is cloned from those. Both go on as the policy gathers new transitions.
 
-use std::sync::Arc;
-
 use anyhow::{Context, Result};
 use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
 use protocol::messages::Score;
@@ -37,7 +35,7 @@ pub(super) struct Bco {
 impl Bco {
     /// A learner that has not learned yet.
     pub(super) fn new(of: Setup<'_>) -> Bco {
-        let Setup { config, network, threads, normalizer, demonstrations } = of;
+        let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let cloning = config.cloning.clone().expect("checked with the configuration");
         let inverse = config.inverse_dynamics.clone().expect("checked with the configuration");
@@ -58,8 +56,8 @@ impl Bco {
         inverse_settings.batch = inverse.batch;
         Bco {
             inverse_parameters: model.initial_parameters(&mut stream),
-            inverse: Cloning::new(model, [2 * one, action], inverse_settings, Arc::clone(&threads)),
-            policy: Cloning::new(network, [one, action], settings(&cloning), threads),
+            inverse: Cloning::new(model, action, inverse_settings),
+            policy: Cloning::new(network, action, settings(&cloning)),
             experience: Replay::new(spec, inverse.experience),
             normalizer: normalizer.clone(),
             config: inverse,

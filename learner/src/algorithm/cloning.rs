@@ -2,15 +2,12 @@
 //! Behavioral cloning fits the policy to the expert's; inverse dynamics fits the action between two
 //! observations to the agent's own.
 
-use std::sync::Arc;
-
-use networks::{ActorCritic, Adam, Distribution};
+use networks::{ActorCritic, Distribution};
 use protocol::tensors::Tensors;
-use rayon::ThreadPool;
 use run::process::Final;
 
 use crate::algorithm::Metrics;
-use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
 /// What is cloned: rows of observations, as the network sees them, and the action of each.
 #[derive(Clone, Debug, Default)]
@@ -36,23 +33,17 @@ pub(crate) struct Settings {
 
 /// A network in training.
 pub(crate) struct Cloning {
-    gradient: Gradient,
-    optimizer: Adam,
+    trainer: PolicyTrainer,
     settings: Settings,
     action_bytes: usize,
 }
 
 impl Cloning {
-    /// Training of a network whose rows and actions have so many bytes.
-    pub(crate) fn new(
-        network: ActorCritic,
-        [row_bytes, action_bytes]: [usize; 2],
-        settings: Settings,
-        threads: Arc<ThreadPool>,
-    ) -> Cloning {
-        let optimizer = Adam::new(network.parameter_count(), settings.adam_epsilon);
-        let gradient = Gradient::new(network, row_bytes, threads);
-        Cloning { gradient, optimizer, settings, action_bytes }
+    /// Training of a network whose actions have so many bytes.
+    pub(crate) fn new(network: ActorCritic, action_bytes: usize, settings: Settings) -> Cloning {
+        let Settings { adam_epsilon, max_gradient_norm, .. } = settings;
+        let trainer = PolicyTrainer::new(network, adam_epsilon, max_gradient_norm);
+        Cloning { trainer, settings, action_bytes }
     }
 
     /// Trains on the pairs named by `rows`, in that order.
@@ -71,27 +62,24 @@ impl Cloning {
         let count = minibatches.len();
         for (number, minibatch) in minibatches.enumerate() {
             let loss = Likelihood {
-                distribution: self.gradient.network().distribution(),
+                distribution: self.trainer.network().distribution(),
                 actions: &pairs.actions,
                 action_bytes: self.action_bytes,
                 deviations: self.settings.deviations,
                 weight: 1.0 / minibatch.len() as f32,
             };
-            let (gradient, mut own) =
-                self.gradient.of(parameters, &pairs.observations, minibatch, &loss);
-            let largest = self.settings.max_gradient_norm;
-            own.gradient_norm = networks::clip_global_norm(gradient, largest);
+            let observations = &pairs.observations;
+            let own = self.trainer.step(parameters, observations, minibatch, &loss, learning_rate);
             own.expect_finite(format_args!("cloning, minibatch {} of {count}", number + 1))?;
-            self.optimizer.update(parameters, gradient, learning_rate);
-            metrics.add(&own);
+            metrics += own;
         }
         Ok(metrics.divided_by(count.max(1) as f64))
     }
 
     /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.
     pub(crate) fn loss(&mut self, parameters: &[f32], pairs: &Pairs) -> Option<f64> {
-        let distribution = self.gradient.network().distribution();
-        let rows = self.gradient.outputs(parameters, &pairs.observations, <[f32]>::to_vec);
+        let distribution = self.trainer.network().distribution();
+        let rows = self.trainer.outputs(parameters, &pairs.observations, <[f32]>::to_vec);
         let actions = pairs.actions.chunks_exact(self.action_bytes);
         let losses = rows.iter().zip(actions).map(|(parameters, action)| {
             -f64::from(distribution.log_probability(parameters, action))
@@ -101,28 +89,28 @@ impl Cloning {
 
     /// The most probable action of every row, one after another.
     pub(crate) fn modes(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<u8> {
-        let (distribution, bytes) = (self.gradient.network().distribution(), self.action_bytes);
+        let (distribution, bytes) = (self.trainer.network().distribution(), self.action_bytes);
         let mode = |outputs: &[f32]| {
             let mut action = vec![0; bytes];
             distribution.mode(outputs, &mut action);
             action
         };
-        self.gradient.outputs(parameters, observations, mode).concat()
+        self.trainer.outputs(parameters, observations, mode).concat()
     }
 
     /// Bytes of a row.
     pub(crate) fn row_bytes(&self) -> usize {
-        self.gradient.row_bytes()
+        self.trainer.row_bytes()
     }
 
     /// Adds the optimizer's state.
     pub(crate) fn save(&self, name: &str, tensors: &mut Tensors) {
-        self.optimizer.save(name, tensors);
+        self.trainer.save(name, tensors);
     }
 
     /// Takes over what [`Cloning::save`] added.
     pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
-        self.optimizer.restore(name, tensors)
+        self.trainer.restore(name, tensors)
     }
 }
 

@@ -3,13 +3,13 @@
 mod bc;
 mod bco;
 mod cloning;
-mod gradient;
+mod policy_trainer;
 pub mod ppo;
 mod replay;
 mod sqil;
 
 use std::fmt::Display;
-use std::sync::Arc;
+use std::ops::AddAssign;
 
 use anyhow::Result;
 use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
@@ -18,15 +18,15 @@ use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
-use rayon::ThreadPool;
 use run::config::RunConfig;
 use run::process::Final;
 
 use crate::state::PolicyState;
 
 /// A policy learner. With a reward model it makes a method.
-pub trait PolicyLearner {
-    /// Improves the policy with the batch of an iteration and its scores.
+pub trait PolicyLearner: Send {
+    /// Improves the policy with the batch of an iteration and its scores, on the rayon pool that the
+    /// caller is in.
     ///
     /// # Errors
     /// When the scores are not those of the trajectories, and [`Final`] when a loss or gradient is no
@@ -94,12 +94,10 @@ pub struct Schedule {
 pub fn create(
     config: &RunConfig,
     demonstrations: &[Trajectory],
-    threads: ThreadPool,
 ) -> (Box<dyn PolicyLearner>, PolicyState) {
     let spec = config.task.spec();
     let network =
         ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
-    let threads = Arc::new(threads);
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
     let normalizer = match config.learner.imitates() {
@@ -107,7 +105,7 @@ pub fn create(
         true => moments(config, &spec, demonstrations),
         false => RunningNormalizer::new(normalized(config, &spec)),
     };
-    let setup = Setup { config, network, threads, normalizer: &normalizer, demonstrations };
+    let setup = Setup { config, network, normalizer: &normalizer, demonstrations };
     let name = config.learner.name();
     let (_, construct) = LEARNERS.iter().find(|(known, _)| *known == name).expect(IN_BOTH_TABLES);
     (construct(setup), PolicyState { parameters, normalizer })
@@ -119,8 +117,6 @@ struct Setup<'a> {
     config: &'a RunConfig,
     /// The policy.
     network: ActorCritic,
-    /// Who computes.
-    threads: Arc<ThreadPool>,
     /// What observations are normalized by before the policy sees them first.
     normalizer: &'a RunningNormalizer,
     /// Empty for a learner that needs none.
@@ -183,18 +179,7 @@ impl Metrics {
         }
     }
 
-    /// Adds another minibatch's or shard's metrics.
-    pub fn add(&mut self, other: &Metrics) {
-        self.policy_loss += other.policy_loss;
-        self.value_loss += other.value_loss;
-        self.entropy += other.entropy;
-        self.approximate_kl += other.approximate_kl;
-        self.clip_fraction += other.clip_fraction;
-        self.gradient_norm += other.gradient_norm;
-        self.held_out_loss += other.held_out_loss;
-    }
-
-    /// Divides every figure, to make a mean of a sum.
+    /// Divides every metric, to make a mean of a sum.
     pub fn divided_by(&self, count: f64) -> Metrics {
         Metrics {
             policy_loss: self.policy_loss / count,
@@ -205,6 +190,19 @@ impl Metrics {
             gradient_norm: self.gradient_norm / count,
             held_out_loss: self.held_out_loss / count,
         }
+    }
+}
+
+/// Adds the metrics of another minibatch, shard or row.
+impl AddAssign for Metrics {
+    fn add_assign(&mut self, other: Metrics) {
+        self.policy_loss += other.policy_loss;
+        self.value_loss += other.value_loss;
+        self.entropy += other.entropy;
+        self.approximate_kl += other.approximate_kl;
+        self.clip_fraction += other.clip_fraction;
+        self.gradient_norm += other.gradient_norm;
+        self.held_out_loss += other.held_out_loss;
     }
 }
 

@@ -5,8 +5,8 @@
 //! a fixed order, so the number of threads never changes a bit.
 
 use networks::{
-    Adam, Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore,
-    Workspace,
+    Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore, Shard,
+    ShardedTrainer, Step, Workspace,
 };
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
@@ -29,18 +29,9 @@ pub struct TrainedEnsemble {
     input: Input,
     normalizer: RunningNormalizer,
     ensemble: Ensemble,
-    trainers: Vec<Trainer>,
+    trainers: Vec<ShardedTrainer<Network>>,
     prepared: Vec<Prepared>,
     threads: ThreadPool,
-}
-
-/// A member's optimizer, and memory that its training reuses.
-#[derive(Clone, Debug)]
-struct Trainer {
-    optimizer: Adam,
-    prepared: Prepared,
-    workspace: Workspace,
-    gradient: Vec<f32>,
 }
 
 impl TrainedEnsemble {
@@ -61,17 +52,12 @@ impl TrainedEnsemble {
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
         let ensemble = Ensemble { squashed, ..Ensemble::new(network, streams) };
-        let parameters = ensemble.members[0].len();
-        let trainer = Trainer {
-            optimizer: Adam::new(parameters, ADAM_EPSILON),
-            prepared: Prepared::default(),
-            workspace: Workspace::default(),
-            gradient: vec![0.0; parameters],
-        };
+        let trainer =
+            |member: &Vec<f32>| ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
         TrainedEnsemble {
             input,
             normalizer,
-            trainers: vec![trainer; config.ensemble],
+            trainers: ensemble.members.iter().map(trainer).collect(),
             prepared: ensemble.prepare(),
             ensemble,
             threads,
@@ -98,18 +84,23 @@ impl TrainedEnsemble {
     ) -> Result<Losses, String> {
         let network = &self.ensemble.network;
         let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
-        let train = |(member, trainer): (&mut Vec<f32>, &mut Trainer)| {
-            let losses = trainer.differentiate(network, member, minibatch, &loss);
-            let problem = losses.problem(&trainer.gradient);
-            trainer.optimizer.update(member, &trainer.gradient, learning_rate);
-            problem.map_or(Ok(losses), Err)
+        let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
+            differentiate(shard, minibatch, &loss, sum)
         };
-        let trained: Vec<_> = self.threads.install(|| members.map(train).collect());
-        let numbered = trained.into_iter().enumerate();
-        let losses: Result<Vec<Losses>, String> = numbered
-            .map(|(member, losses)| losses.map_err(|problem| format!("member {member}: {problem}")))
-            .collect();
-        losses.map(|losses| Losses::mean(&losses))
+        let train = |(member, trainer): (&mut Vec<f32>, &mut ShardedTrainer<Network>)| {
+            let batch = minibatch.rows.batch();
+            // A loss is a mean over pairs of rows, so a minibatch is one shard.
+            trainer.step(network, member, batch, usize::MAX, learning_rate, of_member)
+        };
+        let steps: Vec<Step<Losses>> = self.threads.install(|| members.map(train).collect());
+        let mut sum = Losses::default();
+        for (member, Step { terms, gradient_norm }) in steps.into_iter().enumerate() {
+            if let Some(problem) = terms.problem(gradient_norm) {
+                return Err(format!("member {member}: {problem}"));
+            }
+            sum += terms;
+        }
+        Ok(sum.divided_by(self.trainers.len()))
     }
 
     /// Refuses weights and optimizers that are no numbers any more.
@@ -151,7 +142,7 @@ impl TrainedEnsemble {
         let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
         for (number, (member, trainer)) in members {
             tensors.put_f32(&format!("member{number}.parameters"), member.iter().copied());
-            trainer.optimizer.save(&format!("member{number}.adam"), tensors);
+            trainer.save(&format!("member{number}.adam"), tensors);
         }
     }
 
@@ -167,33 +158,27 @@ impl TrainedEnsemble {
         for (number, (member, trainer)) in members {
             let name = format!("member{number}.parameters");
             *member = tensors.exactly(&name, member.len(), Tensors::f32)?;
-            trainer.optimizer.restore(&format!("member{number}.adam"), tensors)?;
+            trainer.restore(&format!("member{number}.adam"), tensors)?;
         }
         self.prepare();
         Ok(())
     }
 }
 
-impl Trainer {
-    /// Losses of one member, and the gradient of their sum and of the penalty.
-    fn differentiate(
-        &mut self,
-        network: &Network,
-        member: &[f32],
-        minibatch: &Minibatch,
-        loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses,
-    ) -> Losses {
-        let Trainer { prepared, workspace, gradient, .. } = self;
-        network.prepare_into(member, prepared);
-        let batch = minibatch.rows.batch();
-        let outputs = network.forward(prepared, batch, workspace);
-        let mut gradients = outputs.clone();
-        let losses = loss(minibatch, outputs.as_slice(), gradients.as_mut_slice());
-        gradient.fill(0.0);
-        network.backward(prepared, batch, workspace, &gradients, gradient);
-        if let Some(penalty) = &minibatch.penalty {
-            penalty.differentiate(network, prepared, workspace, gradient);
-        }
-        losses
+/// Adds the gradient of a loss on a minibatch and of its penalty to a sum; the losses.
+fn differentiate(
+    shard: Shard<'_, Network>,
+    minibatch: &Minibatch,
+    loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses,
+    sum: &mut [f32],
+) -> Losses {
+    let Shard { network, prepared, batch, workspace, .. } = shard;
+    let outputs = network.forward(prepared, batch, workspace);
+    let mut gradients = outputs.clone();
+    let losses = loss(minibatch, outputs.as_slice(), gradients.as_mut_slice());
+    network.backward(prepared, batch, workspace, &gradients, sum);
+    if let Some(penalty) = &minibatch.penalty {
+        penalty.differentiate(network, prepared, workspace, sum);
     }
+    losses
 }

@@ -1,5 +1,7 @@
 //! What a gradient step of a reward model is taken on, and what it lost there.
 
+use std::ops::AddAssign;
+
 use super::input::Rows;
 use super::penalty::GradientPenalty;
 
@@ -32,26 +34,27 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// What is no number among losses and their gradient.
-    pub(super) fn problem(&self, gradient: &[f32]) -> Option<String> {
-        let losses =
-            [("loss on demonstrations", self.demonstrations), ("loss on the agent", self.agent)];
-        let lost = losses.into_iter().find(|(_, loss)| !loss.is_finite());
-        // Without an early end, so that it is vectorised.
-        let is_finite = gradient.iter().fold(true, |all, derivative| all & derivative.is_finite());
-        match lost {
-            Some((name, loss)) => Some(format!("expected a finite {name}, found {loss}")),
-            None if !is_finite => Some("expected a finite gradient, found none".to_owned()),
-            None => None,
-        }
+    /// What is no number among losses and the norm of their gradient.
+    pub(super) fn problem(&self, gradient_norm: f64) -> Option<String> {
+        let numbers = [
+            ("loss on demonstrations", self.demonstrations),
+            ("loss on the agent", self.agent),
+            ("gradient norm", gradient_norm),
+        ];
+        let (name, found) = numbers.into_iter().find(|(_, number)| !number.is_finite())?;
+        Some(format!("expected a finite {name}, found {found}"))
     }
 
-    /// The mean of each term; zero if there are none.
-    pub fn mean(losses: &[Losses]) -> Losses {
-        let count = losses.len().max(1) as f64;
-        Losses {
-            demonstrations: losses.iter().map(|loss| loss.demonstrations).sum::<f64>() / count,
-            agent: losses.iter().map(|loss| loss.agent).sum::<f64>() / count,
-        }
+    /// Divides both terms, to make a mean of a sum; of a sum of none that is zero.
+    pub(super) fn divided_by(self, count: usize) -> Losses {
+        let count = count.max(1) as f64;
+        Losses { demonstrations: self.demonstrations / count, agent: self.agent / count }
+    }
+}
+
+impl AddAssign for Losses {
+    fn add_assign(&mut self, other: Losses) {
+        self.demonstrations += other.demonstrations;
+        self.agent += other.agent;
     }
 }

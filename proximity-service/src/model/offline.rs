@@ -51,14 +51,12 @@ impl Progress {
     /// Notes a step.
     pub(super) fn add(&mut self, losses: Losses) {
         self.done += 1;
-        self.sum.demonstrations += losses.demonstrations;
-        self.sum.agent += losses.agent;
+        self.sum += losses;
     }
 
     /// The mean losses; zero before the first step.
     pub(super) fn mean(&self) -> Losses {
-        let count = self.done.max(1) as f64;
-        Losses { demonstrations: self.sum.demonstrations / count, agent: self.sum.agent / count }
+        self.sum.divided_by(self.done)
     }
 
     /// Adds it to arrays.

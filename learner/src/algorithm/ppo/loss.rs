@@ -6,7 +6,7 @@ use networks::Distribution;
 use run::config::PpoConfig;
 
 use crate::algorithm::Metrics;
-use crate::algorithm::gradient::RowOutput;
+use crate::algorithm::policy_trainer::RowOutput;
 
 /// A row of a batch, and what it is pulled towards.
 #[derive(Clone, Copy, Debug)]

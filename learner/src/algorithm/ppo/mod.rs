@@ -4,22 +4,19 @@ mod loss;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
-
 use anyhow::Result;
-use networks::{ActorCritic, Adam, Distribution};
+use networks::{ActorCritic, Adam, Distribution, RunningMoments};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use rand::seq::SliceRandom;
-use rayon::ThreadPool;
 use run::config::PpoConfig;
 use run::process::Final;
 
 use crate::advantage::{generalized_advantages, normalize};
-use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 use crate::algorithm::ppo::loss::Row;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::batch::Batch;
@@ -30,18 +27,16 @@ use crate::state::PolicyState;
 pub(super) struct Ppo {
     spec: Spec,
     update: PpoUpdate,
-    optimizer: Adam,
     reward_scale: RewardScale,
 }
 
 impl Ppo {
     /// A learner that has not learned yet.
     pub(super) fn new(of: Setup<'_>) -> Ppo {
-        let Setup { config, network, threads, .. } = of;
+        let Setup { config, network, .. } = of;
         let spec = config.task.spec();
-        let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
-        let update = PpoUpdate::new(spec, config.ppo.clone(), network, threads);
-        Ppo { spec, update, optimizer, reward_scale: RewardScale::default() }
+        let update = PpoUpdate::new(spec, config.ppo.clone(), network);
+        Ppo { spec, update, reward_scale: RewardScale::default() }
     }
 }
 
@@ -59,8 +54,7 @@ impl PolicyLearner for Ppo {
             batch.scale_rewards(&mut self.reward_scale, trajectories, gamma);
         }
         batch.normalize(&policy.normalizer);
-        let optimizer = &mut self.optimizer;
-        let metrics = self.update.update(&mut policy.parameters, optimizer, &batch, schedule)?;
+        let metrics = self.update.update(&mut policy.parameters, &batch, schedule)?;
         for encoded in trajectories {
             policy.normalizer.update(encoded.trajectory.observations());
         }
@@ -68,15 +62,16 @@ impl PolicyLearner for Ppo {
     }
 
     fn save(&self, tensors: &mut Tensors) {
-        self.optimizer.save("adam", tensors);
-        let scale = &self.reward_scale;
-        tensors.put_f64("reward_scale", [scale.mean, scale.variance, scale.count]);
+        self.update.trainer.save("adam", tensors);
+        let RunningMoments { mean, variance, count } = self.reward_scale.returns;
+        tensors.put_f64("reward_scale", [mean, variance, count]);
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        self.optimizer.restore("adam", tensors)?;
-        let scale = tensors.exactly("reward_scale", 3, Tensors::f64)?;
-        self.reward_scale = RewardScale { mean: scale[0], variance: scale[1], count: scale[2] };
+        self.update.trainer.restore("adam", tensors)?;
+        let returns = tensors.exactly("reward_scale", 3, Tensors::f64)?;
+        let returns = RunningMoments { mean: returns[0], variance: returns[1], count: returns[2] };
+        self.reward_scale = RewardScale { returns };
         Ok(())
     }
 }
@@ -85,7 +80,7 @@ impl PolicyLearner for Ppo {
 pub struct PpoUpdate {
     spec: Spec,
     config: PpoConfig,
-    gradient: Gradient,
+    trainer: PolicyTrainer,
 }
 
 /// What the rows of a batch are pulled towards.
@@ -96,15 +91,15 @@ struct Targets {
 }
 
 impl PpoUpdate {
-    /// An update of this network on these threads.
-    pub fn new(
-        spec: Spec,
-        config: PpoConfig,
-        network: ActorCritic,
-        threads: Arc<ThreadPool>,
-    ) -> PpoUpdate {
-        let gradient = Gradient::new(network, spec.observation.bytes(), threads);
-        PpoUpdate { spec, config, gradient }
+    /// An update of this network.
+    pub fn new(spec: Spec, config: PpoConfig, network: ActorCritic) -> PpoUpdate {
+        let trainer = PolicyTrainer::new(network, config.adam_epsilon, config.max_gradient_norm);
+        PpoUpdate { spec, config, trainer }
+    }
+
+    /// The optimizer of the parameters.
+    pub fn optimizer(&self) -> &Adam {
+        self.trainer.trainer().optimizer()
     }
 
     /// Improves the parameters with a batch: several epochs of minibatches, none after one that took
@@ -115,7 +110,6 @@ impl PpoUpdate {
     pub fn update(
         &mut self,
         parameters: &mut [f32],
-        optimizer: &mut Adam,
         batch: &Batch,
         schedule: &Schedule,
     ) -> Result<Metrics, Final> {
@@ -136,21 +130,19 @@ impl PpoUpdate {
                 let loss = Loss {
                     spec: &self.spec,
                     config: &self.config,
-                    distribution: self.gradient.network().distribution(),
+                    distribution: self.trainer.network().distribution(),
                     batch,
                     targets: &targets,
                     weight: 1.0 / minibatch.len() as f32,
                 };
-                let (gradient, mut own) =
-                    self.gradient.of(parameters, &batch.observations, minibatch, &loss);
-                let largest = self.config.max_gradient_norm;
-                own.gradient_norm = networks::clip_global_norm(gradient, largest);
+                let observations = &batch.observations;
+                let own =
+                    self.trainer.step(parameters, observations, minibatch, &loss, learning_rate);
                 own.expect_finite(format_args!("epoch {}, minibatch {}", epoch + 1, number + 1))?;
-                optimizer.update(parameters, gradient, learning_rate);
-                of_epoch.add(&own);
+                of_epoch += own;
             }
             let of_epoch = of_epoch.divided_by(count);
-            metrics.add(&of_epoch);
+            metrics += of_epoch;
             epochs += 1;
             let target = self.config.target_kl;
             if target > 0.0 && of_epoch.approximate_kl > target {
@@ -162,11 +154,11 @@ impl PpoUpdate {
 
     /// Values under the current policy, and from them advantages and returns.
     fn targets(&mut self, parameters: &[f32], batch: &Batch) -> Targets {
-        let values = self.gradient.values(parameters, &batch.observations);
+        let values = self.trainer.values(parameters, &batch.observations);
         let bootstrap = self.config.bootstrap_truncated;
         let cut = batch.episodes.iter().filter(|episode| bootstrap && episode.truncated);
         let cut: Vec<&[u8]> = cut.map(|episode| &episode.last_observation[..]).collect();
-        let mut last_values = self.gradient.values(parameters, &cut.concat()).into_iter();
+        let mut last_values = self.trainer.values(parameters, &cut.concat()).into_iter();
         let (gamma, lambda) = (self.config.gamma as f32, self.config.gae_lambda as f32);
         let (mut advantages, mut returns) = (Vec::new(), Vec::new());
         let mut start = 0;

@@ -236,10 +236,9 @@ fn a_cut_episode_is_bootstrapped_with_the_value_of_its_last_state_and_no_other_i
     let network = ActorCritic::new(spec.observation, spec.action, &architecture);
     let mut stream = seed::stream(1, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    let mut update = PpoUpdate::new(spec, config(0.2, 0.2), network, Arc::new(threads));
+    let mut update = PpoUpdate::new(spec, config(0.2, 0.2), network);
 
-    let last_value = update.gradient.values(&parameters, &batch.episodes[0].last_observation)[0];
+    let last_value = update.trainer.values(&parameters, &batch.episodes[0].last_observation)[0];
     assert!(last_value.abs() > 0.01, "a value that would be noticed, not {last_value}");
     let near = |found: Vec<f32>, expected: [f32; 2]| {
         let close =

@@ -35,7 +35,7 @@ pub(super) struct Sqil {
 }
 
 /// What learns soft Q-functions and a policy from them.
-trait SoftLearner {
+trait SoftLearner: Send {
     /// One update.
     fn update(
         &mut self,
@@ -83,14 +83,12 @@ impl Minibatch {
 impl Sqil {
     /// A learner that has not learned yet.
     pub(super) fn new(of: Setup<'_>) -> Sqil {
-        let Setup { config, network, threads, normalizer, demonstrations } = of;
+        let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
         let own = config.sqil.clone().expect("checked with the configuration");
         let learner: Box<dyn SoftLearner> = match spec.action {
-            ActionSpec::Discrete { .. } => Box::new(SoftQ::new(config, &own, network, threads)),
-            ActionSpec::Continuous { .. } => {
-                Box::new(SoftActorCritic::new(config, &own, network, threads))
-            }
+            ActionSpec::Discrete { .. } => Box::new(SoftQ::new(config, &own, network)),
+            ActionSpec::Continuous { .. } => Box::new(SoftActorCritic::new(config, &own, network)),
         };
         Sqil {
             spec,
@@ -150,7 +148,7 @@ impl PolicyLearner for Sqil {
             let parameters = &mut policy.parameters;
             let own = self.learner.update(parameters, &minibatch, &mut stream, learning_rate);
             own.expect_finite(format_args!("update {}", self.updates + 1))?;
-            metrics.add(&own);
+            metrics += own;
             self.updates += 1;
         }
         Ok(metrics.divided_by(owed.max(1) as f64))

@@ -2,37 +2,28 @@
 
 use nalgebra::DMatrix;
 use networks::{
-    Activation, Adam, Batch as Rows, Head, Initialization, Network, NetworkShape, Prepared,
-    Workspace,
+    Activation, Batch, Head, Initialization, Network, NetworkShape, Prepared, Shard,
+    ShardedTrainer, evaluate,
 };
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
-use rayon::ThreadPool;
-use rayon::prelude::*;
 
 /// Rows of a shard. Part of what a run means: changing it changes the order of sums.
 const SHARD_ROWS: usize = 64;
 
+/// Adam's epsilon in a soft actor-critic, PyTorch's.
+pub(super) const ADAM_EPSILON: f64 = 1e-8;
+
 /// A Q-function.
 pub(super) struct QFunction {
     network: Network,
-    observation_bytes: usize,
     action_len: usize,
     parameters: Vec<f32>,
     targets: Vec<f32>,
-    optimizer: Adam,
+    trainer: ShardedTrainer<Network>,
     prepared: Prepared,
     prepared_targets: Prepared,
-}
-
-/// Rows a Q-function is asked about.
-#[derive(Clone, Copy)]
-pub(super) struct StateActions<'a> {
-    /// Observations, as networks see them.
-    pub(super) observations: &'a [u8],
-    /// The numbers of the actions.
-    pub(super) actions: &'a [f32],
 }
 
 impl QFunction {
@@ -57,10 +48,9 @@ impl QFunction {
         let mut stream = seed::stream(run_seed, Purpose::QWeights, number, 0);
         let parameters = network.initial_parameters(&mut stream);
         QFunction {
-            observation_bytes: spec.observation.bytes(),
             action_len,
             targets: parameters.clone(),
-            optimizer: Adam::new(parameters.len(), 1e-8),
+            trainer: ShardedTrainer::new(parameters.len(), ADAM_EPSILON, f64::INFINITY),
             prepared: network.prepare(&parameters),
             prepared_targets: network.prepare(&parameters),
             parameters,
@@ -68,75 +58,48 @@ impl QFunction {
         }
     }
 
-    fn shards<'a>(&self, asked: StateActions<'a>) -> impl IndexedParallelIterator<Item = Rows<'a>> {
-        let observations = asked.observations.par_chunks(SHARD_ROWS * self.observation_bytes);
-        let actions = asked.actions.par_chunks(SHARD_ROWS * self.action_len);
-        observations
-            .zip(actions)
-            .map(|(observations, extra_inputs)| Rows { observations, extra_inputs })
-    }
-
-    /// What the target function says.
-    pub(super) fn target_values(&self, asked: StateActions<'_>, threads: &ThreadPool) -> Vec<f32> {
-        let values = |workspace: &mut Workspace, rows: Rows<'_>| {
-            self.network.forward(&self.prepared_targets, rows, workspace).as_slice().to_vec()
-        };
-        let shards = self.shards(asked).map_init(Workspace::default, values);
-        threads.install(|| shards.collect::<Vec<_>>()).concat()
+    /// What the target function says of observations and, as extra inputs, actions.
+    pub(super) fn target_values(&self, batch: Batch<'_>) -> Vec<f32> {
+        evaluate(&self.network, &self.prepared_targets, batch, SHARD_ROWS, |shard| {
+            let Shard { network, prepared, batch, workspace, .. } = shard;
+            network.forward(prepared, batch, workspace).as_slice().to_vec()
+        })
     }
 
     /// Values, and their gradients with respect to the numbers of the actions.
-    pub(super) fn action_gradients(
-        &self,
-        asked: StateActions<'_>,
-        threads: &ThreadPool,
-    ) -> (Vec<f32>, Vec<f32>) {
-        let gradients = |workspace: &mut Workspace, rows: Rows<'_>| {
-            let values = self.network.forward(&self.prepared, rows, workspace).clone();
+    pub(super) fn action_gradients(&self, batch: Batch<'_>) -> (Vec<f32>, Vec<f32>) {
+        let len = self.action_len;
+        let rows = evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
+            let Shard { network, prepared, batch, workspace, .. } = shard;
+            let values = network.forward(prepared, batch, workspace).clone();
             let ones = DMatrix::from_element(1, values.ncols(), 1.0);
-            let gradients = self.network.input_gradient(&self.prepared, workspace, &ones);
-            let first = gradients.nrows() - self.action_len;
-            let own = gradients.rows(first, self.action_len).iter().copied().collect::<Vec<f32>>();
-            (values.as_slice().to_vec(), own)
-        };
-        let shards = self.shards(asked).map_init(Workspace::default, gradients);
-        let (values, gradients): (Vec<_>, Vec<_>) =
-            threads.install(|| shards.collect::<Vec<_>>()).into_iter().unzip();
-        (values.concat(), gradients.concat())
+            let gradients = network.input_gradient(prepared, workspace, &ones);
+            let own = gradients.rows(gradients.nrows() - len, len);
+            let own = own.column_iter().map(|column| column.iter().copied().collect::<Vec<f32>>());
+            values.iter().copied().zip(own).collect()
+        });
+        let (values, gradients): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
+        (values, gradients.concat())
     }
 
     /// Fits the function to `targets`; returns half the mean squared error before.
-    pub(super) fn fit(
-        &mut self,
-        asked: StateActions<'_>,
-        targets: &[f32],
-        learning_rate: f64,
-        threads: &ThreadPool,
-    ) -> f64 {
+    pub(super) fn fit(&mut self, batch: Batch<'_>, targets: &[f32], learning_rate: f64) -> f64 {
         let weight = 1.0 / targets.len() as f32;
-        let of_shard = |workspace: &mut Workspace, (rows, targets): (Rows<'_>, &[f32])| {
-            let values = self.network.forward(&self.prepared, rows, workspace);
-            let errors: Vec<f32> =
-                values.iter().zip(targets).map(|(value, target)| value - target).collect();
-            let gradients =
-                DMatrix::from_iterator(1, errors.len(), errors.iter().map(|error| weight * error));
-            let mut gradient = vec![0.0; self.parameters.len()];
-            self.network.backward(&self.prepared, rows, workspace, &gradients, &mut gradient);
-            let squares = errors.iter().map(|error| f64::from(error * error));
-            (gradient, squares.sum::<f64>())
-        };
-        let shards = self.shards(asked).zip(targets.par_chunks(SHARD_ROWS));
-        let shards = shards.map_init(Workspace::default, of_shard);
-        let shards = threads.install(|| shards.collect::<Vec<_>>());
-        let mut gradient = vec![0.0; self.parameters.len()];
-        let mut squares = 0.0;
-        for (own, own_squares) in &shards {
-            networks::add(&mut gradient, own);
-            squares += own_squares;
-        }
-        self.optimizer.update(&mut self.parameters, &gradient, learning_rate);
-        self.network.prepare_into(&self.parameters, &mut self.prepared);
-        0.5 * f64::from(weight) * squares
+        let QFunction { network, trainer, parameters, prepared, .. } = self;
+        let step =
+            trainer.step(network, parameters, batch, SHARD_ROWS, learning_rate, |shard, sum| {
+                let Shard { network, prepared, batch, rows, workspace } = shard;
+                let values = network.forward(prepared, batch, workspace);
+                let errors =
+                    values.iter().zip(&targets[rows]).map(|(value, target)| value - target);
+                let errors: Vec<f32> = errors.collect();
+                let gradients = errors.iter().map(|error| weight * error);
+                let gradients = DMatrix::from_iterator(1, errors.len(), gradients);
+                network.backward(prepared, batch, workspace, &gradients, sum);
+                errors.iter().map(|error| f64::from(error * error)).sum::<f64>()
+            });
+        network.prepare_into(parameters, prepared);
+        0.5 * f64::from(weight) * step.terms
     }
 
     /// Moves the target function towards the function.
@@ -147,14 +110,14 @@ impl QFunction {
 
     /// Adds everything carried from one update to the next.
     pub(super) fn save(&self, name: &str, tensors: &mut Tensors) {
-        self.optimizer.save(&format!("{name}.adam"), tensors);
+        self.trainer.save(&format!("{name}.adam"), tensors);
         tensors.put_f32(&format!("{name}.parameters"), self.parameters.iter().copied());
         tensors.put_f32(&format!("{name}.targets"), self.targets.iter().copied());
     }
 
     /// Takes over what [`QFunction::save`] added.
     pub(super) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
-        self.optimizer.restore(&format!("{name}.adam"), tensors)?;
+        self.trainer.restore(&format!("{name}.adam"), tensors)?;
         let count = self.parameters.len();
         self.parameters = tensors.exactly(&format!("{name}.parameters"), count, Tensors::f32)?;
         self.targets = tensors.exactly(&format!("{name}.targets"), count, Tensors::f32)?;

@@ -1,30 +1,25 @@
 //! A soft actor-critic for continuous actions (Haarnoja et al., 2018): two Q-functions, a squashed
 //! normal policy that follows the smaller of them, and a temperature tuned to an entropy.
 
-use std::sync::Arc;
-
-use networks::{ActorCritic, Adam, Distribution};
+use networks::{ActorCritic, Adam, Batch, Distribution};
 use protocol::seed::Stream;
 use protocol::task::{ActionSpec, Spec, floats};
 use protocol::tensors::Tensors;
-use rayon::ThreadPool;
 use run::config::{RunConfig, SqilConfig};
 
-use super::q_function::{QFunction, StateActions};
+use super::q_function::{ADAM_EPSILON, QFunction};
 use super::{Minibatch, SoftLearner};
 use crate::algorithm::Metrics;
-use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
 /// The two Q-functions, the policy's optimizer and the temperature.
 pub(super) struct SoftActorCritic {
     config: SqilConfig,
     action_len: usize,
     q_functions: [QFunction; 2],
-    actor: Gradient,
-    optimizer: Adam,
+    actor: PolicyTrainer,
     log_temperature: Vec<f32>,
     temperature_optimizer: Adam,
-    threads: Arc<ThreadPool>,
 }
 
 /// Actions drawn for some observations.
@@ -41,7 +36,6 @@ impl SoftActorCritic {
         config: &RunConfig,
         own: &SqilConfig,
         network: ActorCritic,
-        threads: Arc<ThreadPool>,
     ) -> SoftActorCritic {
         let spec: Spec = config.task.spec();
         let action_len = match spec.action {
@@ -54,11 +48,9 @@ impl SoftActorCritic {
             config: own.clone(),
             action_len,
             q_functions: [0, 1].map(q_function),
-            optimizer: Adam::new(network.parameter_count(), 1e-8),
-            actor: Gradient::new(network, spec.observation.bytes(), Arc::clone(&threads)),
+            actor: PolicyTrainer::new(network, ADAM_EPSILON, f64::INFINITY),
             log_temperature: vec![libm::logf(own.temperature as f32)],
-            temperature_optimizer: Adam::new(1, 1e-8),
-            threads,
+            temperature_optimizer: Adam::new(1, ADAM_EPSILON),
         }
     }
 
@@ -93,10 +85,9 @@ impl SoftActorCritic {
     ) -> f64 {
         let temperature = self.temperature();
         let next = self.draw(policy, &minibatch.next_observations, stream);
-        let asked =
-            StateActions { observations: &minibatch.next_observations, actions: &next.actions };
-        let [first, second] =
-            self.q_functions.each_ref().map(|one| one.target_values(asked, &self.threads));
+        let observations = &minibatch.next_observations;
+        let batch = Batch { observations, extra_inputs: &next.actions };
+        let [first, second] = self.q_functions.each_ref().map(|one| one.target_values(batch));
         let values = first.iter().zip(&second).zip(&next.log_probs);
         let values: Vec<f32> = values
             .map(|((first, second), log_prob)| first.min(*second) - temperature * log_prob)
@@ -104,9 +95,8 @@ impl SoftActorCritic {
         let targets = minibatch.targets(&values, self.config.gamma as f32);
         let actions: Vec<f32> =
             floats(&minibatch.actions).map(|number| number.clamp(-1.0, 1.0)).collect();
-        let asked = StateActions { observations: &minibatch.observations, actions: &actions };
-        let threads = &self.threads;
-        let fit = |one: &mut QFunction| one.fit(asked, &targets, learning_rate, threads);
+        let batch = Batch { observations: &minibatch.observations, extra_inputs: &actions };
+        let fit = |one: &mut QFunction| one.fit(batch, &targets, learning_rate);
         self.q_functions.iter_mut().map(fit).sum::<f64>() / 2.0
     }
 
@@ -120,9 +110,8 @@ impl SoftActorCritic {
     ) -> Metrics {
         let observations = &minibatch.observations;
         let drawn = self.draw(policy, observations, stream);
-        let asked = StateActions { observations, actions: &drawn.actions };
-        let [first, second] =
-            self.q_functions.each_ref().map(|one| one.action_gradients(asked, &self.threads));
+        let batch = Batch { observations, extra_inputs: &drawn.actions };
+        let [first, second] = self.q_functions.each_ref().map(|one| one.action_gradients(batch));
         let smaller = first.0.iter().zip(&second.0).map(|(first, second)| first <= second);
         let rows =
             first.1.chunks_exact(self.action_len).zip(second.1.chunks_exact(self.action_len));
@@ -140,9 +129,7 @@ impl SoftActorCritic {
             drawn: &drawn,
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
-        let (gradient, mut metrics) = self.actor.of(policy, observations, &rows, &loss);
-        metrics.gradient_norm = networks::clip_global_norm(gradient, f64::INFINITY);
-        self.optimizer.update(policy, gradient, learning_rate);
+        let metrics = self.actor.step(policy, observations, &rows, &loss, learning_rate);
         if self.config.tune_temperature {
             self.tune_temperature(&drawn.log_probs, learning_rate);
         }
@@ -176,7 +163,7 @@ impl SoftLearner for SoftActorCritic {
         for (number, one) in self.q_functions.iter().enumerate() {
             one.save(&format!("q{number}"), tensors);
         }
-        self.optimizer.save("adam", tensors);
+        self.actor.save("adam", tensors);
         self.temperature_optimizer.save("temperature.adam", tensors);
         tensors.put_f32("temperature.logarithm", self.log_temperature.iter().copied());
     }
@@ -185,7 +172,7 @@ impl SoftLearner for SoftActorCritic {
         for (number, one) in self.q_functions.iter_mut().enumerate() {
             one.restore(&format!("q{number}"), tensors)?;
         }
-        self.optimizer.restore("adam", tensors)?;
+        self.actor.restore("adam", tensors)?;
         self.temperature_optimizer.restore("temperature.adam", tensors)?;
         self.log_temperature = tensors.exactly("temperature.logarithm", 1, Tensors::f32)?;
         Ok(())
@@ -197,7 +184,7 @@ struct Improvement<'a> {
     distribution: Distribution,
     action_len: usize,
     drawn: &'a SampledActions,
-    /// Slopes of the smaller Q-function with respect to the drawn actions.
+    /// Gradients of the smaller Q-function with respect to the drawn actions.
     gradients: Vec<f32>,
     temperature: f32,
     /// One over the rows.

@@ -1,46 +1,33 @@
 //! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`,
 //! and the policy that goes with it draws actions by `Q / temperature`.
 
-use std::sync::Arc;
-
-use networks::{ActorCritic, Adam};
+use networks::ActorCritic;
 use protocol::seed::Stream;
 use protocol::tensors::Tensors;
-use rayon::ThreadPool;
-use run::config::{RunConfig, SqilConfig};
+use run::config::{PpoConfig, RunConfig, SqilConfig};
 
 use super::{Minibatch, SoftLearner, follow};
 use crate::algorithm::Metrics;
-use crate::algorithm::gradient::{Gradient, RowLoss, RowOutput};
+use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
 /// The Q-function has the policy's shape: its outputs for actions are the policy's logits times the
 /// temperature.
 pub(super) struct SoftQ {
-    gradient: Gradient,
-    optimizer: Adam,
+    trainer: PolicyTrainer,
     /// Of the Q-function; empty before the first update.
     parameters: Vec<f32>,
     targets: Vec<f32>,
     config: SqilConfig,
-    largest_norm: f64,
 }
 
 impl SoftQ {
-    pub(super) fn new(
-        config: &RunConfig,
-        own: &SqilConfig,
-        network: ActorCritic,
-        threads: Arc<ThreadPool>,
-    ) -> SoftQ {
-        let optimizer = Adam::new(network.parameter_count(), config.ppo.adam_epsilon);
-        let bytes = config.task.spec().observation.bytes();
+    pub(super) fn new(config: &RunConfig, own: &SqilConfig, network: ActorCritic) -> SoftQ {
+        let PpoConfig { adam_epsilon, max_gradient_norm, .. } = config.ppo;
         SoftQ {
-            gradient: Gradient::new(network, bytes, threads),
-            optimizer,
+            trainer: PolicyTrainer::new(network, adam_epsilon, max_gradient_norm),
             parameters: Vec::new(),
             targets: Vec::new(),
             config: own.clone(),
-            largest_norm: config.ppo.max_gradient_norm,
         }
     }
 }
@@ -67,7 +54,7 @@ impl SoftLearner for SoftQ {
         let SqilConfig { temperature, gamma, target_rate, .. } = self.config;
         let value = |outputs: &[f32]| soft_value(outputs, temperature as f32);
         let next = &minibatch.next_observations;
-        let next_values = self.gradient.outputs(&self.targets, next, value);
+        let next_values = self.trainer.outputs(&self.targets, next, value);
         let loss = Bellman {
             targets: minibatch.targets(&next_values, gamma as f32),
             actions: &minibatch.actions,
@@ -75,24 +62,22 @@ impl SoftLearner for SoftQ {
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
         let observations = &minibatch.observations;
-        let (gradient, mut metrics) =
-            self.gradient.of(&self.parameters, observations, &rows, &loss);
-        metrics.gradient_norm = networks::clip_global_norm(gradient, self.largest_norm);
-        self.optimizer.update(&mut self.parameters, gradient, learning_rate);
+        let parameters = &mut self.parameters;
+        let metrics = self.trainer.step(parameters, observations, &rows, &loss, learning_rate);
         follow(&mut self.targets, &self.parameters, target_rate);
         policy.clone_from(&self.parameters);
-        self.gradient.network().scale_actor(policy, (1.0 / temperature) as f32);
+        self.trainer.network().scale_actor(policy, (1.0 / temperature) as f32);
         metrics
     }
 
     fn save(&self, tensors: &mut Tensors) {
-        self.optimizer.save("q.adam", tensors);
+        self.trainer.save("q.adam", tensors);
         tensors.put_f32("q.parameters", self.parameters.iter().copied());
         tensors.put_f32("q.targets", self.targets.iter().copied());
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        self.optimizer.restore("q.adam", tensors)?;
+        self.trainer.restore("q.adam", tensors)?;
         self.parameters = tensors.f32("q.parameters")?;
         let count = self.parameters.len();
         self.targets = tensors.exactly("q.targets", count, Tensors::f32)?;

@@ -44,7 +44,7 @@ pub struct PpoConfig {
     pub max_gradient_norm: f64,
     /// Whether an episode cut by the horizon is bootstrapped with the value of its last state.
     pub bootstrap_truncated: bool,
-    /// Whether rewards are divided by the running deviation of the discounted return.
+    /// Whether rewards are divided by the running standard deviation of the discounted return.
     pub normalize_rewards: bool,
 }
 

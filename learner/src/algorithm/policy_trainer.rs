@@ -1,0 +1,166 @@
+//! Gradient steps of a policy by losses that are sums over rows.
+
+use nalgebra::DMatrix;
+use networks::{ActorCritic, Batch, PreparedPolicy, Shard, ShardedTrainer, evaluate};
+use protocol::tensors::Tensors;
+
+use crate::algorithm::Metrics;
+
+/// Most rows of a shard. Part of what a run means: changing it changes the order of sums.
+const SHARD_ROWS: usize = 128;
+
+/// A minibatch is cut into at least so many shards: what two threads can share.
+const SHARDS_MIN: usize = 2;
+
+/// A loss that is a sum over rows.
+pub(crate) trait RowLoss: Sync {
+    /// Whether it depends on the values as well as on the action parameters.
+    const OF_VALUES: bool;
+
+    /// Metrics of a row of the batch, for what the network gave for it. Writes the gradient of the
+    /// action parameters and returns the derivative of the value.
+    fn of_row(&self, row: usize, output: RowOutput<'_>, gradient: &mut [f32]) -> (Metrics, f32);
+}
+
+/// What a network says about one row.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RowOutput<'a> {
+    /// Parameters of the action distribution.
+    pub(crate) parameters: &'a [f32],
+    /// The value; 0 where none is asked for.
+    pub(crate) value: f32,
+}
+
+/// A policy network in training; its parameters are kept elsewhere.
+pub(crate) struct PolicyTrainer {
+    network: ActorCritic,
+    trainer: ShardedTrainer<ActorCritic>,
+    prepared: PreparedPolicy,
+    /// Observations of the rows of a minibatch.
+    observations: Vec<u8>,
+}
+
+impl PolicyTrainer {
+    /// A trainer of a network whose gradients are clipped to a norm.
+    pub(crate) fn new(network: ActorCritic, adam_epsilon: f64, max_gradient_norm: f64) -> Self {
+        let count = network.parameter_count();
+        PolicyTrainer {
+            network,
+            trainer: ShardedTrainer::new(count, adam_epsilon, max_gradient_norm),
+            prepared: PreparedPolicy::default(),
+            observations: Vec::new(),
+        }
+    }
+
+    /// The network.
+    pub(crate) fn network(&self) -> &ActorCritic {
+        &self.network
+    }
+
+    /// The trainer of its parameters.
+    pub(crate) fn trainer(&self) -> &ShardedTrainer<ActorCritic> {
+        &self.trainer
+    }
+
+    /// Bytes of a row's observations.
+    pub(crate) fn row_bytes(&self) -> usize {
+        self.network.row_size().observation_bytes
+    }
+
+    /// Values of rows of observations, in order.
+    pub(crate) fn values(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<f32> {
+        self.network.prepare_into(parameters, &mut self.prepared);
+        let batch = Batch::new(observations);
+        evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
+            let Shard { network, prepared, batch, workspace, .. } = shard;
+            network.forward(prepared, batch, workspace).values.as_slice().to_vec()
+        })
+    }
+
+    /// What `of_row` makes of the action parameters of rows of observations, in order.
+    pub(crate) fn outputs<T: Clone + Send>(
+        &mut self,
+        parameters: &[f32],
+        observations: &[u8],
+        of_row: impl Fn(&[f32]) -> T + Sync,
+    ) -> Vec<T> {
+        self.network.prepare_into(parameters, &mut self.prepared);
+        let batch = Batch::new(observations);
+        evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
+            let Shard { network, prepared, batch, workspace, .. } = shard;
+            let outputs = network.act(prepared, batch, workspace);
+            outputs.as_slice().chunks_exact(outputs.nrows()).map(&of_row).collect()
+        })
+    }
+
+    /// One step down the gradient of a loss over the rows of a minibatch, given by their positions
+    /// among `observations`; the sum of their metrics.
+    pub(crate) fn step(
+        &mut self,
+        parameters: &mut [f32],
+        observations: &[u8],
+        minibatch: &[u32],
+        loss: &impl RowLoss,
+        learning_rate: f64,
+    ) -> Metrics {
+        let row_bytes = self.row_bytes();
+        self.observations.clear();
+        for &row in minibatch {
+            let start = row as usize * row_bytes;
+            self.observations.extend(&observations[start..start + row_bytes]);
+        }
+        let shard_rows = SHARD_ROWS.min(minibatch.len().div_ceil(SHARDS_MIN));
+        let PolicyTrainer { network, trainer, observations, .. } = self;
+        let batch = Batch::new(observations);
+        let step =
+            trainer.step(network, parameters, batch, shard_rows, learning_rate, |shard, sum| {
+                let rows = &minibatch[shard.rows.clone()];
+                differentiate(shard, rows, loss, sum)
+            });
+        Metrics { gradient_norm: step.gradient_norm, ..step.terms }
+    }
+
+    /// Adds the optimizer's state to arrays, under its name.
+    pub(crate) fn save(&self, name: &str, tensors: &mut Tensors) {
+        self.trainer.save(name, tensors);
+    }
+
+    /// Takes over what [`PolicyTrainer::save`] added.
+    pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
+        self.trainer.restore(name, tensors)
+    }
+}
+
+/// Adds the gradient of a loss over the rows of a shard to a sum; their metrics.
+fn differentiate<L: RowLoss>(
+    shard: Shard<'_, ActorCritic>,
+    rows: &[u32],
+    loss: &L,
+    sum: &mut [f32],
+) -> Metrics {
+    let Shard { network, prepared, batch, workspace, .. } = shard;
+    let (parameters, values) = if L::OF_VALUES {
+        let evaluation = network.forward(prepared, batch, workspace);
+        (evaluation.parameters, Some(evaluation.values))
+    } else {
+        (network.act(prepared, batch, workspace), None)
+    };
+    let width = parameters.nrows();
+    let mut parameter_gradients = DMatrix::zeros(width, rows.len());
+    let mut value_gradients = DMatrix::zeros(1, rows.len());
+    let mut metrics = Metrics::default();
+    let columns = parameters.as_slice().chunks_exact(width);
+    let gradients = parameter_gradients.as_mut_slice().chunks_exact_mut(width);
+    for (position, ((&row, parameters), gradient)) in
+        rows.iter().zip(columns).zip(gradients).enumerate()
+    {
+        let value = values.map_or(0.0, |values| values[(0, position)]);
+        let (own, derivative) =
+            loss.of_row(row as usize, RowOutput { parameters, value }, gradient);
+        metrics += own;
+        value_gradients[(0, position)] = derivative;
+    }
+    let value_gradients = L::OF_VALUES.then_some(&value_gradients);
+    network.backward(prepared, batch, workspace, &parameter_gradients, value_gradients, sum);
+    metrics
+}
