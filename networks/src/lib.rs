@@ -7,10 +7,11 @@
 //! published and checkpointed is that slice, and a network itself holds only shapes.
 //!
 //! There is no clock, no file and no randomness here but the stream handed in, and threads in
-//! [`training`] alone. Every sum has one fixed order, so the bits of a row never depend on the rows
-//! beside it, and the bits of a gradient never depend on who computed it.
+//! [`ShardedTrainer`] and [`evaluate`] alone. Every sum has one fixed order, so the bits of a row never
+//! depend on the rows next to it, and the bits of a gradient never depend on who computed it.
 mod batch;
 mod distribution;
+mod encoder;
 mod ensemble;
 mod initialization;
 mod layer;
@@ -32,5 +33,5 @@ pub use network::{Network, Prepared, Workspace};
 pub use normalization::{RunningMoments, RunningNormalizer};
 pub use optimizer::{Adam, add, clip_global_norm};
 pub use policy::{ActorCritic, Evaluation, PolicyWorkspace, PreparedPolicy};
-pub use shape::{CellsArchitecture, Head, NetworkShape, PolicyArchitecture, RewardArchitecture};
+pub use shape::{Head, NetworkShape, PolicyArchitecture, RewardArchitecture};
 pub use training::{Shard, ShardedTrainer, Step, Trainable, evaluate};

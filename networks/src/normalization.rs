@@ -3,7 +3,6 @@
 //! Batches are merged by Chan's parallel update in double precision, in the order they are given.
 
 use protocol::task::floats;
-use serde::{Deserialize, Serialize};
 
 /// What is added to a variance before its root is taken.
 const EPSILON: f64 = 1e-8;
@@ -16,7 +15,7 @@ const LEAST_DEVIATION: f64 = 0.01;
 const CLIP: f64 = 10.0;
 
 /// Mean and variance of a stream of numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunningMoments {
     /// Mean of the numbers so far.
     pub mean: f64,
@@ -60,7 +59,7 @@ impl RunningMoments {
 }
 
 /// Normalizes vector observations number by number.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RunningNormalizer {
     /// The moments of each number of the observation.
     pub moments: Vec<RunningMoments>,

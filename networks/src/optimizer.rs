@@ -1,10 +1,9 @@
 //! What turns a gradient into new parameters: clipping by the global norm, and Adam.
 
 use protocol::tensors::Tensors;
-use serde::{Deserialize, Serialize};
 
 /// Adam over a flat slice of parameters; all of it is state to be checkpointed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Running mean of the gradient.
     pub first_moment: Vec<f32>,

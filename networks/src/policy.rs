@@ -11,7 +11,8 @@ use protocol::task::{ActionSpec, ObservationSpec};
 use crate::batch::{Batch, RowSize};
 use crate::distribution::Distribution;
 use crate::initialization::Initialization;
-use crate::network::{Network, Prepared, Workspace, reshape};
+use crate::layer::reshape;
+use crate::network::{Network, Prepared, Workspace};
 use crate::shape::{Head, NetworkShape, PolicyArchitecture};
 
 /// A policy and its value function; their parameters are one flat slice kept elsewhere.

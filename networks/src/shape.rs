@@ -1,43 +1,14 @@
 //! What a network looks like, as a configuration states it (paper, Appendix G.2).
 
+use protocol::encoder::CellsArchitecture;
 use protocol::policy::{PolicyActivation, PolicyConfig};
 use protocol::task::ObservationSpec;
-use serde::{Deserialize, Serialize};
 
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 
-/// The convolutional encoder of cell observations. The default is the one the authors ran; the
-/// paper's own text gives sizes that would not fit a 19 x 19 grid.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CellsArchitecture {
-    /// Channels of the convolutions, in order; each has stride one and a rectifier.
-    pub channels: Vec<usize>,
-    /// Side of every convolution's window.
-    pub kernel: usize,
-    /// Side of the squares pooled behind the first convolution.
-    pub pool: usize,
-    /// Outputs of the dense, rectified layer that ends the encoder.
-    pub features: usize,
-}
-
-impl CellsArchitecture {
-    /// An encoder with these channels and so many features.
-    pub fn new(channels: &[usize], features: usize) -> Self {
-        Self { channels: channels.to_vec(), features, ..Self::default() }
-    }
-}
-
-impl Default for CellsArchitecture {
-    fn default() -> Self {
-        Self { channels: vec![16, 32, 64], kernel: 2, pool: 2, features: 64 }
-    }
-}
-
 /// The policy and its value function.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PolicyArchitecture {
     /// Encoder of cell observations.
     pub cells: CellsArchitecture,
@@ -69,8 +40,7 @@ impl Default for PolicyArchitecture {
 }
 
 /// A proximity function or a discriminator.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RewardArchitecture {
     /// Encoder of cell observations.
     pub cells: CellsArchitecture,
@@ -88,17 +58,8 @@ impl Default for RewardArchitecture {
 }
 
 impl RewardArchitecture {
-    /// Channels of the convolutions and numbers the encoder makes of a grid, and the hidden layers.
-    pub fn new(channels: &[usize], features: usize, hidden: &[usize]) -> RewardArchitecture {
-        RewardArchitecture {
-            cells: CellsArchitecture::new(channels, features),
-            hidden: hidden.to_vec(),
-            ..RewardArchitecture::default()
-        }
-    }
-
-    /// The network of this architecture with one output, over so many observations of a row and so
-    /// many numbers beside them.
+    /// The network of this architecture with one output, over so many observations and extra inputs
+    /// of a row.
     pub fn network_shape(
         &self,
         observation: ObservationSpec,
@@ -125,7 +86,7 @@ pub struct NetworkShape {
     pub observation: ObservationSpec,
     /// How many observations a row holds, one after another: one, or two for a transition.
     pub frames: usize,
-    /// How many further numbers a row has beside its observations, such as an action.
+    /// How many further numbers a row has, such as those of an action.
     pub extra_inputs: usize,
     /// Encoder of cell observations; unused for vectors.
     pub cells: CellsArchitecture,
@@ -151,7 +112,7 @@ pub struct Head {
 impl From<&PolicyConfig> for PolicyArchitecture {
     fn from(config: &PolicyConfig) -> Self {
         PolicyArchitecture {
-            cells: CellsArchitecture::new(&config.convolution_channels, config.features),
+            cells: config.encoder(),
             hidden: config.hidden.clone(),
             activation: match config.activation {
                 PolicyActivation::Tanh => Activation::Tanh,

@@ -4,10 +4,11 @@
 //! a layer's gradient is their noise, while a wrong term in a derivative shows as tens of percent.
 use nalgebra::DMatrix;
 use networks::{
-    Activation, ActorCritic, Batch, CellsArchitecture, Distribution, Head, Initialization, Network,
-    NetworkShape, PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking,
-    sigmoid, softplus, squared_error,
+    Activation, ActorCritic, Batch, Distribution, Head, Initialization, Network, NetworkShape,
+    PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking, sigmoid,
+    softplus, squared_error,
 };
+use protocol::encoder::CellsArchitecture;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec, floats};
 use rand::RngExt;

@@ -4,9 +4,10 @@
 //! case parameters, a batch, what PyTorch computes from them, and the parameters after five steps.
 use nalgebra::DMatrix;
 use networks::{
-    ActorCritic, Adam, Batch, CellsArchitecture, Network, PolicyArchitecture, PolicyWorkspace,
-    RewardArchitecture, Workspace, clip_global_norm, squared_error,
+    ActorCritic, Adam, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture,
+    Workspace, clip_global_norm, squared_error,
 };
+use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, ObservationSpec, floats};
 use safetensors::SafeTensors;
 

@@ -2,9 +2,10 @@
 //! of threads.
 use nalgebra::DMatrix;
 use networks::{
-    ActorCritic, Batch, CellsArchitecture, Network, PolicyArchitecture, PolicyWorkspace,
-    RewardArchitecture, Workspace, add,
+    ActorCritic, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture,
+    Workspace, add,
 };
+use protocol::encoder::CellsArchitecture;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec};
 use rand::RngExt;

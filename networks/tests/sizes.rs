@@ -2,9 +2,10 @@
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use networks::{
-    Activation, ActorCritic, CellsArchitecture, Head, Initialization, Network, NetworkShape,
-    PolicyArchitecture, RewardArchitecture,
+    Activation, ActorCritic, Head, Initialization, Network, NetworkShape, PolicyArchitecture,
+    RewardArchitecture,
 };
+use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, Task};
 use run::config::{RewardInput, RunConfig};
 
@@ -37,8 +38,11 @@ fn member(config: &RunConfig) -> Network {
         RewardInput::StateAction => (1, action_numbers(&config.task)),
     };
     let reward = &config.reward;
-    let architecture =
-        RewardArchitecture::new(&reward.convolution_channels, reward.features, &reward.hidden);
+    let architecture = RewardArchitecture {
+        cells: reward.encoder(),
+        hidden: reward.hidden.clone(),
+        ..RewardArchitecture::default()
+    };
     Network::new(architecture.network_shape(config.task.spec().observation, frames, extra_inputs))
 }
 
@@ -52,7 +56,7 @@ fn assert_foreseen(config: &RunConfig) {
     assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
     if let (Some(size), Some(own)) = (config.inverse_dynamics_size(), &config.inverse_dynamics) {
         let architecture = PolicyArchitecture {
-            cells: CellsArchitecture::new(&own.convolution_channels, own.features),
+            cells: own.encoder(),
             hidden: own.hidden.clone(),
             frames: 2,
             ..PolicyArchitecture::default()
@@ -87,6 +91,9 @@ fn parameters_are_foreseen() {
     for (task, settings) in [
         ("navigation", "policy.shared_trunk=false policy.features=7"),
         ("navigation", "policy.convolution_channels=[3,5,17] reward.hidden=[]"),
+        ("navigation", "policy.convolution_channels=[3] reward.convolution_channels=[2,3,4,5]"),
+        ("navigation", "policy.convolution_kernel=3 policy.pool=1 reward.pool=4"),
+        ("navigation", "method=bco inverse_dynamics.convolution_kernel=1 policy.pool=3"),
         ("navigation", "method=gail reward.hidden=[9,33] reward.features=5"),
         ("navigation", "method=bco inverse_dynamics.convolution_channels=[2,3,4]"),
         ("fetch-pick", "policy.hidden=[3] reward.hidden=[1,2,3]"),

@@ -3,7 +3,7 @@
 //! and the policy is cloned from those. Both go on as the policy gathers new transitions.
 
 use anyhow::{Context, Result};
-use networks::{ActorCritic, CellsArchitecture, PolicyArchitecture, RunningNormalizer};
+use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
@@ -91,7 +91,7 @@ impl Bco {
 /// The inverse dynamics model: the action distribution of a policy that sees two observations.
 fn architecture(config: &InverseDynamicsConfig) -> PolicyArchitecture {
     PolicyArchitecture {
-        cells: CellsArchitecture::new(&config.convolution_channels, config.features),
+        cells: config.encoder(),
         hidden: config.hidden.clone(),
         frames: 2,
         ..PolicyArchitecture::default()

@@ -1,10 +1,7 @@
 //! The functions between layers, the same bits on every machine and quick in vector registers.
 
-use serde::{Deserialize, Serialize};
-
 /// What a layer does to its sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
     /// Nothing.
     Identity,

@@ -2,7 +2,20 @@
 //!
 //! A layer knows shapes only. It reads its own stretch of the flat parameters, packed once per
 //! version for the kernel, and adds to the same stretch of the flat gradient.
+
 pub(crate) mod activation;
 pub(crate) mod affine;
 pub(crate) mod cells;
 pub(crate) mod kernel;
+pub(crate) mod stack;
+
+use nalgebra::DMatrix;
+
+/// Gives a matrix a new shape in the memory it has; its numbers are to be overwritten.
+pub(crate) fn reshape(matrix: &mut DMatrix<f32>, features: usize, rows: usize) {
+    if matrix.shape() != (features, rows) {
+        let mut numbers: Vec<f32> = std::mem::replace(matrix, DMatrix::zeros(0, 0)).data.into();
+        numbers.resize(features * rows, 0.0);
+        *matrix = DMatrix::from_vec(features, rows, numbers);
+    }
+}

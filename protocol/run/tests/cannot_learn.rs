@@ -71,6 +71,24 @@ fn layers_have_a_width() {
 }
 
 #[test]
+fn convolutions_fit_the_grid() {
+    judge(
+        "navigation",
+        &[
+            ("policy.convolution_channels=[]", &["`policy.convolution_channels`", "at least one"]),
+            ("policy.pool=0", &["`policy.pool`", "1 to 16", "found 0"]),
+            ("reward.pool=17", &["`reward.pool`", "found 17"]),
+            ("reward.convolution_kernel=0", &["`reward.convolution_kernel`", "found 0"]),
+            ("policy.convolution_kernel=6", &["`policy.convolution_kernel`", "3 times", "19 x 19"]),
+            ("policy.convolution_kernel=9223372036854775807", &["`policy.convolution_kernel`"]),
+            ("method=bco inverse_dynamics.pool=10", &["`inverse_dynamics.convolution_kernel`"]),
+            ("policy.convolution_kernel=3 policy.pool=3 reward.pool=1", &[]),
+            ("policy.convolution_kernel=19 policy.pool=1 policy.convolution_channels=[8]", &[]),
+        ],
+    );
+}
+
+#[test]
 fn the_ensemble_gets_what_it_trains_on() {
     judge(
         "navigation",
@@ -241,6 +259,8 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("policy.convolution_channels=[1,2,3]", &["`policy.convolution_channels`", OUT]),
             ("reward.convolution_channels=[1,2,3]", &["`reward.convolution_channels`", OUT]),
             ("reward.features=8", &["`reward.features`", OUT]),
+            ("policy.pool=3", &["`policy.pool`", OUT]),
+            ("reward.convolution_kernel=3", &["`reward.convolution_kernel`", OUT]),
             ("policy.hidden=[8]", &[]),
             ("method=bco inverse_dynamics.features=8", &["`inverse_dynamics.features`", OUT]),
             ("method=sqil ppo.max_gradient_norm=0.1", &["`ppo.max_gradient_norm`", OUT]),

@@ -9,6 +9,7 @@ pub mod description;
 pub mod digest;
 pub mod dropped;
 pub mod durable;
+pub mod encoder;
 pub mod ending;
 pub mod error;
 pub mod messages;

@@ -2,12 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::encoder::CellsArchitecture;
+
 /// Shape of the policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyConfig {
     /// Output channels of the convolutions, for grid tasks.
-    pub convolution_channels: [usize; 3],
+    pub convolution_channels: Vec<usize>,
+    /// Side of the convolutions' windows.
+    pub convolution_kernel: usize,
+    /// Side of the squares pooled behind the first convolution.
+    pub pool: usize,
     /// Numbers the encoder makes of a grid.
     pub features: usize,
     /// Hidden layers of actor and critic, for vector tasks.
@@ -23,6 +29,16 @@ pub struct PolicyConfig {
 }
 
 impl PolicyConfig {
+    /// The encoder of grids.
+    pub fn encoder(&self) -> CellsArchitecture {
+        CellsArchitecture {
+            channels: self.convolution_channels.clone(),
+            kernel: self.convolution_kernel,
+            pool: self.pool,
+            features: self.features,
+        }
+    }
+
     /// Whether continuous actions are squashed.
     pub fn is_squashed(&self) -> bool {
         self.distribution == ActionDistribution::SquashedGaussian

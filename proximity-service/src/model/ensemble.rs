@@ -45,8 +45,11 @@ impl TrainedEnsemble {
         squashed: bool,
         threads: ThreadPool,
     ) -> Self {
-        let RewardConfig { convolution_channels, features, hidden, .. } = config;
-        let architecture = RewardArchitecture::new(convolution_channels, *features, hidden);
+        let architecture = RewardArchitecture {
+            cells: config.encoder(),
+            hidden: config.hidden.clone(),
+            ..RewardArchitecture::default()
+        };
         let network = Network::new(input.network_shape(&architecture));
         let members = 0..config.ensemble as u64;
         let streams =

@@ -5,6 +5,7 @@ use networks::{
     Activation, Batch, Head, Initialization, Network, NetworkShape, Prepared, Shard,
     ShardedTrainer, evaluate,
 };
+use protocol::encoder::CellsArchitecture;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
 use protocol::tensors::Tensors;
@@ -39,7 +40,7 @@ impl QFunction {
             observation: spec.observation,
             frames: 1,
             extra_inputs: action_len,
-            cells: networks::CellsArchitecture::default(),
+            cells: CellsArchitecture::default(),
             hidden: hidden.to_vec(),
             activation: Activation::Relu,
             hidden_initialization: Initialization::FanIn,

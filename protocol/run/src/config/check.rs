@@ -1,10 +1,14 @@
 //! What a configuration must fulfil. Everything behind it reads checked values only.
 
 use protocol::Error;
+use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
 use protocol::task::ObservationSpec;
 
-use super::{RewardForm, RewardInput, RunConfig};
+use super::{InverseDynamicsConfig, RewardForm, RewardInput, RunConfig};
+
+/// The place of a number in its pooled square is kept in a byte.
+const POOL_MOST: usize = 16;
 
 impl RunConfig {
     pub(super) fn check(&self) -> Result<(), Error> {
@@ -38,6 +42,7 @@ impl RunConfig {
         }
         self.task.check()?;
         self.check_widths()?;
+        self.check_encoders()?;
         self.check_limits()?;
         self.check_learner()?;
         self.check_reward()?;
@@ -64,10 +69,30 @@ impl RunConfig {
         Ok(())
     }
 
-    fn check_learner(&self) -> Result<(), Error> {
-        for &table in self.learner.tables() {
-            within(table, self.has_table(table), "there for this learner", "none")?;
+    /// Every convolution has a window in the image before it.
+    fn check_encoders(&self) -> Result<(), Error> {
+        let ObservationSpec::Cells { height, width, .. } = self.task.spec().observation else {
+            return Ok(());
+        };
+        let inverse = self.inverse_dynamics.as_ref().map(InverseDynamicsConfig::encoder);
+        let tables = [("policy", self.policy.encoder()), ("reward", self.reward.encoder())];
+        let inverse = inverse.map(|encoder| ("inverse_dynamics", encoder));
+        for (table, encoder) in tables.into_iter().chain(inverse) {
+            let CellsArchitecture { channels, kernel, pool, .. } = &encoder;
+            let key = |name: &str| format!("{table}.{name}");
+            let (some, most) = (!channels.is_empty(), POOL_MOST);
+            within(&key("convolution_channels"), some, "at least one", "none")?;
+            let range = format!("1 to {most}");
+            within(&key("pool"), (1..=most).contains(pool), &range, pool)?;
+            let fits = encoder.images([height, width]).is_some();
+            let (layers, of_pool) = (channels.len(), format!("behind the first squares of {pool}"));
+            let expected = format!("windows that {layers} times fit {height} x {width}, {of_pool}");
+            within(&key("convolution_kernel"), fits, &expected, kernel)?;
         }
+        Ok(())
+    }
+
+    fn check_learner(&self) -> Result<(), Error> {
         within("steps", self.steps >= 1 || !self.learner.acts(), "at least 1", self.steps)?;
         if let Some(cloning) = &self.cloning {
             cloning.check()?;

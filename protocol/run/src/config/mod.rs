@@ -41,11 +41,8 @@ pub use reward::{
 /// The preset a task's file holds without a table of its own.
 pub const DEFAULT_PRESET: &str = "goalward";
 
-/// The tables that a configuration has only where its learner needs them.
-const OPTIONAL_TABLES: [&str; 3] = ["cloning", "inverse_dynamics", "sqil"];
-
 /// Why a learner's table is there.
-const IS_CHECKED: &str = "a configuration is refused that lacks a table of its learner";
+const HAS_DEFAULTS: &str = "a configuration has every table of its learner";
 
 /// What chooses the values that settings change, and the words that choose it.
 const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
@@ -263,7 +260,10 @@ impl RunConfig {
         Self::from_table(over_defaults(parse(text, origin)?)?)
     }
 
-    fn from_table(table: Table) -> Result<Self, Error> {
+    fn from_table(mut table: Table) -> Result<Self, Error> {
+        if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
+            complete_tables(learner, &mut table)?;
+        }
         let config: RunConfig =
             Value::Table(table).try_into().map_err(|error: toml::de::Error| {
                 Error::ConfigurationText {
@@ -362,26 +362,16 @@ impl RunConfig {
         matches!(self.task.observation, ObservationSpec::Cells { .. })
     }
 
-    /// Whether it has this table, which not every learner needs.
-    fn has_table(&self, table: &str) -> bool {
-        match table {
-            "cloning" => self.cloning.is_some(),
-            "inverse_dynamics" => self.inverse_dynamics.is_some(),
-            "sqil" => self.sqil.is_some(),
-            _ => true,
-        }
-    }
-
     fn cloning(&self) -> &CloningConfig {
-        self.cloning.as_ref().expect(IS_CHECKED)
+        self.cloning.as_ref().expect(HAS_DEFAULTS)
     }
 
     fn inverse_dynamics(&self) -> &InverseDynamicsConfig {
-        self.inverse_dynamics.as_ref().expect(IS_CHECKED)
+        self.inverse_dynamics.as_ref().expect(HAS_DEFAULTS)
     }
 
     fn sqil(&self) -> &SqilConfig {
-        self.sqil.as_ref().expect(IS_CHECKED)
+        self.sqil.as_ref().expect(HAS_DEFAULTS)
     }
 }
 
@@ -395,6 +385,7 @@ fn parse(text: &str, origin: &str) -> Result<Table, Error> {
 /// A configuration's table over the defaults of all tasks and those of tasks with such observations.
 fn over_defaults(changes: Table) -> Result<Table, Error> {
     let mut defaults = parse(DEFAULTS, "defaults")?;
+    taken(&mut defaults, "learners");
     let kinds = ["cells", "vector"].map(|kind| (kind, taken(&mut defaults, kind)));
     let refused = |message| Error::ConfigurationText { origin: "values".to_owned(), message };
     match changes.get("task") {
@@ -420,6 +411,19 @@ fn over_defaults(changes: Table) -> Result<Table, Error> {
     }
     merge(&mut defaults, changes);
     Ok(defaults)
+}
+
+/// Lays a configuration's tables of its learner over their defaults.
+fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
+    let mut learners = taken(&mut parse(DEFAULTS, "defaults")?, "learners");
+    for (name, defaults) in taken(&mut learners, learner.name()) {
+        let mut complete = Table::from_iter([(name, defaults)]);
+        let own = complete.keys().filter_map(|name| Some((name.clone(), table.remove(name)?)));
+        let own = own.collect();
+        merge(&mut complete, own);
+        table.extend(complete);
+    }
+    Ok(())
 }
 
 /// The keys that settings name, and the values they give them.

@@ -1,15 +1,13 @@
 //! How large the networks of a configuration are, counted from shapes alone as the crate `networks`
 //! lays them out; a test there compares.
 
+use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, ObservationSpec};
 
 use super::{RewardInput, RunConfig};
 
-/// Side of a convolution's window.
-const KERNEL: usize = 2;
-
-/// Side of the squares pooled behind the first convolution.
-const POOL: usize = 2;
+/// Why there is an image behind each convolution.
+const ENCODER_FITS: &str = "a configuration is refused whose encoder does not fit its grids";
 
 /// The size of a network. Floating-point numbers are exact here up to 2^53, and what somebody mistyped
 /// does not overflow them.
@@ -40,9 +38,8 @@ impl NetworkSize {
 struct Shape<'a> {
     observation: ObservationSpec,
     frames: usize,
-    beside: usize,
-    channels: &'a [usize],
-    features: usize,
+    extra_inputs: usize,
+    encoder: CellsArchitecture,
     hidden: &'a [usize],
     outputs: usize,
 }
@@ -53,21 +50,20 @@ impl Shape<'_> {
         let mut width = match self.observation {
             ObservationSpec::Vector { len } => (self.frames * len) as f64,
             ObservationSpec::Cells { height, width, classes } => {
-                let mut image = [height, width].map(|side| (side + 1 - KERNEL) / POOL);
+                let CellsArchitecture { channels, kernel, features, .. } = &self.encoder;
+                let images = self.encoder.images([height, width]).expect(ENCODER_FITS);
                 let mut inputs = (self.frames * classes) as f64;
-                for (layer, &channels) in self.channels.iter().enumerate() {
-                    if layer > 0 {
-                        image = image.map(|side| side + 1 - KERNEL);
-                    }
-                    let positions = (image[0] * image[1]) as f64;
-                    size.add((KERNEL * KERNEL) as f64 * inputs, channels as f64, positions);
+                let mut pixels = 0.0;
+                for (image, &channels) in images.into_iter().zip(channels) {
+                    pixels = (image[0] * image[1]) as f64;
+                    size.add((kernel * kernel) as f64 * inputs, channels as f64, pixels);
                     inputs = channels as f64;
                 }
-                size.add((image[0] * image[1]) as f64 * inputs, self.features as f64, 1.0);
-                self.features as f64
+                size.add(pixels * inputs, *features as f64, 1.0);
+                *features as f64
             }
         };
-        width += self.beside as f64;
+        width += self.extra_inputs as f64;
         size.row_numbers += width;
         for &outputs in self.hidden.iter().chain([&self.outputs]) {
             size.add(width, outputs as f64, 1.0);
@@ -89,16 +85,15 @@ impl RunConfig {
     /// The policy with its value function.
     pub fn policy_size(&self) -> NetworkSize {
         let policy = &self.policy;
-        let features = (&policy.convolution_channels[..], policy.features, &policy.hidden[..]);
-        self.actor_critic_size(features, 1, policy.shared_trunk, policy.is_squashed())
+        let layers = (policy.encoder(), &policy.hidden[..]);
+        self.actor_critic_size(layers, 1, policy.shared_trunk, policy.is_squashed())
     }
 
     /// The inverse dynamics model, of a learner that has one.
     pub fn inverse_dynamics_size(&self) -> Option<NetworkSize> {
         let inverse =
             self.inverse_dynamics.as_ref().filter(|_| self.learner_reads("inverse_dynamics"))?;
-        let features = (&inverse.convolution_channels[..], inverse.features, &inverse.hidden[..]);
-        Some(self.actor_critic_size(features, 2, true, false))
+        Some(self.actor_critic_size((inverse.encoder(), &inverse.hidden), 2, true, false))
     }
 
     fn learner_reads(&self, table: &str) -> bool {
@@ -107,7 +102,7 @@ impl RunConfig {
 
     fn actor_critic_size(
         &self,
-        (channels, features, hidden): (&[usize], usize, &[usize]),
+        (encoder, hidden): (CellsArchitecture, &[usize]),
         frames: usize,
         shared: bool,
         squashed: bool,
@@ -119,14 +114,15 @@ impl RunConfig {
         let network = |outputs| {
             let hidden = if cells { &[] } else { hidden };
             let observation = spec.observation;
-            Shape { observation, frames, beside: 0, channels, features, hidden, outputs }.size()
+            let encoder = encoder.clone();
+            Shape { observation, frames, extra_inputs: 0, encoder, hidden, outputs }.size()
         };
         let actor = if continuous && squashed { 2 * numbers } else { numbers };
         let mut size = match cells && shared {
             true => network(actor + 1),
             false => network(actor).and(network(1)),
         };
-        // Logarithms of deviations that do not depend on the observation.
+        // Logarithms of standard deviations that do not depend on the observation.
         size.parameters += if continuous && !squashed { numbers as f64 } else { 0.0 };
         size
     }
@@ -134,13 +130,13 @@ impl RunConfig {
     /// One member of the reward model's ensemble.
     pub fn member_size(&self) -> NetworkSize {
         let (spec, reward) = (self.task.spec(), &self.reward);
-        let [frames, beside] = self.reward_row();
-        let (observation, channels) = (spec.observation, &reward.convolution_channels);
-        let (features, hidden, outputs) = (reward.features, &reward.hidden, 1);
-        Shape { observation, frames, beside, channels, features, hidden, outputs }.size()
+        let [frames, extra_inputs] = self.reward_row();
+        let (observation, encoder) = (spec.observation, reward.encoder());
+        let (hidden, outputs) = (&reward.hidden, 1);
+        Shape { observation, frames, extra_inputs, encoder, hidden, outputs }.size()
     }
 
-    /// Observations of a row of the reward model, and numbers beside them.
+    /// Observations of a row of the reward model, and extra inputs.
     pub(super) fn reward_row(&self) -> [usize; 2] {
         match self.reward.input {
             RewardInput::State => [1, 0],
@@ -153,9 +149,9 @@ impl RunConfig {
     pub fn q_function_size(&self) -> Option<NetworkSize> {
         let spec = self.task.spec();
         let sqil = self.sqil.as_ref().filter(|_| self.learner_reads("sqil"))?;
-        let ActionSpec::Continuous { len: beside } = spec.action else { return None };
+        let ActionSpec::Continuous { len: extra_inputs } = spec.action else { return None };
         let (observation, hidden) = (spec.observation, &sqil.hidden);
-        let (frames, channels, features, outputs) = (1, &[], 0, 1);
-        Some(Shape { observation, frames, beside, channels, features, hidden, outputs }.size())
+        let (frames, encoder, outputs) = (1, CellsArchitecture::default(), 1);
+        Some(Shape { observation, frames, extra_inputs, encoder, hidden, outputs }.size())
     }
 }

@@ -1,6 +1,7 @@
 //! Reward models and the rewards made from them (Table 3).
 
 use protocol::dropped::shortened;
+use protocol::encoder::CellsArchitecture;
 use protocol::error::FOUND_CHARS;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -28,7 +29,11 @@ pub struct RewardConfig {
     /// Members of the ensemble.
     pub ensemble: usize,
     /// Output channels of the convolutions, for grid tasks.
-    pub convolution_channels: [usize; 3],
+    pub convolution_channels: Vec<usize>,
+    /// Side of the convolutions' windows.
+    pub convolution_kernel: usize,
+    /// Side of the squares pooled behind the first convolution.
+    pub pool: usize,
     /// Numbers the encoder makes of a grid.
     pub features: usize,
     /// Hidden tanh layers.
@@ -57,6 +62,16 @@ pub struct RewardConfig {
 }
 
 impl RewardConfig {
+    /// The encoder of grids.
+    pub fn encoder(&self) -> CellsArchitecture {
+        CellsArchitecture {
+            channels: self.convolution_channels.clone(),
+            kernel: self.convolution_kernel,
+            pool: self.pool,
+            features: self.features,
+        }
+    }
+
     /// Proximity label of a demonstration's observation so many steps from the goal, in [0, 1] (Eq. 1);
     /// that at the goal has 1.
     pub fn label(&self, steps_to_goal: u32) -> f64 {

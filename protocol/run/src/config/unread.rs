@@ -7,19 +7,29 @@ use protocol::Error;
 use protocol::error::within;
 use toml::Value;
 
-use super::learner::TABLES;
-use super::{Learner, OPTIONAL_TABLES, RunConfig};
+use super::learner::is_of_learners;
+use super::{Learner, RunConfig};
 
 const NO_HIDDEN: &str = "the policy has no hidden layers over a grid";
 const NO_GRID: &str = "the task's observations are no grid";
 const DISCRETE: &str = "the task's actions are discrete";
 const NO_DECAY: &str = "the learning rate does not fall";
 
-/// Refuses keys in tables of other learners, which come with their methods and are whole only then.
+/// Whether a key is one of the encoder of grids.
+fn is_of_encoder(key: &str) -> bool {
+    ["convolution_channels", "convolution_kernel", "pool", "features"].contains(&key)
+}
+
+/// Whether a configuration has a table only with a learner that reads it.
+fn is_optional(table: &str) -> bool {
+    is_of_learners(table) && table != "ppo"
+}
+
+/// Refuses keys in tables of other learners, which are whole only with those.
 pub(super) fn check_tables(learner: Learner, set: &BTreeMap<String, Value>) -> Result<(), Error> {
     for (key, value) in set {
         let table = key.split_once('.').map_or("", |(table, _)| table);
-        let of_others = OPTIONAL_TABLES.contains(&table) && !learner.tables().contains(&table);
+        let of_others = is_optional(table) && !learner.tables().contains(&table);
         within(key, !of_others, &format!("left out: {}", not_of_learner(learner)), value)?;
     }
     Ok(())
@@ -53,8 +63,8 @@ impl RunConfig {
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
             ("policy", "distribution") if grid => DISCRETE,
-            ("policy", "convolution_channels" | "features" | "shared_trunk") if !grid => NO_GRID,
-            ("reward" | "inverse_dynamics", "convolution_channels" | "features") if !grid => {
+            ("policy", "shared_trunk") if !grid => NO_GRID,
+            ("policy" | "reward" | "inverse_dynamics", key) if !grid && is_of_encoder(key) => {
                 NO_GRID
             }
             ("inverse_dynamics", "hidden") if grid => NO_HIDDEN,
@@ -69,7 +79,7 @@ impl RunConfig {
     }
 
     fn unread_of_learner(&self, table: &str, name: &str) -> Option<String> {
-        let read = !TABLES.contains(&table) || self.learner.reads(self, table, name);
+        let read = !is_of_learners(table) || self.learner.reads(self, table, name);
         (!read).then(|| not_of_learner(self.learner))
     }
 }

@@ -1,6 +1,7 @@
 //! Behavioral cloning from observation: actions inferred by an inverse dynamics model.
 
 use protocol::Error;
+use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +18,11 @@ use crate::learning_rate::LearningRate;
 #[serde(deny_unknown_fields)]
 pub struct InverseDynamicsConfig {
     /// Output channels of the convolutions, for grid tasks.
-    pub convolution_channels: [usize; 3],
+    pub convolution_channels: Vec<usize>,
+    /// Side of the convolutions' windows.
+    pub convolution_kernel: usize,
+    /// Side of the squares pooled behind the first convolution.
+    pub pool: usize,
     /// Numbers the encoder makes of a grid.
     pub features: usize,
     /// Hidden layers.
@@ -35,6 +40,16 @@ pub struct InverseDynamicsConfig {
 }
 
 impl InverseDynamicsConfig {
+    /// The encoder of grids.
+    pub fn encoder(&self) -> CellsArchitecture {
+        CellsArchitecture {
+            channels: self.convolution_channels.clone(),
+            kernel: self.convolution_kernel,
+            pool: self.pool,
+            features: self.features,
+        }
+    }
+
     pub(in crate::config) fn check(&self) -> Result<(), Error> {
         positive("inverse_dynamics.learning_rate", self.learning_rate)?;
         within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;

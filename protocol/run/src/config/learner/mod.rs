@@ -25,11 +25,13 @@ pub use bco::InverseDynamicsConfig;
 pub use ppo::PpoConfig;
 pub use sqil::SqilConfig;
 
-/// The tables that learners have, each read by some.
-pub(super) const TABLES: [&str; 4] = ["ppo", "cloning", "inverse_dynamics", "sqil"];
-
 /// The policy learners there are.
 pub const LEARNERS: &[&dyn LearnerRules] = &[&ppo::Ppo, &bc::Bc, &bco::Bco, &sqil::Sqil];
+
+/// Whether a table is one of learners, each of which is read by some.
+pub(super) fn is_of_learners(table: &str) -> bool {
+    LEARNERS.iter().any(|learner| learner.tables().contains(&table))
+}
 
 /// What a policy learner asks of a run. With a reward model it makes a method.
 pub trait LearnerRules: Sync {
@@ -57,7 +59,7 @@ pub trait LearnerRules: Sync {
         false
     }
 
-    /// The tables that a configuration with it has to have.
+    /// The tables of learners that it reads.
     fn tables(&self) -> &'static [&'static str];
 
     /// Whether it reads this key of a learner's table.

@@ -1,0 +1,132 @@
+//! Encoders make features of observations; there is one for each kind of observation.
+
+mod cells;
+
+use std::ops::Range;
+
+use nalgebra::DMatrix;
+use protocol::encoder::CellsArchitecture;
+use protocol::seed::Stream;
+use protocol::task::{ObservationSpec, floats};
+
+use crate::encoder::cells::{CellsEncoder, CellsMemory};
+use crate::layer::affine::Panels;
+use crate::layer::kernel::Vector16;
+use crate::layer::stack::GradientMemory;
+
+/// What makes features of the observations of a row.
+#[derive(Clone, Debug)]
+pub(crate) enum Encoder {
+    /// The numbers of vectors are features as they are.
+    Vector {
+        /// Numbers of a row.
+        len: usize,
+    },
+    /// Convolutions and a dense layer over grids of cells.
+    Cells(CellsEncoder),
+}
+
+/// One version of an encoder's parameters, packed for the kernels.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PreparedEncoder {
+    table: Vec<Vector16>,
+    panels: Vec<Panels>,
+}
+
+/// What a thread needs to evaluate an encoder and to take gradients back through it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct EncoderMemory {
+    cells: CellsMemory,
+}
+
+impl Encoder {
+    /// The encoder of so many observations a row.
+    ///
+    /// # Panics
+    /// If a grid of cells is too small for the convolutions.
+    pub(crate) fn new(
+        observation: ObservationSpec,
+        frames: usize,
+        architecture: &CellsArchitecture,
+    ) -> Self {
+        match observation {
+            ObservationSpec::Vector { len } => Encoder::Vector { len: frames * len },
+            ObservationSpec::Cells { height, width, classes } => {
+                let grid = [height, width];
+                Encoder::Cells(CellsEncoder::new(grid, classes, frames, architecture))
+            }
+        }
+    }
+
+    /// Features of a row.
+    pub(crate) fn features(&self) -> usize {
+        match self {
+            Encoder::Vector { len } => *len,
+            Encoder::Cells(cells) => cells.features(),
+        }
+    }
+
+    /// Whether features are the observation's own numbers.
+    pub(crate) fn is_identity(&self) -> bool {
+        matches!(self, Encoder::Vector { .. })
+    }
+
+    /// Where each layer's parameters lie.
+    pub(crate) fn parameter_ranges(&self) -> Vec<Range<usize>> {
+        match self {
+            Encoder::Vector { .. } => Vec::new(),
+            Encoder::Cells(cells) => cells.parameter_ranges(),
+        }
+    }
+
+    /// Draws first parameters.
+    pub(crate) fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
+        match self {
+            Encoder::Vector { .. } => Vec::new(),
+            Encoder::Cells(cells) => cells.initial_parameters(stream),
+        }
+    }
+
+    /// Packs `parameters` for the kernels.
+    pub(crate) fn prepare(&self, parameters: &[f32], prepared: &mut PreparedEncoder) {
+        if let Encoder::Cells(cells) = self {
+            cells.prepare(parameters, prepared);
+        }
+    }
+
+    /// Writes the features of observations, as many to a column of `features` as it has rows.
+    ///
+    /// # Panics
+    /// If a cell's class is out of range.
+    pub(crate) fn forward(
+        &self,
+        prepared: &PreparedEncoder,
+        observations: &[u8],
+        memory: &mut EncoderMemory,
+        features: &mut DMatrix<f32>,
+    ) {
+        match self {
+            Encoder::Vector { .. } => {
+                let numbers = features.iter_mut().zip(floats(observations));
+                numbers.for_each(|(feature, number)| *feature = number);
+            }
+            Encoder::Cells(cells) => {
+                cells.forward(prepared, observations, &mut memory.cells, features);
+            }
+        }
+    }
+
+    /// Adds to `gradient` the gradient of the parameters, for that of the features in `gradients`.
+    pub(crate) fn backward(
+        &self,
+        prepared: &PreparedEncoder,
+        observations: &[u8],
+        memory: &mut EncoderMemory,
+        gradients: &mut GradientMemory,
+        gradient: &mut [f32],
+    ) {
+        if let Encoder::Cells(cells) = self {
+            cells.backward(prepared, observations, &memory.cells, gradients, gradient);
+        }
+    }
+}
