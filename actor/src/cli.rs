@@ -211,7 +211,7 @@ fn check_name(name: &str) -> Result<()> {
     Ok(())
 }
 
-/// Prints figures for `goalward`, as JSON.
-fn print(figures: &impl Serialize) -> Result<()> {
-    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(figures)?)?)
+/// Prints a result for `goalward`, as JSON.
+fn print(result: &impl Serialize) -> Result<()> {
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(result)?)?)
 }

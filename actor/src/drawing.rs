@@ -17,6 +17,9 @@ pub const FRAME_NS: u64 = 50_000_000;
 
 /// Records the scenes of an episode, the first at `start_ns`; returns the time after the last. A task
 /// without solids has none.
+///
+/// # Errors
+/// When the environment refuses an action, or the disk the scenes.
 pub fn draw(
     writer: &mut FileWriter,
     environment: &mut dyn Environment,

@@ -68,6 +68,9 @@ impl Episode {
     }
 
     /// Begins another episode in the same environment.
+    ///
+    /// # Errors
+    /// When the environment cannot be reset; names lane and episode.
     pub fn begin_again(&mut self, name: EpisodeName) -> Result<()> {
         let (environment_purpose, action_purpose) = name.source.purposes();
         self.name = name;
@@ -101,6 +104,9 @@ impl Episode {
 
     /// Acts. At the end of the episode the trajectory comes out. A demonstration ends at the goal,
     /// also in a task that would go on, and has no log-probabilities.
+    ///
+    /// # Errors
+    /// When the environment refuses the action; names lane, episode and step.
     pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
         let start = self.observations.len();
         self.observations.resize(start + self.spec.observation.bytes(), 0);

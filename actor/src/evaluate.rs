@@ -41,6 +41,9 @@ pub struct Evaluation {
 
 /// Runs evaluation episodes with the newest checkpoint of a run: the same ones, in the same lanes,
 /// that the run itself ends with, and more of them if asked.
+///
+/// # Errors
+/// When the run has no checkpoint that holds, an environment fails, or the file cannot be written.
 pub fn evaluate(tasks: Tasks, folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
     let config = folder.config()?;
     let weights = newest_weights(folder)?;

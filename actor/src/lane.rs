@@ -20,6 +20,9 @@ pub struct Lane {
 
 impl Lane {
     /// Begins the first episode of a lease.
+    ///
+    /// # Errors
+    /// When the lease has a source that is none, or the environment fails.
     pub fn begin(lease: Lease, factory: &Factory, run_seed: u64) -> Result<Lane> {
         let name = EpisodeName {
             source: Source::try_from(lease.source)?,
@@ -35,6 +38,9 @@ impl Lane {
     }
 
     /// Acts. Gives the trajectory an episode ended with; the next one has begun if one is owed.
+    ///
+    /// # Errors
+    /// When the environment fails.
     pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
         let Some(trajectory) = self.episode.step(action, log_prob)? else { return Ok(None) };
         self.steps_owed = self.steps_owed.saturating_sub(u64::from(trajectory.steps));

@@ -37,6 +37,9 @@ pub struct Version {
 }
 
 /// The weights of the newest checkpoint of a run whose policy is the one that was saved.
+///
+/// # Errors
+/// When there is no checkpoint that holds, or its policy cannot be read.
 pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
     let found = checkpoint::newest(folder, &[POLICY_FILE])?;
     found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
@@ -74,6 +77,9 @@ impl Policy {
     }
 
     /// Makes weights ready to act.
+    ///
+    /// # Errors
+    /// When they are not finite, or not as many as this policy has.
     pub fn version(&self, weights: &Weights) -> Result<Version> {
         let parameters = weights.parameter_numbers();
         let (expected, found) = (self.network.parameter_count(), parameters.len());
@@ -100,6 +106,9 @@ impl Policy {
 
     /// Takes one step in every lane. A lane's actions do not depend on the lanes beside it.
     /// Returns the trajectories of episodes that ended.
+    ///
+    /// # Errors
+    /// When an environment fails.
     pub fn step(
         &mut self,
         version: &Version,

@@ -49,6 +49,9 @@ pub struct Ports {
 
 impl Ports {
     /// Opens the ports of an actor of this name; also returns the bus they are on.
+    ///
+    /// # Errors
+    /// When the run has not been started, or no learner is heard of.
     pub fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
         // One that is started again under the same name is another actor: its predecessor's leases are
         // open again as soon as that is known to be dead.
@@ -91,6 +94,9 @@ impl Ports {
     }
 
     /// Sleeps until something comes.
+    ///
+    /// # Errors
+    /// When the bus fails.
     pub fn wait(&mut self) -> Result<()> {
         self.doorbell.wait(ASK_AGAIN)?;
         Ok(())
@@ -157,6 +163,9 @@ impl Ports {
 
     /// Publishes a trajectory. What a reader misses it asks for: the learner by leasing again, the
     /// service by name.
+    ///
+    /// # Errors
+    /// When the bus fails.
     pub fn publish(&mut self, encoded: &Encoded) -> Result<()> {
         self.trajectories.publish(&encoded.bytes, header(encoded))?;
         Ok(())

@@ -35,6 +35,9 @@ pub struct Published {
 
 /// Publishes the trajectories of the run's log in `log` on the run's bus once there is a reader: at
 /// `speed` times the pace they were recorded at, or as fast as readers take them.
+///
+/// # Errors
+/// When the run has no bus, or its log cannot be read.
 pub fn publish(
     folder: &RunFolder,
     log: &Path,

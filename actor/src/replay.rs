@@ -27,6 +27,9 @@ pub struct Recording {
 
 /// Publishes what a log has of the leases it is granted, until the run is over, a stop is requested,
 /// or a lease comes that is not in the log as a whole.
+///
+/// # Errors
+/// When the log cannot be read, or the bus fails.
 pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop) -> Result<()> {
     let spec = folder.config()?.task.spec();
     let mut source = Source::open(&recording.log, spec)?;

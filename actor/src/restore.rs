@@ -26,6 +26,9 @@ pub struct Restored {
 
 /// Writes the log of a run with all observations into the folder `out`, on so many threads; 0 takes
 /// all cores.
+///
+/// # Errors
+/// When an episode does not act again as it was recorded, or a file cannot be read or written.
 pub fn restore(tasks: Tasks, folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;

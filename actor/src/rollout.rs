@@ -48,6 +48,9 @@ struct Actor {
 }
 
 /// Acts until the run is over or a stop is requested.
+///
+/// # Errors
+/// When the task is none of `tasks`, an environment fails, or the bus does.
 pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
     let factory = Factory::of_run(tasks, &config)?;

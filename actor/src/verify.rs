@@ -32,6 +32,10 @@ pub struct Verification {
 
 /// Acts every episode of a run's log again, and the demonstrations it recorded itself, on so many
 /// threads; 0 takes all cores.
+///
+/// # Errors
+/// When the task's episodes cannot be acted again, or a file cannot be read. An episode that differs is no
+/// error.
 pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::commands::{
     demonstrate, evaluate, experiment, log, replay, report, scale, status, train,
 };
-use crate::refusal::wrong_usage;
+use terminal::refusal::wrong_usage;
 
 /// Trains policies from demonstrations without actions, by goal proximity.
 #[derive(Debug, Parser)]

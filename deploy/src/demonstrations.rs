@@ -14,8 +14,8 @@ use run::folder::RunFolder;
 
 use crate::output::Output;
 use crate::programs::{self, Program};
-use crate::refusal::Refusal;
-use crate::status_line::StatusLine;
+use terminal::refusal::Refusal;
+use terminal::status_line::StatusLine;
 
 /// What an expert does, as its user is told.
 pub(crate) const RECORDING: &str = "recording demonstrations";
@@ -108,7 +108,7 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
     recording.remove_unfinished()?;
     let mut actor = recording.actor()?;
     actor.env("NO_COLOR", "1").stderr(output.open()?);
-    match recording.record(&mut actor, StatusLine::new())? {
+    match recording.record(&mut actor, StatusLine::on_output())? {
         Some(status) if !status.success() => {
             bail!("recording demonstrations failed ({status}); {}", output.last_lines())
         }

@@ -10,7 +10,7 @@ use protocol::task::Task;
 use run::config::RunConfig;
 
 use crate::programs::{self, Program};
-use crate::refusal::wrong_usage;
+use terminal::refusal::wrong_usage;
 
 /// A configuration whose settings are complete, as the task's own environment has them.
 ///
@@ -24,12 +24,20 @@ pub(crate) fn complete(config: RunConfig) -> Result<RunConfig> {
     Ok(config)
 }
 
-/// The setting of demonstrations, complete.
+/// The setting of demonstrations, complete, to be recorded by the task's expert if by nobody else.
 ///
 /// # Errors
-/// As [`complete`].
-pub(crate) fn complete_setting(task: &Task, setting: &Setting) -> Result<Setting> {
-    Ok(describe(task, &Setting::default(), setting)?.demonstrations)
+/// As [`complete`], and when the expert is needed and the task has none.
+pub(crate) fn complete_setting(
+    task: &Task,
+    setting: &Setting,
+    needs_expert: bool,
+) -> Result<Setting> {
+    let description = describe(task, &Setting::default(), setting)?;
+    if needs_expert && !description.has_expert {
+        return Err(wrong_usage(format!("{task} has no expert: expected a run as --policy")));
+    }
+    Ok(description.demonstrations)
 }
 
 /// Checks configurations that are to be trained later, each environment once.
@@ -65,6 +73,6 @@ fn describe(task: &Task, environment: &Setting, demonstrations: &Setting) -> Res
         .args(["--environment", &serde_json::to_string(environment)?])
         .args(["--demonstrations", &serde_json::to_string(demonstrations)?]);
     let described: Result<Description, String> =
-        programs::figures(&mut actor, "describing the task")?;
+        programs::result(&mut actor, "describing the task")?;
     described.map_err(wrong_usage)
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use run::folder::RunFolder;
 
-use crate::refusal::wrong_usage;
+use terminal::refusal::wrong_usage;
 
 /// Checks that a file may be written at `path`, a name that the user chose.
 ///
@@ -111,8 +111,8 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
-    use crate::tasks;
     use run::config::DEFAULT_PRESET;
+    use run::tasks;
 
     fn said(result: Result<()>) -> String {
         result.unwrap_err().to_string()

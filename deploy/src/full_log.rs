@@ -9,9 +9,9 @@ use run::folder::RunFolder;
 use run::origin::recorded_configs;
 use serde::Deserialize;
 
-use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::refusal::Refusal;
+use terminal::print::print_line;
+use terminal::refusal::Refusal;
 
 /// A log with all observations; one that was made goes with it.
 #[derive(Debug)]
@@ -68,7 +68,7 @@ impl Drop for FullLog {
 /// As [`FullLog::of`].
 pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
     let mut actor = Program::acting_in(&run.config()?.task).command()?;
-    programs::figures(
+    programs::result(
         actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out),
         "restoring",
     )

@@ -7,8 +7,8 @@ use std::time::Instant;
 
 use run::headway::Headway;
 
-use crate::figures;
-use crate::status_line::StatusLine;
+use terminal::numbers;
+use terminal::status_line::StatusLine;
 
 /// Takes in what a program prints, on a thread of its own: shows on `line` how far the program says it
 /// is with what it is `doing`, and gives the rest in the end.
@@ -47,7 +47,7 @@ pub(crate) fn read(line: &str) -> Option<Headway> {
 
 /// Percents that are done.
 pub(crate) fn percent(headway: Headway) -> u64 {
-    figures::percent_done(headway.episodes_done, headway.episodes_wanted)
+    numbers::percent_done(headway.episodes_done, headway.episodes_wanted)
 }
 
 fn words(doing: &str, headway: Headway, elapsed_s: f64) -> String {
@@ -55,11 +55,11 @@ fn words(doing: &str, headway: Headway, elapsed_s: f64) -> String {
     let left_s = elapsed_s * wanted.saturating_sub(done) as f64 / done as f64;
     format!(
         "{doing}: {} of {} episodes  {} %  {}  {} left",
-        figures::count(done),
-        figures::count(wanted),
+        numbers::count(done),
+        numbers::count(wanted),
         percent(headway),
-        figures::rate(steps_done as f64 / elapsed_s),
-        figures::duration(left_s),
+        numbers::rate(steps_done as f64 / elapsed_s),
+        numbers::duration(left_s),
     )
 }
 
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn a_program_says_how_far_it_is_beside_its_figures() {
         let printed = "{\"episodes_done\":1,\"episodes_wanted\":4,\"steps_done\":9}\n{\"a\":1}\n";
-        let line = StatusLine::beside_data();
+        let line = StatusLine::on_error();
         let reading = follow(printed.as_bytes(), "evaluating", line).unwrap();
         let rest = reading.join().unwrap().unwrap();
         assert_eq!(rest, b"{\"a\":1}\n");

@@ -15,44 +15,33 @@
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `processes` | who takes part in a live run, and who is stopped or gone |
 //! | `progress` | the progress of a run in one line |
+//! | `progress_file` | the newest progress, for experiments |
+//! | `child`, `programs` | processes that `goalward` starts |
 //! | `headway` | how far a program is that was started for one piece of work |
-//! | `status_line` | such a line, on a terminal and in a pipe |
 //! | `limits` | whether the system lets a run's processes be large enough |
 //! | `output` | what the processes print |
-//! | `summary` | figures of a finished run |
-//! | `origin` | which runs are seeds of one curve |
-//! | `figure`, `report` | comparisons of runs as data, and as a page with pictures |
-//! | `chart` | curves as SVG |
+//! | `summary` | the summary of a finished run, as a table |
 //! | `full_log` | a log with observations, made of one with actions only |
-//! | `figures` | how numbers are written |
-//! | `refusal` | exit codes |
 
-mod chart;
+mod child;
 mod cli;
 mod commands;
 mod demonstrations;
 mod description;
 mod destination;
 mod experiment;
-mod figure;
-mod figures;
 mod full_log;
 mod headway;
 mod limits;
 mod machine;
-mod origin;
 mod output;
 mod plan;
-mod print;
 mod processes;
 mod programs;
 mod progress;
-mod refusal;
-mod report;
-mod status_line;
+mod progress_file;
 mod summary;
 mod supervisor;
-mod tasks;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -67,10 +56,10 @@ pub fn main() -> ExitCode {
     match cli::run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            if !refusal::is_explained(&error) {
+            if !terminal::refusal::is_explained(&error) {
                 writeln!(std::io::stderr(), "goalward: {error:#}").ok();
             }
-            refusal::exit_code(&error)
+            terminal::refusal::exit_code(&error)
         }
     }
 }

@@ -6,8 +6,8 @@ use std::fs;
 use anyhow::Result;
 use run::config::{Estimate, RunConfig};
 
-use crate::figures;
-use crate::refusal::wrong_usage;
+use terminal::numbers;
+use terminal::refusal::wrong_usage;
 
 /// Most threads of a process for each core. More only wait for each other.
 const THREADS_PER_CORE: usize = 4;
@@ -56,7 +56,7 @@ impl Machine {
     /// Refuses what the machine cannot do. Gives what is to be said of a run that takes long.
     ///
     /// # Errors
-    /// Of wrong usage, with the figure and what the machine has.
+    /// Of wrong usage, with the size and what the machine has.
     pub(crate) fn require_room_for(&self, config: &RunConfig) -> Result<Option<String>> {
         let resources = &config.resources;
         self.require_room_for_actors(resources.actors)?;
@@ -91,7 +91,7 @@ impl Machine {
 /// Refuses what would never end.
 ///
 /// # Errors
-/// Of wrong usage, with the figure.
+/// Of wrong usage, with the size.
 pub(crate) fn require_end(environment_steps: f64, row_passes: f64) -> Result<()> {
     for (what, found, most) in [
         ("steps of environments", environment_steps, MOST_ENVIRONMENT_STEPS),
@@ -108,7 +108,7 @@ pub(crate) fn require_end(environment_steps: f64, row_passes: f64) -> Result<()>
 
 fn words_of_memory(estimate: &Estimate, memory: f64) -> String {
     let Estimate { learner_bytes, service_bytes, actor_bytes, actors, .. } = *estimate;
-    let shown = |bytes: f64| figures::bytes(bytes as u64);
+    let shown = |bytes: f64| numbers::bytes(bytes as u64);
     format!(
         "no room in memory: the run would take about {} (learner {}, service {}, {actors} actors of \
          {}), and {} are available",
@@ -121,7 +121,7 @@ fn words_of_memory(estimate: &Estimate, memory: f64) -> String {
 }
 
 fn words_of_work(estimate: &Estimate) -> String {
-    let count = |number: f64| figures::count(number as u64);
+    let count = |number: f64| numbers::count(number as u64);
     format!(
         "this takes long: about {} steps of environments, {} optimizer steps, {} rows through networks",
         count(estimate.environment_steps),
@@ -140,7 +140,7 @@ fn available(text: &str) -> Option<f64> {
 mod tests {
 
     use super::*;
-    use crate::tasks::configuration;
+    use run::tasks::configuration;
 
     const SMALL: Machine = Machine { cores: 2, memory: Some(16e9) };
 

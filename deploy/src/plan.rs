@@ -14,9 +14,10 @@ use run::folder::RunFolder;
 use run::origin::recorded_configs;
 use run::summary::Summary;
 
-use crate::refusal::{Refusal, wrong_usage};
 use crate::supervisor::{actors_wanted, forget_actors_wanted};
-use crate::{demonstrations, description, destination, tasks};
+use crate::{demonstrations, description, destination};
+use run::tasks;
+use terminal::refusal::{Refusal, wrong_usage};
 
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";

@@ -9,7 +9,7 @@ use anyhow::Result;
 use bus::{BusAddress, Member};
 use protocol::messages::ActorHeard;
 
-use crate::figures;
+use terminal::numbers;
 
 const SUPERVISOR: &str = "supervisor";
 
@@ -126,7 +126,7 @@ impl Processes {
             let (name, id) = (&process.name, process.id?);
             Some(format!("{name} is stopped by a signal: `kill -CONT {id}` lets it go on\n"))
         });
-        figures::columns(&rows) + &advice.collect::<String>()
+        numbers::columns(&rows) + &advice.collect::<String>()
     }
 }
 
@@ -160,10 +160,10 @@ impl Process {
             self.name.clone(),
             self.id.map_or_else(unknown, |id| id.to_string()),
             state.to_owned(),
-            share.map_or_else(unknown, |share| figures::percent(share, 0)),
-            up.map_or_else(unknown, |up| figures::duration(up.as_secs_f64())),
+            share.map_or_else(unknown, |share| numbers::percent(share, 0)),
+            up.map_or_else(unknown, |up| numbers::duration(up.as_secs_f64())),
             heard.map_or_else(unknown, |heard| heard.leases.to_string()),
-            heard.map_or_else(unknown, |heard| format!("{} ago", figures::duration(heard.ago_s))),
+            heard.map_or_else(unknown, |heard| format!("{} ago", numbers::duration(heard.ago_s))),
         ]
     }
 }

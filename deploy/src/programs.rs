@@ -14,9 +14,9 @@ use run::process::INPUT_IS_HELD;
 use serde::de::DeserializeOwned;
 
 use crate::headway;
-use crate::refusal::Refusal;
-use crate::status_line::StatusLine;
 use crate::supervisor::Signals;
+use terminal::refusal::Refusal;
+use terminal::status_line::StatusLine;
 
 /// How often a program is looked at if no signal says so.
 const TICK: Duration = Duration::from_millis(100);
@@ -80,36 +80,33 @@ impl Program {
     }
 }
 
-/// Runs a program that prints its figures as JSON, its diagnostics going where ours go. How far it says
+/// Runs a program that prints its result as JSON, its diagnostics going where ours go. How far it says
 /// it is with what it is `doing` is shown meanwhile.
 ///
 /// # Errors
 /// When it cannot start, fails, or prints something else.
-pub(crate) fn figures<T: DeserializeOwned>(
-    program: &mut Command,
-    doing: &'static str,
-) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::beside_data())?;
+pub(crate) fn result<T: DeserializeOwned>(program: &mut Command, doing: &'static str) -> Result<T> {
+    let mut started = Started::new(program, doing, StatusLine::on_error())?;
     let input = started.child.stdin.take();
-    let figures = started.figures();
+    let result = started.result();
     drop(input);
-    figures
+    result
 }
 
 /// The same for a program that reads `input` before it prints.
 ///
 /// # Errors
-/// As [`figures`].
-pub(crate) fn figures_of<T: DeserializeOwned>(
+/// As [`result`].
+pub(crate) fn result_for<T: DeserializeOwned>(
     program: &mut Command,
     doing: &'static str,
     input: &[u8],
 ) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::beside_data())?;
+    let mut started = Started::new(program, doing, StatusLine::on_error())?;
     let written = started.child.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
-    let figures = started.figures()?;
+    let result = started.result()?;
     written.context("writing to a program")?;
-    Ok(figures)
+    Ok(result)
 }
 
 /// Runs a program to its end, or to that which the user wishes: then its input ends, and soon it does.
@@ -179,10 +176,10 @@ impl Started {
         Ok(())
     }
 
-    fn figures<T: DeserializeOwned>(self) -> Result<T> {
+    fn result<T: DeserializeOwned>(self) -> Result<T> {
         let (status, printed) = self.end()?;
         expect_success(status)?;
-        serde_json::from_slice(&printed).context("reading a program's figures")
+        serde_json::from_slice(&printed).context("reading a program's result")
     }
 
     /// How it ended, and what it printed besides how far it was.

@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 
 use protocol::messages::{Phase, Pretraining, Progress};
 
-use crate::figures;
-use crate::status_line::StatusLine;
+use terminal::numbers;
+use terminal::status_line::StatusLine;
 
 /// Wall time over which the pace is measured, seconds: several iterations at the usual pace.
 const PACE_WINDOW_S: f64 = 20.0;
@@ -22,15 +22,15 @@ pub(crate) struct ProgressView {
 impl ProgressView {
     /// For a terminal if standard output is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
-        ProgressView { line: StatusLine::new(), pace: Pace::default(), phase: None }
+        ProgressView { line: StatusLine::on_output(), pace: Pace::default(), phase: None }
     }
 
-    /// Says what is going on while there are no figures yet.
+    /// Says what is going on while there is no progress yet.
     pub(crate) fn activity(&mut self, text: &str) {
         self.line.say(text);
     }
 
-    /// Shows the newest figures; in a pipe only if a line is due.
+    /// Shows the newest progress; in a pipe only if a line is due.
     pub(crate) fn show(&mut self, progress: &Progress) {
         let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
         let is_new_phase = self.phase.replace(phase) != Some(phase);
@@ -44,7 +44,7 @@ impl ProgressView {
         if phase != Phase::Pretraining {
             self.pace.add(progress.wall_s, steps);
         }
-        let tenth = figures::percent_done(steps, progress.steps_wanted) / 10;
+        let tenth = numbers::percent_done(steps, progress.steps_wanted) / 10;
         self.line.show(&line(progress, self.pace.per_second()), tenth, is_new_phase);
     }
 
@@ -64,12 +64,12 @@ impl ProgressView {
     }
 }
 
-/// The figures in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are
+/// The metrics in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are
 /// those learned from.
 fn line(progress: &Progress, per_second: f64) -> String {
     let phase = Phase::try_from(progress.phase);
     let Some(update) = &progress.update else {
-        let received = figures::count(progress.steps_received);
+        let received = numbers::count(progress.steps_received);
         return match phase {
             Ok(Phase::Pretraining) => offline(progress),
             _ => format!("first rollout: {received} steps received"),
@@ -86,9 +86,9 @@ fn line(progress: &Progress, per_second: f64) -> String {
     if wanted == 0 {
         return format!(
             "{phase}pass {} over the demonstrations  loss {}  on those held out {}",
-            figures::count(update.iteration + 1),
-            figures::number(update.policy_loss),
-            figures::number(update.held_out_loss),
+            numbers::count(update.iteration + 1),
+            numbers::number(update.policy_loss),
+            numbers::number(update.held_out_loss),
         );
     }
     let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
@@ -96,21 +96,21 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
     let reward_loss = learned.map_or(String::new(), |update| {
         let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
-        let (demonstrations, agent) = (figures::number(demonstrations), figures::number(agent));
-        let steps = figures::count(update.gradient_steps);
+        let (demonstrations, agent) = (numbers::number(demonstrations), numbers::number(agent));
+        let steps = numbers::count(update.gradient_steps);
         format!("  reward loss {demonstrations}+{agent} in {steps} gradient steps")
     });
     format!(
         "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{reward_loss}  \
          actors {}  leases {}",
-        figures::count(done),
-        figures::count(wanted),
-        figures::percent_done(done, wanted),
-        figures::percent(update.success_rate, 0),
-        figures::rate(per_second),
-        figures::duration(seconds_left),
-        figures::number(update.approximate_kl),
-        figures::number(update.value_loss),
+        numbers::count(done),
+        numbers::count(wanted),
+        numbers::percent_done(done, wanted),
+        numbers::percent(update.success_rate, 0),
+        numbers::rate(per_second),
+        numbers::duration(seconds_left),
+        numbers::number(update.approximate_kl),
+        numbers::number(update.value_loss),
         progress.actors,
         progress.leases,
     )
@@ -120,28 +120,9 @@ fn line(progress: &Progress, per_second: f64) -> String {
 pub(crate) fn offline(progress: &Progress) -> String {
     let doing = "training the reward model offline";
     let Some(Pretraining { done, total }) = progress.pretraining else { return doing.to_owned() };
-    let percent = figures::percent_done(done, total);
-    let [done, total] = [done, total].map(figures::count);
+    let percent = numbers::percent_done(done, total);
+    let [done, total] = [done, total].map(numbers::count);
     format!("{doing}: {done} of {total} gradient steps ({percent} %)")
-}
-
-/// What a line of progress says.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LineProgress {
-    /// Percents of the steps that are done.
-    pub(crate) percent: u64,
-    /// Success rate in percents, where the line has one.
-    pub(crate) success: Option<u64>,
-}
-
-/// Reads a line of progress that another `goalward train` has printed; none if it is something else.
-pub(crate) fn read_line(line: &str) -> Option<LineProgress> {
-    let percent = |text: &str| text.strip_suffix(" %")?.parse().ok();
-    let mut parts = line.split("  ").skip_while(|part| !part.ends_with(" steps"));
-    parts.next()?;
-    let done = percent(parts.next()?)?;
-    let success = parts.next()?.strip_prefix("success ").and_then(percent);
-    Some(LineProgress { percent: done, success })
 }
 
 /// How fast the run has been lately.
@@ -224,19 +205,6 @@ mod tests {
             "409,600/1,500,000 steps  27 %  success 50 %  5,000 steps/s  3 min 38 s left  \
              KL 0.500  value loss 0.500  reward loss 0.500+0.500 in 64 gradient steps  actors 2  leases 32"
         );
-    }
-
-    #[test]
-    fn a_line_can_be_read_again() {
-        let standing = |number| {
-            let mut progress = progress(409_600, 1_500_000, number);
-            progress.phase = Phase::Evaluating as i32;
-            read_line(&line(&progress, 5000.0)).unwrap()
-        };
-        assert_eq!(standing(0.5), LineProgress { percent: 27, success: Some(50) });
-        assert_eq!(standing(f64::NAN), LineProgress { percent: 27, success: None });
-        assert_eq!(read_line("stopped; the run is in runs/a"), None);
-        assert_eq!(read_line("first rollout: 1,024 steps received"), None);
     }
 
     #[test]

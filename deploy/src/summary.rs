@@ -1,21 +1,11 @@
-//! Figures of a finished run, as people read them.
+//! The summary of a finished run, as people read it.
 
 use protocol::build;
-use run::folder::RunFolder;
 use run::summary::{Seconds, Summary};
 
-use crate::figures;
+use terminal::numbers;
 
-/// The summary of a finished run. A damaged one makes no run finished: `remark` is told, and the run
-/// can be continued, which writes it anew.
-pub(crate) fn of_finished(folder: &RunFolder, remark: impl FnOnce(&str)) -> Option<Summary> {
-    Summary::of_run(folder).unwrap_or_else(|error| {
-        remark(&format!("{error}; the run counts as unfinished, --resume writes it anew"));
-        None
-    })
-}
-
-/// The figures as a table, one row a line.
+/// The summary as a table, one row a line.
 pub(crate) fn table(summary: &Summary) -> String {
     let evaluation = success(
         summary.evaluation.success_rate,
@@ -24,33 +14,33 @@ pub(crate) fn table(summary: &Summary) -> String {
     );
     let steps = format!(
         "{} in {} iterations",
-        figures::count(summary.env_steps),
-        figures::count(summary.iterations)
+        numbers::count(summary.env_steps),
+        numbers::count(summary.iterations)
     );
     let time = format!(
         "{}, {}, actors: {}",
-        figures::duration(summary.wall_s),
-        figures::rate(summary.steps_per_s),
+        numbers::duration(summary.wall_s),
+        numbers::rate(summary.steps_per_s),
         summary.actors
     );
     let log = format!(
         "{} in {} files, {} trajectories",
-        figures::bytes(summary.log.bytes),
-        figures::count(summary.log.files),
-        figures::count(summary.log.trajectories)
+        numbers::bytes(summary.log.bytes),
+        numbers::count(summary.log.files),
+        numbers::count(summary.log.trajectories)
     );
     let training = match summary.episodes {
         0 => "none: it learned from demonstrations alone".to_owned(),
         _ => rate(summary.success_rate),
     };
     let [stages, actors] = shares(&summary.seconds);
-    figures::table(&[
+    numbers::table(&[
         ("run", format!("{}, {}, preset {}", summary.task, summary.method, summary.preset)),
         ("seed", summary.seed.to_string()),
         ("success, last 100 training episodes", training),
         ("success, evaluation", evaluation),
         ("environment steps", steps),
-        ("episodes", figures::count(summary.episodes)),
+        ("episodes", numbers::count(summary.episodes)),
         ("time", time),
         ("policy sha256", summary.policy_sha256.clone()),
         ("proximity sha256", summary.proximity_sha256.clone()),
@@ -63,24 +53,24 @@ pub(crate) fn table(summary: &Summary) -> String {
 
 /// A success rate, which not every task tells.
 fn rate(success_rate: Option<f64>) -> String {
-    let known = |rate| figures::percent(rate, 1);
+    let known = |rate| numbers::percent(rate, 1);
     success_rate.map_or("not told by the task".to_owned(), known)
 }
 
 /// How episodes of an evaluation ended.
 pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>) -> String {
-    let episodes = figures::count(episodes);
+    let episodes = numbers::count(episodes);
     let rate = match rate {
-        Some(rate) => format!("{} of {episodes} episodes", figures::percent(rate, 1)),
+        Some(rate) => format!("{} of {episodes} episodes", numbers::percent(rate, 1)),
         None => format!("not told by the task, {episodes} episodes"),
     };
-    let mean_return = mean_return.map(|mean| format!("; mean return {}", figures::number(mean)));
+    let mean_return = mean_return.map(|mean| format!("; mean return {}", numbers::number(mean)));
     rate + &mean_return.unwrap_or_default()
 }
 
 /// Shares of the wall time of iterations, and within the rollout shares of the actors' work.
 fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
-    let share = |part: f64, whole: f64| figures::percent(part / whole.max(1e-9), 1);
+    let share = |part: f64, whole: f64| numbers::percent(part / whole.max(1e-9), 1);
     let wall = seconds.rollout + seconds.scoring + seconds.policy_update;
     let work = seconds.environment + seconds.inference + seconds.transport;
     let stages = format!(
@@ -96,7 +86,7 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
         share(seconds.inference, work),
         share(seconds.transport, work),
         share(seconds.environment, work),
-        figures::duration(work),
+        numbers::duration(work),
     );
     [("where time went", stages), ("where actors' time went", actors)]
 }

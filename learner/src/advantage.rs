@@ -26,8 +26,8 @@ pub fn generalized_advantages(
     (advantages, returns)
 }
 
-/// Shifts and scales to mean 0 and deviation 1, as the authors do once per rollout
-/// (unbiased deviation plus 1e-5).
+/// Shifts and scales to mean 0 and standard deviation 1, as the authors do once per rollout
+/// (unbiased standard deviation plus 1e-5).
 pub fn normalize(advantages: &mut [f32]) {
     let count = advantages.len() as f64;
     let mean = advantages.iter().map(|&advantage| f64::from(advantage)).sum::<f64>() / count;

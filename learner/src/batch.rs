@@ -38,6 +38,9 @@ pub struct EpisodeRows {
 
 impl Batch {
     /// Lays out trajectories and their scores, which come in the same order.
+    ///
+    /// # Errors
+    /// When the scores are not those of the trajectories, and [`Final`] when a reward is not finite.
     pub fn new(trajectories: &[Encoded], scores: &[Score], spec: &Spec) -> Result<Batch> {
         ensure!(
             trajectories.len() == scores.len(),

@@ -1,8 +1,8 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
 //! [`run()`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that
-//! talks to actors and writes the log meanwhile; [`scoring`] talks to the proximity service. All
-//! other modules are pure functions of their arguments.
+//! talks to actors and writes the log meanwhile; [`scoring`] talks to the proximity service. What is
+//! learned, and how, is in [`algorithm`].
 
 pub mod advantage;
 pub mod algorithm;
@@ -27,6 +27,9 @@ use crate::trainer::Trainer;
 /// Trains a run to its end, from its newest checkpoint if it has one.
 ///
 /// Returns early, with a checkpoint written, when a stop is requested.
+///
+/// # Errors
+/// When the folder holds no run, the bus or the disk fails, or learning diverges.
 pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
     let mut trainer = Trainer::start(folder, stop)?;
     let finished = trainer.train()?;

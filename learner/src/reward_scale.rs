@@ -35,7 +35,7 @@ impl RewardScale {
                 steps.push((episode, step));
             }
             self.include(&returns);
-            let scale = self.returns.deviation();
+            let scale = self.returns.standard_deviation();
             for (episode, step) in steps {
                 let reward = &mut episodes[episode].rewards[step];
                 *reward = (f64::from(*reward) / scale) as f32;
@@ -123,7 +123,7 @@ mod tests {
         together.apply(&mut episodes, 0.9);
         let mut by_hand = RewardScale::default();
         by_hand.include(&[0.5, 2.0]);
-        let scale = by_hand.returns.deviation();
+        let scale = by_hand.returns.standard_deviation();
         assert_eq!(copies[1][0], (2.0 / scale) as f32);
         by_hand.include(&[0.5 * 0.9 - 1.0, 2.0 * 0.9 + 0.25]);
         assert_eq!(together, by_hand);

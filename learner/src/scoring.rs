@@ -50,6 +50,9 @@ pub struct Refused(String);
 impl Scoring {
     /// Opens the client over the trainer's bus. Once `stop` is requested a service that is gone is not
     /// waited for.
+    ///
+    /// # Errors
+    /// When the bus fails.
     pub fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
         let client = bus.score_client(Role::Learner)?;
         let doorbell = bus.doorbell(Role::Learner)?;
@@ -57,6 +60,9 @@ impl Scoring {
     }
 
     /// Brings the service to the state after `iteration` iterations.
+    ///
+    /// # Errors
+    /// When the service refuses, is gone, or the bus fails.
     pub fn begin(&self, iteration: u64, checkpoint: &str) -> Result<Begun> {
         let begin = Begin { iteration, checkpoint: checkpoint.to_owned() };
         match self.ask(Ask::Begin(begin))? {
@@ -68,6 +74,9 @@ impl Scoring {
 
     /// Makes a batch the service's current one. It has most trajectories from the actors; those it
     /// lacks are sent again.
+    ///
+    /// # Errors
+    /// As [`Scoring::begin`], and when the service does not keep what it was sent.
     pub fn announce(&self, iteration: u64, trajectories: &[Encoded]) -> Result<()> {
         let keys: Vec<TrajectoryKey> = trajectories.iter().map(|encoded| encoded.key).collect();
         let mut supplied = Vec::new();
@@ -88,6 +97,9 @@ impl Scoring {
     }
 
     /// Scores of the current batch, in batch order.
+    ///
+    /// # Errors
+    /// As [`Scoring::begin`], and when there are not as many as trajectories.
     pub fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
         let scores = match self.ask(Ask::Score(IterationRequest { iteration }))? {
             Answer::Scores(scores) => scores.scores,
@@ -103,6 +115,9 @@ impl Scoring {
     }
 
     /// Starts the training of the reward model on the current batch (Eq. 4).
+    ///
+    /// # Errors
+    /// When the bus fails.
     pub fn start_improving(&self, iteration: u64) -> Result<Improvement> {
         let ask = Ask::Improve(IterationRequest { iteration });
         let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
@@ -110,6 +125,9 @@ impl Scoring {
     }
 
     /// Waits for the training to end.
+    ///
+    /// # Errors
+    /// As [`Scoring::begin`].
     pub fn improved(&self, improvement: Improvement) -> Result<RewardUpdate> {
         let mut wait = Wait::default();
         loop {

@@ -1,4 +1,4 @@
-//! What the trainer carries from one iteration to the next, beside what the policy learner does.
+//! What the trainer carries from one iteration to the next, besides what the policy learner does.
 //!
 //! Random streams are named, not carried (`protocol::seed`), so both together are all there is.
 

@@ -53,6 +53,9 @@ struct Times {
 
 impl Trainer {
     /// Opens everything: the newest checkpoint or a fresh state, the log, the ports, the service.
+    ///
+    /// # Errors
+    /// When the folder holds no run, its checkpoint does not fit, or the log or the bus cannot be opened.
     pub fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
         let place = folder.place()?;
         let config = folder.config()?;
@@ -91,6 +94,9 @@ impl Trainer {
     }
 
     /// Trains to the end; false if a stop came before it.
+    ///
+    /// # Errors
+    /// When the bus, the disk or the service fails, or learning diverges.
     pub fn train(&mut self) -> Result<bool> {
         if !self.begin_scoring()? {
             return Ok(false);

@@ -14,13 +14,9 @@ use protocol::trajectory::{Encoded, Source, Trajectory};
 use rand::RngExt;
 use run::config::RunConfig;
 
-const METHODS: &str = include_str!("../../deploy/methods.toml");
-const NAVIGATION: &str = include_str!("../../deploy/tasks/navigation.toml");
-const FETCH_PUSH: &str = include_str!("../../deploy/tasks/fetch_push.toml");
-
-fn config(file: &str, settings: &[&str]) -> RunConfig {
+fn config(task: &str, settings: &[&str]) -> RunConfig {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
-    RunConfig::assemble(file, METHODS, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, "goalward", &settings).unwrap()
 }
 
 /// A corridor of a grid: places 1 to 17 of row 1, goals at both ends. Action 0 goes right, 2 left.
@@ -152,7 +148,7 @@ const SMALL: [&str; 3] =
 fn small(method: &str, settings: &[&str]) -> RunConfig {
     let method = format!("method={method}");
     let cloning = if method.ends_with("sqil") { 2 } else { 3 };
-    config(NAVIGATION, &[&[&method[..]], &SMALL[..cloning], settings].concat())
+    config("navigation", &[&[&method[..]], &SMALL[..cloning], settings].concat())
 }
 
 fn bco() -> RunConfig {
@@ -229,7 +225,7 @@ fn soft_q_learning_follows_the_expert() {
 #[test]
 fn a_soft_actor_critic_follows_the_expert() {
     let config = config(
-        FETCH_PUSH,
+        "fetch-push",
         &[
             "method=sqil",
             "policy.hidden=[32]",

@@ -106,7 +106,7 @@ fn check(name: &'static str, action: ActionSpec, squashed: bool) {
         found.clip_fraction,
         found.gradient_norm,
     ];
-    case.assert_close("figures", &metrics.map(|figure| figure as f32));
+    case.assert_close("figures", &metrics.map(|metric| metric as f32));
     case.assert_close("trained", &parameters);
 }
 

@@ -1,4 +1,4 @@
-//! The ensemble whose mean is the proximity and whose spread is the uncertainty (Section 3.2).
+//! The ensemble whose mean is the proximity and whose spread is the uncertainty (Section 3.3).
 
 use protocol::seed::Stream;
 
@@ -23,7 +23,7 @@ pub struct Score {
     /// Mean of the members.
     pub mean: f32,
     /// Standard deviation of the members, over one less than their number.
-    pub deviation: f32,
+    pub standard_deviation: f32,
 }
 
 impl Score {
@@ -33,7 +33,7 @@ impl Score {
         let mean = outputs.clone().map(f64::from).sum::<f64>() / count as f64;
         let square = |output: f32| (f64::from(output) - mean) * (f64::from(output) - mean);
         let variance = outputs.map(square).sum::<f64>() / count.saturating_sub(1).max(1) as f64;
-        Self { mean: mean as f32, deviation: variance.sqrt() as f32 }
+        Self { mean: mean as f32, standard_deviation: variance.sqrt() as f32 }
     }
 
     /// The proximity of an ensemble that regresses it: the mean, clamped to [0, 1] after averaging.
@@ -94,12 +94,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_proximity_is_clamped_and_the_deviation_is_not() {
+    fn the_proximity_is_clamped_and_the_standard_deviation_is_not() {
         let score = Score::of([0.5, 1.5, 2.5].into_iter());
-        assert_eq!((score, score.proximity()), (Score { mean: 1.5, deviation: 1.0 }, 1.0));
+        assert_eq!((score, score.proximity()), (Score { mean: 1.5, standard_deviation: 1.0 }, 1.0));
         let score = Score::of([-3.0, -3.0].into_iter());
-        assert_eq!((score, score.proximity()), (Score { mean: -3.0, deviation: 0.0 }, 0.0));
+        assert_eq!(
+            (score, score.proximity()),
+            (Score { mean: -3.0, standard_deviation: 0.0 }, 0.0)
+        );
         let score = Score::of([0.25].into_iter());
-        assert_eq!((score, score.proximity()), (Score { mean: 0.25, deviation: 0.0 }, 0.25));
+        assert_eq!(
+            (score, score.proximity()),
+            (Score { mean: 0.25, standard_deviation: 0.0 }, 0.25)
+        );
     }
 }

@@ -9,7 +9,7 @@ const EPSILON: f64 = 1e-8;
 
 /// Numbers whose standard deviation in demonstrations is smaller are not normalized; meters, radians,
 /// or per second.
-const LEAST_DEVIATION: f64 = 0.01;
+const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 
 /// Normalized observations are cut off at this many standard deviations.
 const CLIP: f64 = 10.0;
@@ -53,7 +53,7 @@ impl RunningMoments {
     }
 
     /// The standard deviation, never zero: what returns are divided by.
-    pub fn deviation(&self) -> f64 {
+    pub fn standard_deviation(&self) -> f64 {
         (self.variance + EPSILON).sqrt()
     }
 }
@@ -76,14 +76,14 @@ impl RunningNormalizer {
     pub fn of_demonstrations(len: usize, observations: &[u8]) -> Self {
         let mut normalizer = Self::new(len);
         normalizer.update(observations);
-        normalizer.leave_constant(LEAST_DEVIATION);
+        normalizer.leave_constant(LEAST_STANDARD_DEVIATION);
         normalizer
     }
 
-    /// Leaves numbers that vary by less than a deviation as they are from now on: scaled up, the
+    /// Leaves numbers with a smaller standard deviation as they are from now on: scaled up, the
     /// first one that differs would outweigh all others.
-    pub fn leave_constant(&mut self, deviation: f64) {
-        for moments in self.moments.iter_mut().filter(|one| one.deviation() < deviation) {
+    pub fn leave_constant(&mut self, least: f64) {
+        for moments in self.moments.iter_mut().filter(|one| one.standard_deviation() < least) {
             *moments = RunningMoments::default();
         }
     }
@@ -134,8 +134,11 @@ impl RunningNormalizer {
             return;
         }
         assert_eq!(observations.len() % (4 * len), 0, "observations have {len} numbers");
-        let scales: Vec<_> =
-            self.moments.iter().map(|moments| (moments.mean, moments.deviation())).collect();
+        let scales: Vec<_> = self
+            .moments
+            .iter()
+            .map(|moments| (moments.mean, moments.standard_deviation()))
+            .collect();
         for row in observations.chunks_exact_mut(4 * len) {
             for (number, (mean, deviation)) in row.as_chunks_mut::<4>().0.iter_mut().zip(&scales) {
                 let distance = f64::from(f32::from_le_bytes(*number)) - mean;

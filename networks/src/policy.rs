@@ -24,14 +24,14 @@ pub struct ActorCritic {
     /// Outputs of the actor's head.
     actor_outputs: usize,
     /// Logarithms of standard deviations at the end of the parameters.
-    log_deviations: usize,
+    log_standard_deviations: usize,
 }
 
 /// One version of an [`ActorCritic`]'s parameters, packed for evaluation and shared by threads.
 #[derive(Clone, Debug, Default)]
 pub struct PreparedPolicy {
     networks: Vec<Prepared>,
-    log_deviations: Vec<f32>,
+    log_standard_deviations: Vec<f32>,
 }
 
 /// What a thread needs to evaluate an [`ActorCritic`]; reused from batch to batch.
@@ -68,7 +68,7 @@ impl ActorCritic {
     ) -> Self {
         let distribution = Distribution::new(action, architecture.squashed);
         let outputs = distribution.parameter_count();
-        let (actor_outputs, actor_gain, log_deviations) = match distribution {
+        let (actor_outputs, actor_gain, log_standard_deviations) = match distribution {
             Distribution::Categorical { .. } | Distribution::SquashedGaussian { .. } => {
                 (outputs, 0.01, 0)
             }
@@ -101,7 +101,7 @@ impl ActorCritic {
         } else {
             vec![network(vec![actor]), network(vec![critic])]
         };
-        Self { networks, distribution, actor_outputs, log_deviations }
+        Self { networks, distribution, actor_outputs, log_standard_deviations }
     }
 
     /// How actions are drawn from the parameters that the actor gives.
@@ -117,7 +117,7 @@ impl ActorCritic {
     /// Length of the flat parameters: networks in order, then logarithms of standard deviations.
     pub fn parameter_count(&self) -> usize {
         let counts = self.networks.iter().map(Network::parameter_count);
-        counts.sum::<usize>() + self.log_deviations
+        counts.sum::<usize>() + self.log_standard_deviations
     }
 
     /// Draws first parameters; standard deviations begin at one.
@@ -165,8 +165,8 @@ impl ActorCritic {
             network.prepare_into(own, prepared);
             rest = further;
         }
-        prepared.log_deviations.clear();
-        prepared.log_deviations.extend_from_slice(rest);
+        prepared.log_standard_deviations.clear();
+        prepared.log_standard_deviations.extend_from_slice(rest);
     }
 
     /// Action parameters only, `parameter_count x rows`: the half that acting needs.
@@ -181,13 +181,15 @@ impl ActorCritic {
     ) -> &'w DMatrix<f32> {
         let PolicyWorkspace { networks, parameters, .. } = workspace;
         let outputs = self.networks[0].forward(&prepared.networks[0], batch, &mut networks[0]);
-        reshape(parameters, self.actor_outputs + self.log_deviations, outputs.ncols());
+        reshape(parameters, self.actor_outputs + self.log_standard_deviations, outputs.ncols());
         for (mut to, from) in parameters.column_iter_mut().zip(outputs.column_iter()) {
             to.iter_mut()
                 .zip(from.iter().take(self.actor_outputs))
                 .for_each(|(to, from)| *to = *from);
-            let log_deviations = to.iter_mut().skip(self.actor_outputs);
-            log_deviations.zip(&prepared.log_deviations).for_each(|(to, from)| *to = *from);
+            let log_standard_deviations = to.iter_mut().skip(self.actor_outputs);
+            log_standard_deviations
+                .zip(&prepared.log_standard_deviations)
+                .for_each(|(to, from)| *to = *from);
         }
         parameters
     }
@@ -231,13 +233,13 @@ impl ActorCritic {
     ) {
         let PolicyWorkspace { networks: [first, second], gradients, .. } = workspace;
         assert_eq!(gradient.len(), self.parameter_count(), "parameters of this policy");
-        let width = self.actor_outputs + self.log_deviations;
+        let width = self.actor_outputs + self.log_standard_deviations;
         assert_eq!(parameter_gradients.nrows(), width, "parameters of the action distribution");
         let actor_gradients = parameter_gradients.rows(0, self.actor_outputs);
         let (own, rest) = gradient.split_at_mut(self.networks[0].parameter_count());
         reshape(gradients, self.networks[0].outputs(), parameter_gradients.ncols());
         gradients.rows_mut(0, self.actor_outputs).copy_from(&actor_gradients);
-        let log_deviations = match &self.networks[..] {
+        let log_standard_deviations = match &self.networks[..] {
             [_, critic] => {
                 let (critic_own, rest) = rest.split_at_mut(critic.parameter_count());
                 if let Some(value_gradients) = value_gradients {
@@ -258,7 +260,10 @@ impl ActorCritic {
         self.networks[0].backward(&prepared.networks[0], batch, first, gradients, own);
         for row in parameter_gradients.column_iter() {
             let own = row.iter().skip(self.actor_outputs);
-            log_deviations.iter_mut().zip(own).for_each(|(sum, derivative)| *sum += derivative);
+            log_standard_deviations
+                .iter_mut()
+                .zip(own)
+                .for_each(|(sum, derivative)| *sum += derivative);
         }
     }
 }

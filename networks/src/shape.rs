@@ -18,7 +18,7 @@ pub struct PolicyArchitecture {
     pub activation: Activation,
     /// Whether actor and critic share the encoder of cell observations.
     pub shared_trunk: bool,
-    /// Whether continuous actions are squashed, with deviations that depend on the observation.
+    /// Whether continuous actions are squashed, with standard deviations that depend on the observation.
     pub squashed: bool,
     /// Observations in a row: one, or two for an inverse dynamics model.
     pub frames: usize,

@@ -85,9 +85,9 @@ fn shape(observation: ObservationSpec) -> NetworkShape {
 /// Checks the gradient of a random linear function of the outputs, layer by layer.
 fn check_network(shape: NetworkShape) {
     let mut stream = random();
-    let (frames, beside_count) = (shape.frames, shape.extra_inputs);
+    let (frames, extra_count) = (shape.frames, shape.extra_inputs);
     let observations = observations(shape.observation, frames, &mut stream);
-    let extra_inputs: Vec<f32> = (0..ROWS * beside_count).map(|_| normal(&mut stream)).collect();
+    let extra_inputs: Vec<f32> = (0..ROWS * extra_count).map(|_| normal(&mut stream)).collect();
     let batch = Batch { observations: &observations, extra_inputs: &extra_inputs };
     let network = Network::new(shape);
     let count = network.parameter_count();
@@ -265,7 +265,7 @@ fn distributions() {
         for _ in 0..20 {
             let sampled = distribution.sample(&parameters, &mut stream, &mut bytes);
             assert_eq!(sampled, distribution.log_probability(&parameters, &bytes));
-            // The deviation's bounded logarithm bends sharply.
+            // The standard deviation's bounded logarithm bends sharply.
             let step = if squashed { 1e-3 } else { 5e-3 };
             let expected = differences(&parameters, step, |parameters| {
                 let log_probability = distribution.log_probability(parameters, &bytes);

@@ -9,18 +9,9 @@ use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, Task};
 use run::config::{RewardInput, RunConfig};
 
-const METHODS: &str = include_str!("../../deploy/methods.toml");
-
 fn config(task: &str, settings: &str) -> RunConfig {
-    let file = match task {
-        "navigation" => include_str!("../../deploy/tasks/navigation.toml"),
-        "fetch-pick" => include_str!("../../deploy/tasks/fetch_pick.toml"),
-        "fetch-push" => include_str!("../../deploy/tasks/fetch_push.toml"),
-        "ant-reach" => include_str!("../../deploy/tasks/ant_reach.toml"),
-        task => panic!("no task {task}"),
-    };
     let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
-    RunConfig::assemble(file, METHODS, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, "goalward", &settings).unwrap()
 }
 
 fn action_numbers(task: &Task) -> usize {

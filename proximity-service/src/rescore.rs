@@ -62,6 +62,9 @@ pub struct Point {
 
 /// Scores the batches of a run's log, in `log`, again under `config`, or by the trained model of
 /// another run, and writes one line per episode.
+///
+/// # Errors
+/// When the log cannot be read, has no updates, or lacks a score; when the model cannot be made or diverges.
 pub fn rescore(
     folder: &RunFolder,
     log: &Path,

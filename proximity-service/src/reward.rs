@@ -27,7 +27,7 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
     (0..steps).map(reward).collect()
 }
 
-/// Rewards of a discriminator, one per row: of its mean logit, less the penalty for the deviation of
+/// Rewards of a discriminator, one per row: of its mean logit, less the penalty for the standard deviation of
 /// the members' logits. There is no final bonus, which is proximity's.
 pub fn discriminator_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     let penalty = config.uncertainty as f32;
@@ -40,7 +40,7 @@ pub fn discriminator_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f3
                 unreachable!("a configuration has them for proximity only")
             }
         };
-        own - penalty * row.deviation
+        own - penalty * row.standard_deviation
     };
     rows.iter().map(reward).collect()
 }
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn a_discriminator_rewards_its_logit_or_what_the_agent_would_not_do() {
         let airl = RewardConfig { uncertainty: 0.5, form: RewardForm::Airl, ..config() };
-        let row = RowScore { mean: 2.0, deviation: 0.5 };
+        let row = RowScore { mean: 2.0, standard_deviation: 0.5 };
         assert_eq!(discriminator_rewards(&[row], &airl), [1.75]);
         let gail = RewardConfig { form: RewardForm::Gail, ..airl };
         let agents = 1.0 - 1.0 / (1.0 + libm::expf(-2.0));

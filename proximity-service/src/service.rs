@@ -63,7 +63,7 @@ enum OfflineTraining {
     Idle,
     /// It goes on while nobody asks for anything else.
     UnderWay(Pretraining),
-    /// Its figures, and the model behind it.
+    /// Its losses, and the model behind it.
     Done(RewardUpdate, Tensors),
     /// It came to no end.
     Diverged(Final),
@@ -71,6 +71,9 @@ enum OfflineTraining {
 
 impl Service {
     /// Opens the ports of a run's service.
+    ///
+    /// # Errors
+    /// When the bus fails.
     pub fn open(
         folder: &RunFolder,
         config: &RunConfig,
@@ -95,6 +98,9 @@ impl Service {
     }
 
     /// Serves until a stop is requested and the learner, which may still save, is gone.
+    ///
+    /// # Errors
+    /// When the bus fails, or the model diverges.
     pub fn serve(&mut self, stop: &Stop) -> Result<()> {
         while !(stop.is_requested() && self.learner_is_gone()?) {
             let trains =

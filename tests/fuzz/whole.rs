@@ -19,16 +19,9 @@ const STEPS: usize = 3;
 
 /// The configuration of a small run.
 pub(crate) fn config(task: &str) -> RunConfig {
-    let (file, small) = match task {
-        "navigation" => (include_str!("../../deploy/tasks/navigation.toml"), &SMALL[..]),
-        "fetch-pick" => (include_str!("../../deploy/tasks/fetch_pick.toml"), &SMALL_PHYSICS[..]),
-        "fetch-push" => (include_str!("../../deploy/tasks/fetch_push.toml"), &SMALL_PHYSICS[..]),
-        "ant-reach" => (include_str!("../../deploy/tasks/ant_reach.toml"), &SMALL_PHYSICS[..]),
-        task => panic!("no task {task}"),
-    };
+    let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS[..] };
     let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
-    let methods = include_str!("../../deploy/methods.toml");
-    RunConfig::assemble(file, methods, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, "goalward", &settings).unwrap()
 }
 
 /// A trajectory that its task takes.

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-/// Figures of a finished run.
+/// The summary of a finished run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Summary {
     /// Name of the task.

@@ -23,7 +23,7 @@ const FILE_LINES: usize = 500;
 const FUNCTION_LINES: usize = 70;
 
 /// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
-const EDGES: [(&str, &[&str]); 11] = [
+const EDGES: [(&str, &[&str]); 13] = [
     ("protocol", &[]),
     ("bus", &["protocol"]),
     ("mcap-log", &["protocol"]),
@@ -33,7 +33,9 @@ const EDGES: [(&str, &[&str]); 11] = [
     ("actor", &["protocol", "bus", "mcap-log", "run", "environments", "networks"]),
     ("learner", &["protocol", "bus", "mcap-log", "run", "networks"]),
     ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks"]),
-    ("deploy", &["protocol", "bus", "mcap-log", "run"]),
+    ("terminal", &["protocol"]),
+    ("report", &["protocol", "mcap-log", "run", "terminal"]),
+    ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report"]),
     (
         "system-tests",
         &[

@@ -10,9 +10,10 @@ use run::config::DEFAULT_PRESET;
 use toml::Value;
 
 use crate::demonstrations::Recording;
-use crate::refusal::stopped;
-use crate::status_line::StatusLine;
-use crate::{description, destination, machine, programs, tasks};
+use crate::{description, destination, machine, programs};
+use run::tasks;
+use terminal::refusal::stopped;
+use terminal::status_line::StatusLine;
 
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
@@ -57,7 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     for (key, value) in [("coverage", coverage), ("noise", noise)] {
         setting.0.extend(value.map(|value| (key.to_owned(), Value::Float(value))));
     }
-    let setting = description::complete_setting(task, &setting)?;
+    let setting = description::complete_setting(task, &setting, policy.is_none())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
     if force {
@@ -66,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
         }
     }
-    match recording.record(&mut recording.actor()?, StatusLine::beside_data())? {
+    match recording.record(&mut recording.actor()?, StatusLine::on_error())? {
         Some(status) => programs::expect_success(status),
         None => Err(stopped()),
     }

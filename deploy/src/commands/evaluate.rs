@@ -1,6 +1,6 @@
 //! `goalward evaluate`: runs episodes with a run's newest policy.
 //!
-//! The actor does it and prints its figures as JSON; this shows them to people.
+//! The actor does it and prints the result as JSON; this shows them to people.
 
 use std::path::PathBuf;
 
@@ -8,10 +8,11 @@ use anyhow::Result;
 use run::folder::RunFolder;
 use serde::Deserialize;
 
-use crate::print::print_line;
 use crate::programs::{self, Program};
 use crate::summary::success;
-use crate::{destination, figures, machine};
+use crate::{destination, machine};
+use terminal::numbers;
+use terminal::print::print_line;
 
 /// Flags of `goalward evaluate`.
 #[derive(Debug, clap::Args)]
@@ -49,17 +50,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string()]);
-    print_line(table(&programs::figures(&mut actor, "evaluating")?).trim_end());
+    print_line(table(&programs::result(&mut actor, "evaluating")?).trim_end());
     Ok(())
 }
 
 fn table(evaluation: &Evaluation) -> String {
     let Evaluation { episodes, success_rate, mean_return, mean_steps, policy_version, file } =
         evaluation;
-    figures::table(&[
+    numbers::table(&[
         ("success", success(*success_rate, *episodes, Some(*mean_return))),
-        ("steps per episode", figures::number(*mean_steps)),
-        ("policy version", figures::count(*policy_version)),
+        ("steps per episode", numbers::number(*mean_steps)),
+        ("policy version", numbers::count(*policy_version)),
         ("recorded in", file.display().to_string()),
     ])
 }

@@ -8,9 +8,9 @@ use anyhow::{Context, Result, bail};
 use crate::experiment::{
     Archive, execute, figure_of_plan, overview, queue, read_all, refuse_other_builds,
 };
-use crate::print::print_line;
-use crate::refusal::stopped;
 use crate::{description, destination, programs};
+use terminal::print::print_line;
+use terminal::refusal::stopped;
 
 /// Flags of `goalward experiment`.
 #[derive(Debug, clap::Args)]

@@ -10,9 +10,10 @@ use mcap_log::{is_active, log_files};
 use run::folder::RunFolder;
 
 use crate::full_log::{self, Restored};
-use crate::print::print_line;
-use crate::refusal::{Refusal, wrong_usage};
-use crate::{destination, figures, plan};
+use crate::{destination, plan};
+use terminal::numbers;
+use terminal::print::print_line;
+use terminal::refusal::{Refusal, wrong_usage};
 
 /// The verbs of `goalward log`.
 #[derive(Debug, clap::Subcommand)]
@@ -93,7 +94,7 @@ fn restore(run: &RunFolder, out: &Path, force: bool) -> Result<()> {
         fs::remove_file(&file.path).with_context(|| format!("removing {}", file.path.display()))?;
     }
     let Restored { episodes, restored } = full_log::restore(run, out)?;
-    let [episodes, restored] = [episodes, restored].map(figures::count);
+    let [episodes, restored] = [episodes, restored].map(numbers::count);
     print_line(&format!("{}: {episodes} episodes, {restored} acted again", out.display()));
     full_log::refuse_loss(run)
 }

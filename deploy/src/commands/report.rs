@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use report::programs::{Estimates, Programs};
 use run::folder::RunFolder;
+use serde::Deserialize;
 
+use crate::destination;
 use crate::experiment::figure_of_plan;
-use crate::print::print_line;
-use crate::refusal::wrong_usage;
-use crate::{destination, report};
+use crate::programs::{self, Program};
+use terminal::print::print_line;
+use terminal::refusal::wrong_usage;
 
 /// Flags of `goalward report`.
 #[derive(Debug, clap::Args)]
@@ -45,7 +48,30 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         let folders = folders.into_iter().map(RunFolder::new).collect();
         figures.push(report::figure_of_runs(folders)?);
     }
-    let page = report::write(figures, &out)?;
+    let page = report::write(figures, &out, &OfRuns)?;
     print_line(&format!("{}", page.display()));
     Ok(())
+}
+
+/// The programs of the runs themselves.
+struct OfRuns;
+
+impl Programs for OfRuns {
+    fn estimate(&self, folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
+        let mut service = Program::ProximityService.command()?;
+        service.arg("estimate").arg("--run").arg(folder.path());
+        programs::result_for(&mut service, "asking", observations)
+    }
+
+    fn evaluate(&self, folder: &RunFolder, episodes: usize) -> Result<PathBuf> {
+        #[derive(Deserialize)]
+        struct Evaluation {
+            file: PathBuf,
+        }
+        let mut actor = Program::acting_in(&folder.config()?.task).command()?;
+        actor.arg("evaluate").arg("--run").arg(folder.path());
+        actor.arg("--episodes").arg(episodes.to_string());
+        let evaluation: Evaluation = programs::result(&mut actor, "evaluating")?;
+        Ok(evaluation.file)
+    }
 }

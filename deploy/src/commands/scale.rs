@@ -7,9 +7,9 @@ use bus::MAX_ACTORS;
 use run::folder::RunFolder;
 
 use crate::machine::Machine;
-use crate::print::print_line;
-use crate::refusal::wrong_usage;
 use crate::{plan, supervisor};
+use terminal::print::print_line;
+use terminal::refusal::wrong_usage;
 
 /// Flags of `goalward scale`.
 #[derive(Debug, clap::Args)]

@@ -13,11 +13,13 @@ use run::checkpoint;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
+use run::summary::Summary;
 
-use crate::print::{print_line, print_remark};
 use crate::processes::Processes;
 use crate::progress::offline;
-use crate::{figures, plan, summary};
+use crate::{plan, summary};
+use terminal::numbers;
+use terminal::print::{print_line, print_remark};
 
 /// How long a live run is listened to; it publishes every second at least.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -38,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let training = processes.filter(Processes::train);
     let table = if let (Some(address), Some(processes)) = (address, training) {
         live(&address, &config, &processes)?
-    } else if let Some(summary) = summary::of_finished(&folder, print_remark) {
+    } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
         format!("finished\n{}", summary::table(&summary))
     } else if plan::lock(&folder).is_err() {
         beginning(&folder, &config)
@@ -52,7 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 fn live(address: &BusAddress, config: &RunConfig, processes: &Processes) -> Result<String> {
     let progress = listen(address)?;
     let silence =
-        || format!("no figures: its learner has said nothing for {} s", PATIENCE.as_secs());
+        || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
     let (headline, rows, heard) = match progress {
         Some(progress) => {
             ("training".to_owned(), live_rows(&progress, config), progress.actors_heard)
@@ -60,7 +62,7 @@ fn live(address: &BusAddress, config: &RunConfig, processes: &Processes) -> Resu
         None => (silence(), common_rows(config), Vec::new()),
     };
     let headline = processes.trouble().unwrap_or(headline);
-    Ok(format!("{headline}\n{}{}", figures::table(&rows), processes.table(&heard)))
+    Ok(format!("{headline}\n{}{}", numbers::table(&rows), processes.table(&heard)))
 }
 
 /// The newest progress of a run; none while its learner says nothing.
@@ -87,7 +89,7 @@ fn beginning(folder: &RunFolder, config: &RunConfig) -> String {
     let records = config.imitates() && !file_of(folder, config).exists();
     let doing =
         if records { "recording its demonstrations" } else { "its processes are not there yet" };
-    format!("starting: {doing}\n{}", figures::table(&common_rows(config)))
+    format!("starting: {doing}\n{}", numbers::table(&common_rows(config)))
 }
 
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
@@ -104,19 +106,19 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     let done = progress.update.as_ref().map_or(0, |update| update.environment_steps);
     rows.push(("environment steps", steps(done, progress.steps_wanted)));
     rows.extend(progress.update.iter().flat_map(update_rows));
-    // A fixed reward has no versions, and one just read from a checkpoint has no figures yet.
+    // A fixed reward has no versions, and one just read from a checkpoint has no losses yet.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
     if let Some(update) = learned {
-        let losses = [update.demonstration_loss, update.agent_loss].map(figures::number);
+        let losses = [update.demonstration_loss, update.agent_loss].map(numbers::number);
         let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
         rows.push(("reward loss", losses));
-        let steps = figures::count(update.gradient_steps);
+        let steps = numbers::count(update.gradient_steps);
         rows.push(("reward model", format!("{steps} gradient steps in its last update")));
     }
     let (actors, leases) = (progress.actors, progress.leases);
     rows.push(("actors", format!("{actors}, {leases} leases handed out")));
-    rows.push(("time", figures::duration(progress.wall_s)));
-    rows.push(("log", figures::bytes(progress.log_bytes)));
+    rows.push(("time", numbers::duration(progress.wall_s)));
+    rows.push(("log", numbers::bytes(progress.log_bytes)));
     rows
 }
 
@@ -126,7 +128,7 @@ fn stopped(folder: &RunFolder, config: &RunConfig) -> String {
     let place = found.newest.as_ref().map_or_else(
         || "none: it begins anew".to_owned(),
         |newest| {
-            let iteration = figures::count(newest.iteration);
+            let iteration = numbers::count(newest.iteration);
             format!("after iteration {iteration}, {}", newest.folder.display())
         },
     );
@@ -139,12 +141,12 @@ fn stopped(folder: &RunFolder, config: &RunConfig) -> String {
         rows.extend(update_rows(&update));
     }
     let heading = if folder.log().exists() { "stopped, not finished" } else { "never started" };
-    format!("{heading}\n{}", figures::table(&rows))
+    format!("{heading}\n{}", numbers::table(&rows))
 }
 
 /// The newest update that the checkpoint after `iteration` iterations contains.
 ///
-/// The log is only looked at for figures: one that cannot be read costs them, nothing else.
+/// The log is only looked at for metrics: one that cannot be read costs them, nothing else.
 fn last_update_before(folder: &RunFolder, iteration: u64) -> Option<PolicyUpdate> {
     let records = read_contents(&folder.log(), Contents::Updates).ok()?;
     let updates = records.flatten().filter_map(|entry| match entry.record {
@@ -160,19 +162,19 @@ fn common_rows(config: &RunConfig) -> Vec<(&'static str, String)> {
 
 fn update_rows(update: &PolicyUpdate) -> Vec<(&'static str, String)> {
     vec![
-        ("iterations", figures::count(update.iteration + 1)),
-        ("episodes", figures::count(update.episodes)),
-        ("success, last 100 training episodes", figures::percent(update.success_rate, 1)),
+        ("iterations", numbers::count(update.iteration + 1)),
+        ("episodes", numbers::count(update.episodes)),
+        ("success, last 100 training episodes", numbers::percent(update.success_rate, 1)),
         ("policy KL, value loss", {
             let (divergence, value) = (update.approximate_kl, update.value_loss);
-            format!("{}, {}", figures::number(divergence), figures::number(value))
+            format!("{}, {}", numbers::number(divergence), numbers::number(value))
         }),
     ]
 }
 
 fn steps(done: u64, wanted: u64) -> String {
-    let percent = figures::percent_done(done, wanted);
-    format!("{} of {} ({percent} %)", figures::count(done), figures::count(wanted))
+    let percent = numbers::percent_done(done, wanted);
+    format!("{} of {} ({percent} %)", numbers::count(done), numbers::count(wanted))
 }
 
 #[cfg(test)]
@@ -180,7 +182,7 @@ mod tests {
     use protocol::messages::{Pretraining, RewardUpdate};
 
     use super::*;
-    use crate::tasks;
+    use run::tasks;
 
     fn config() -> RunConfig {
         tasks::configuration("navigation", "goalward", &[]).unwrap()
@@ -207,14 +209,14 @@ mod tests {
 
     #[test]
     fn a_live_run_without_an_update_has_a_table() {
-        let table = figures::table(&live_rows(&Progress::default(), &config()));
+        let table = numbers::table(&live_rows(&Progress::default(), &config()));
         assert!(table.contains("offline"), "{table}");
         assert!(table.contains("0 of 0 (0 %)"), "{table}");
         let pretraining = Some(Pretraining { done: 30, total: 120 });
         let reward_update =
             Some(RewardUpdate { model_version: 2, gradient_steps: 64, ..RewardUpdate::default() });
         let progress = Progress { pretraining, reward_update, ..Progress::default() };
-        let table = figures::table(&live_rows(&progress, &config()));
+        let table = numbers::table(&live_rows(&progress, &config()));
         assert!(table.contains("30 of 120 gradient steps (25 %)"), "{table}");
         assert!(table.contains("64 gradient steps in its last update"), "{table}");
     }

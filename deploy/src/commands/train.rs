@@ -12,12 +12,13 @@ use run::summary::Summary;
 
 use crate::machine::Machine;
 use crate::plan::{self, Plan, TrainRequest};
-use crate::print::{print_line, print_remark};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
-use crate::refusal::{Refusal, stopped};
 use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
-use crate::{demonstrations, description, figures, limits, summary};
+use crate::{demonstrations, description, limits, summary};
+use terminal::numbers;
+use terminal::print::{print_line, print_remark};
+use terminal::refusal::{Refusal, stopped};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -98,7 +99,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let other_build = arguments.other_build;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let mut plan = begin(arguments.wishes())?;
-    if let Some(summary) = summary::of_finished(&plan.folder, print_remark) {
+    if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
         print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
         print_end(&plan.folder, &summary);
@@ -159,7 +160,7 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
 fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
     if config.imitates() && !file_of(folder, config).exists() {
-        let episodes = figures::count(config.demonstrations.episodes);
+        let episodes = numbers::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
         if !demonstrations::record_for_run(folder, config)? {
             return Ok(Outcome::Stopped);
@@ -205,17 +206,17 @@ fn print_start(plan: &Plan) {
         "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         if plan.resumed { "continuing" } else { "training" },
         plan.folder.path().display(),
-        figures::count(config.steps_wanted()),
+        numbers::count(config.steps_wanted()),
         resources.actors,
     ));
 }
 
-fn print_end(folder: &RunFolder, figures: &Summary) {
+fn print_end(folder: &RunFolder, summary: &Summary) {
     let (goalward, shown) = (programs::own_command(), folder.path().display());
     print_line(&format!(
         "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
          next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
-        summary::table(figures)
+        summary::table(summary)
     ));
 }
 
@@ -249,7 +250,7 @@ mod tests {
             other_build: false,
         };
         let settings = arguments.wishes().settings;
-        let config = crate::tasks::configuration("navigation", "goalward", &settings).unwrap();
+        let config = run::tasks::configuration("navigation", "goalward", &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
         let coverage = config.demonstrations.environment.0["coverage"].as_float();
         assert_eq!((coverage, config.ppo.clip), (Some(1.0), 0.3));

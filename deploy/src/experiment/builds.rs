@@ -5,8 +5,8 @@ use protocol::build::Build;
 
 use super::archive::Archive;
 use super::planned_run::PlannedRun;
-use crate::origin::Origin;
-use crate::refusal::wrong_usage;
+use report::origin::Origin;
+use terminal::refusal::wrong_usage;
 
 /// Looks at every run that was begun.
 ///

@@ -46,7 +46,7 @@ mod tests {
     use run::config::DEFAULT_PRESET;
 
     use super::*;
-    use crate::tasks::configuration;
+    use run::tasks::configuration;
 
     fn config(task: &str, method: &str) -> RunConfig {
         let settings = [format!("method={method}"), "steps=1000".to_owned()];

@@ -13,14 +13,15 @@ use mcap_log::is_being_written;
 use run::summary::Summary;
 
 use super::archive::Archive;
-use super::child::{Recorder, Running, Training};
 use super::estimate::Estimate;
 use super::planned_run::PlannedRun;
-use crate::refusal::WRONG_USAGE;
-use crate::status_line::StatusLine;
-use crate::summary::of_finished;
+use super::recorder::Recorder;
+use super::training::{Standing, Training};
+use crate::child::Child;
 use crate::supervisor::Signals;
-use crate::{figures, progress};
+use terminal::numbers;
+use terminal::refusal::WRONG_USAGE;
+use terminal::status_line::StatusLine;
 
 /// How often the processes are looked at if no signal says so.
 const TICK: Duration = Duration::from_millis(500);
@@ -56,12 +57,12 @@ pub(crate) fn execute(
         recorder: None,
         running: Vec::new(),
         estimate: Estimate::default(),
-        line: StatusLine::new(),
+        line: StatusLine::on_output(),
         ended: Ended::default(),
     };
     for run in runs {
         let training = Training::of(run, archive);
-        match of_finished(&training.folder, |remark| execution.line.note(remark)) {
+        match Summary::of_finished(&training.folder, |remark| execution.line.note(remark)) {
             Some(summary) => execution.count(&training, &summary),
             None => execution.waiting.push_back(training),
         }
@@ -82,7 +83,7 @@ struct Execution {
     waiting: VecDeque<Training>,
     /// For the first of those that wait.
     recorder: Option<Recorder>,
-    running: Vec<(Training, Running)>,
+    running: Vec<(Training, Child)>,
     estimate: Estimate,
     line: StatusLine,
     ended: Ended,
@@ -90,7 +91,7 @@ struct Execution {
 
 /// What was begun for a run that was next.
 enum Begun {
-    Training(Running),
+    Training(Child),
     Recording(Recorder),
     /// Somebody else has trained it meanwhile, or does so now.
     Nothing,
@@ -126,7 +127,7 @@ impl Execution {
         }
         let Some(training) = self.waiting.pop_front() else { return false };
         match self.begin(&training) {
-            Ok(Begun::Training(running)) => self.running.push((training, running)),
+            Ok(Begun::Training(child)) => self.running.push((training, child)),
             Ok(Begun::Recording(recorder)) => {
                 self.recorder = Some(recorder);
                 self.waiting.push_front(training);
@@ -160,17 +161,17 @@ impl Execution {
     /// Notices what has ended; returns whether anything has.
     fn reap(&mut self) -> Result<bool> {
         let mut is_news = false;
-        for (training, mut running) in std::mem::take(&mut self.running) {
-            match running.reap()? {
+        for (training, mut child) in std::mem::take(&mut self.running) {
+            match child.reap()? {
                 Some(status) => {
                     is_news = true;
-                    self.settle(&training, &running, status);
+                    self.settle(&training, status);
                 }
-                None => self.running.push((training, running)),
+                None => self.running.push((training, child)),
             }
         }
         if let Some(mut recorder) = self.recorder.take() {
-            match recorder.running.reap()? {
+            match recorder.child.reap()? {
                 Some(status) => self.settle_recording(recorder, status),
                 None => self.recorder = Some(recorder),
             }
@@ -178,14 +179,14 @@ impl Execution {
         Ok(is_news)
     }
 
-    fn settle(&mut self, training: &Training, running: &Running, status: ExitStatus) {
+    fn settle(&mut self, training: &Training, status: ExitStatus) {
         let refused = status.code() == Some(i32::from(WRONG_USAGE));
         match finished(training) {
             Some(summary) => self.count(training, &summary),
             None if self.ended.is_stopped => {}
             None if refused && training.is_elsewhere() => self.leave_to_others(training),
             None => {
-                let words = running.output().last_lines();
+                let words = training.output().last_lines();
                 self.fail(training, &format!("ended ({status}); {words}"));
             }
         }
@@ -220,14 +221,18 @@ impl Execution {
         if !std::mem::replace(&mut self.ended.is_stopped, true) {
             self.line.note("stopping: every run writes a checkpoint (Ctrl-C again: at once)");
         }
-        let recording = self.recorder.iter_mut().map(|recorder| &mut recorder.running);
-        let training = self.running.iter_mut().map(|(_, running)| running);
-        recording.chain(training).for_each(Running::interrupt);
+        let recording = self.recorder.iter_mut().map(|recorder| &mut recorder.child);
+        let training = self.running.iter_mut().map(|(_, child)| child);
+        for child in recording.chain(training) {
+            if !child.end_input() {
+                child.interrupt();
+            }
+        }
     }
 
     fn show(&mut self, is_news: bool) {
         let standings: Vec<_> =
-            self.running.iter().map(|(training, running)| (training, running.standing())).collect();
+            self.running.iter().map(|(training, _)| (training, training.standing())).collect();
         let mut doing: Vec<String> =
             standings.iter().map(|(training, standing)| words(training, *standing)).collect();
         doing.extend(self.recorder.as_ref().map(Recorder::words));
@@ -246,10 +251,10 @@ impl Execution {
             self.finished,
             self.runs,
             self.waiting.len(),
-            figures::duration(left_s / self.jobs as f64),
+            numbers::duration(left_s / self.jobs as f64),
             doing.join("; "),
         );
-        let tenth = figures::percent_done(self.finished as u64, self.runs as u64) / 10;
+        let tenth = numbers::percent_done(self.finished as u64, self.runs as u64) / 10;
         self.line.show(&line, tenth, is_news);
     }
 }
@@ -260,13 +265,13 @@ fn finished(training: &Training) -> Option<Summary> {
 }
 
 /// A run that is under way.
-fn words(training: &Training, standing: Option<progress::LineProgress>) -> String {
+fn words(training: &Training, standing: Option<Standing>) -> String {
     let name = &training.name;
-    let Some(progress::LineProgress { percent, success }) = standing else {
-        return name.clone();
-    };
-    match success {
-        Some(success) => format!("{name} {percent} %, success {success} %"),
-        None => format!("{name} {percent} %"),
+    match standing {
+        None => name.clone(),
+        Some(Standing { percent, success_rate }) if success_rate.is_finite() => {
+            format!("{name} {percent} %, success {}", numbers::percent(success_rate, 0))
+        }
+        Some(Standing { percent, .. }) => format!("{name} {percent} %"),
     }
 }

@@ -7,7 +7,7 @@ use anyhow::Result;
 use protocol::dropped::shortened;
 use serde::Deserialize;
 
-use crate::refusal::wrong_usage;
+use terminal::refusal::wrong_usage;
 
 /// Longest reason why a file is no plan, characters.
 pub(super) const REASON_CHARS: usize = 500;

@@ -8,7 +8,7 @@
 //! | `archive` | what lies where in an experiment's folder; a run is in it once |
 //! | `builds` | that all runs are of the build at work |
 //! | `execution` | which run is next, what became of it, Ctrl-C |
-//! | `child` | a `goalward train` for a run, or an expert for its demonstrations |
+//! | `training`, `recorder` | a `goalward train` for a run, and before it an expert for its demonstrations |
 //! | `estimate` | the time that is left |
 //! | `overview` | what is done and what is missing, as a table |
 //!
@@ -17,15 +17,16 @@
 
 mod archive;
 mod builds;
-mod child;
 mod estimate;
 mod execution;
 mod file;
 mod overview;
 mod plan;
 mod planned_run;
+mod recorder;
 #[cfg(test)]
 mod tests;
+mod training;
 
 use std::path::Path;
 
@@ -37,9 +38,9 @@ pub(crate) use execution::execute;
 pub(crate) use overview::overview;
 pub(crate) use plan::{queue, read_all};
 
-use crate::figure::Figure;
-use crate::origin::apart;
 use plan::Plan;
+use report::figure::Figure;
+use report::origin::apart;
 
 /// The figure of a plan whose runs lie in the experiment's folder `out`.
 ///

@@ -2,10 +2,9 @@
 
 use run::summary::Summary;
 
-use crate::figure::{Curve, Figure};
-use crate::figures;
-use crate::print::print_remark;
-use crate::summary::of_finished;
+use report::figure::{Curve, Figure};
+use terminal::numbers;
+use terminal::print::print_remark;
 
 /// The curves of a figure as a table: finished runs, their mean success, the authors' curve.
 pub(crate) fn overview(figure: &Figure) -> String {
@@ -13,21 +12,21 @@ pub(crate) fn overview(figure: &Figure) -> String {
     for panel in &figure.panels {
         for curve in &panel.curves {
             let [seeds, success] = finished(curve);
-            let anchor = figures::percent(curve.anchor.unwrap_or(f64::NAN), 0);
+            let anchor = numbers::percent(curve.anchor.unwrap_or(f64::NAN), 0);
             rows.push([panel.name.clone(), curve.name.clone(), seeds, success, anchor]);
         }
     }
-    format!("{}: {}\n{}", figure.name, figure.title, figures::columns(&rows))
+    format!("{}: {}\n{}", figure.name, figure.title, numbers::columns(&rows))
 }
 
 /// How many runs of a curve are finished, and their mean success.
 fn finished(curve: &Curve) -> [String; 2] {
     let mut rates = Vec::new();
     for run in &curve.runs {
-        rates.extend(of_finished(run, print_remark).as_ref().map(success));
+        rates.extend(Summary::of_finished(run, print_remark).as_ref().map(success));
     }
     let mean = rates.iter().sum::<f64>() / rates.len() as f64;
-    [format!("{} of {}", rates.len(), curve.runs.len()), figures::percent(mean, 1)]
+    [format!("{} of {}", rates.len(), curve.runs.len()), numbers::percent(mean, 1)]
 }
 
 /// Of the last training episodes, as in the paper's curves; of the evaluation, where a method has no

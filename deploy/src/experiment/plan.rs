@@ -10,8 +10,8 @@ use protocol::task::Task;
 use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
 use super::planned_run::PlannedRun;
-use crate::figure::{Curve, Figure, Panel};
-use crate::refusal::wrong_usage;
+use report::figure::{Curve, Figure, Panel};
+use terminal::refusal::wrong_usage;
 
 /// A plan that can be carried out.
 #[derive(Debug)]

@@ -3,8 +3,9 @@
 use anyhow::Result;
 use run::config::{DEFAULT_PRESET, RunConfig};
 
-use crate::refusal::wrong_usage;
-use crate::{demonstrations, tasks};
+use crate::demonstrations;
+use run::tasks;
+use terminal::refusal::wrong_usage;
 
 /// A run that a plan asks for.
 #[derive(Clone, Debug)]

@@ -17,12 +17,13 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use bus::BusAddress;
+use protocol::messages::Progress;
 use run::checkpoint;
 use run::folder::{Place, RunFolder};
 use run::process::FINAL_CODE;
 
-use crate::limits;
 use crate::progress::ProgressView;
+use crate::{limits, progress_file};
 pub(crate) use actors::Source;
 use bus_watch::BusWatch;
 use fleet::Fleet;
@@ -77,6 +78,7 @@ pub(crate) async fn supervise(
     }
     address.remove()?;
     settle_checkpoints(folder, view)?;
+    progress_file::clear(folder);
     let wanted = ActorsWanted::new(folder);
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
@@ -160,12 +162,20 @@ impl Supervision<'_> {
             tokio::select! {
                 () = self.signals.stop.next() => return self.stop().await,
                 () = self.signals.child.next() => {}
-                progress = self.watch.next() => self.view.show(&progress?),
+                progress = self.watch.next() => self.show(&progress?),
                 () = tokio::time::sleep(TICK) => self.view.tick(),
             }
             if let Some(outcome) = self.look_after().await? {
                 return Ok(outcome);
             }
+        }
+    }
+
+    /// Shows progress on the terminal, and to whoever looks into the folder.
+    fn show(&mut self, progress: &Progress) {
+        self.view.show(progress);
+        if let Err(error) = progress_file::write(self.folder, progress) {
+            tracing::debug!("progress could not be written: {error}");
         }
     }
 

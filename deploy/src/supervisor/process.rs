@@ -2,8 +2,7 @@
 
 use std::ffi::OsString;
 use std::fmt::Display;
-use std::os::unix::process::CommandExt;
-use std::process::{Child, ChildStdin, ExitStatus, Stdio};
+use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -11,6 +10,7 @@ use run::folder::RunFolder;
 use tokio::time::Instant;
 
 use super::signals::ChildSignals;
+use crate::child::Child;
 use crate::output::Output;
 use crate::programs::Program;
 
@@ -20,13 +20,7 @@ pub(super) struct Process {
     program: Program,
     arguments: Vec<OsString>,
     output: Output,
-    running: Option<Running>,
-}
-
-struct Running {
-    child: Child,
-    /// Its end is the process's sign to stop; it also ends when the supervisor dies.
-    input: Option<ChildStdin>,
+    running: Option<Child>,
 }
 
 impl Process {
@@ -49,31 +43,19 @@ impl Process {
         self.running.is_some()
     }
 
-    /// Starts it, in a process group of its own: Ctrl-C is for the supervisor alone.
+    /// Starts it.
     pub(super) fn start(&mut self) -> Result<()> {
-        let output = self.output.open()?;
-        let same_output = output.try_clone().context("sharing the output of a process")?;
-        let mut child = self
-            .program
-            .command()?
-            .args(&self.arguments)
-            .env("NO_COLOR", "1")
-            .process_group(0)
-            .stdin(Stdio::piped())
-            .stdout(output)
-            .stderr(same_output)
-            .spawn()
-            .with_context(|| format!("starting {}", self.name))?;
-        let input = child.stdin.take();
-        self.running = Some(Running { child, input });
+        let mut command = self.program.command()?;
+        let command = command.args(&self.arguments).stdin(Stdio::piped());
+        let started = Child::start(command, &self.output);
+        self.running = Some(started.with_context(|| self.name.clone())?);
         Ok(())
     }
 
     /// How it ended, if it has since it was last started; told once.
     pub(super) fn reap(&mut self) -> Result<Option<ExitStatus>> {
         let Some(running) = &mut self.running else { return Ok(None) };
-        let waited = running.child.try_wait();
-        let status = waited.with_context(|| format!("waiting for {}", self.name))?;
+        let status = running.reap().with_context(|| self.name.clone())?;
         if status.is_some() {
             self.running = None;
         }
@@ -83,15 +65,14 @@ impl Process {
     /// Asks it to stop.
     pub(super) fn ask_to_stop(&mut self) {
         if let Some(running) = &mut self.running {
-            running.input = None;
+            running.end_input();
         }
     }
 
     /// Ends it at once.
     pub(super) fn kill(&mut self) -> Result<()> {
         if let Some(mut running) = self.running.take() {
-            let ended = running.child.kill().and_then(|()| running.child.wait());
-            ended.with_context(|| format!("killing {}", self.name))?;
+            running.kill().with_context(|| self.name.clone())?;
         }
         Ok(())
     }

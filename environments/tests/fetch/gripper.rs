@@ -1,4 +1,4 @@
-//! How the gripper answers actions, against figures measured in MuJoCo.
+//! How the gripper answers actions, against values measured in MuJoCo.
 
 use super::Fetch;
 use environments::Environment;

@@ -13,7 +13,7 @@ use run::config::{CloningConfig, InverseDynamicsConfig};
 
 use crate::algorithm::bc::settings;
 use crate::algorithm::cloning::{Cloning, Pairs};
-use crate::algorithm::replay::Replay;
+use crate::algorithm::replay_buffer::ReplayBuffer;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::state::PolicyState;
 
@@ -25,7 +25,7 @@ pub(super) struct Bco {
     inverse: Cloning,
     inverse_parameters: Vec<f32>,
     policy: Cloning,
-    experience: Replay,
+    replay_buffer: ReplayBuffer,
     /// Pairs of successive observations of the demonstrations.
     transitions: Vec<u8>,
     /// The first observation of each pair, and the action inferred for it.
@@ -42,7 +42,7 @@ impl Bco {
         let model = ActorCritic::new(spec.observation, spec.action, &architecture(&inverse));
         let mut stream = seed::stream(config.seed, Purpose::InverseDynamicsWeights, 0, 0);
         let (one, action) = (spec.observation.bytes(), spec.action.bytes());
-        let expert = Replay::of_demonstrations(spec, demonstrations);
+        let expert = ReplayBuffer::of_demonstrations(spec, demonstrations);
         let mut transitions = Vec::new();
         let mut pairs = Pairs::default();
         for position in 0..expert.len() {
@@ -58,7 +58,7 @@ impl Bco {
             inverse_parameters: model.initial_parameters(&mut stream),
             inverse: Cloning::new(model, action, inverse_settings),
             policy: Cloning::new(network, action, settings(&cloning)),
-            experience: Replay::new(spec, inverse.experience),
+            replay_buffer: ReplayBuffer::new(spec, inverse.experience),
             normalizer: normalizer.clone(),
             config: inverse,
             cloning_config: cloning,
@@ -71,11 +71,11 @@ impl Bco {
     fn improve_inverse(&mut self, schedule: &Schedule) -> Result<()> {
         let Schedule { run_seed, iteration, .. } = *schedule;
         let mut stream = seed::stream(run_seed, Purpose::InverseDynamicsBatches, iteration, 0);
-        let count = self.config.samples.min(self.experience.len());
-        let drawn = rand::seq::index::sample(&mut stream, self.experience.len(), count);
+        let count = self.config.samples.min(self.replay_buffer.len());
+        let drawn = rand::seq::index::sample(&mut stream, self.replay_buffer.len(), count);
         let mut pairs = Pairs::default();
         for position in drawn {
-            let transition = self.experience.get(position);
+            let transition = self.replay_buffer.get(position);
             pairs.observations.extend(transition.observations);
             pairs.actions.extend(transition.action);
         }
@@ -107,7 +107,7 @@ impl PolicyLearner for Bco {
         schedule: &Schedule,
     ) -> Result<Metrics> {
         self.remember(trajectories);
-        if self.experience.steps() < self.config.exploration_steps {
+        if self.replay_buffer.steps() < self.config.exploration_steps {
             return Ok(Metrics::default());
         }
         self.improve_inverse(schedule)?;
@@ -129,7 +129,7 @@ impl PolicyLearner for Bco {
     }
 
     fn remember(&mut self, trajectories: &[Encoded]) {
-        trajectories.iter().for_each(|encoded| self.experience.push(&encoded.trajectory));
+        trajectories.iter().for_each(|encoded| self.replay_buffer.push(&encoded.trajectory));
     }
 
     fn save(&self, tensors: &mut Tensors) {

@@ -27,7 +27,7 @@ pub(crate) struct Settings {
     pub(crate) adam_epsilon: f64,
     /// Largest norm of a gradient.
     pub(crate) max_gradient_norm: f64,
-    /// Whether deviations are fitted, too.
+    /// Whether standard deviations are fitted, too.
     pub(crate) deviations: bool,
 }
 

@@ -5,7 +5,7 @@ mod bco;
 mod cloning;
 mod policy_trainer;
 pub mod ppo;
-mod replay;
+mod replay_buffer;
 mod sqil;
 
 use std::fmt::Display;
@@ -170,10 +170,10 @@ impl Metrics {
             ("approximate KL", self.approximate_kl),
             ("gradient norm", self.gradient_norm),
         ];
-        match metrics.into_iter().find(|(_, figure)| !figure.is_finite()) {
+        match metrics.into_iter().find(|(_, metric)| !metric.is_finite()) {
             None => Ok(()),
-            Some((name, figure)) => {
-                let message = format!("expected finite metrics, found {name} {figure}, {place}");
+            Some((name, found)) => {
+                let message = format!("expected finite metrics, found {name} {found}, {place}");
                 Err(Final(format!("the learner diverged: {message}")))
             }
         }

@@ -23,6 +23,9 @@ pub struct DeskHandle {
 
 impl DeskHandle {
     /// Starts the desk; `bus` is the trainer's own, over which it rings the desk.
+    ///
+    /// # Errors
+    /// When the desk cannot open its ports or the log.
     pub fn start(setup: Setup, bus: &Bus) -> Result<DeskHandle> {
         let (orders, incoming) = sync_channel(ORDERS);
         let (outgoing, batches) = sync_channel(1);
@@ -43,6 +46,9 @@ impl DeskHandle {
     }
 
     /// Gives an order.
+    ///
+    /// # Errors
+    /// Why the desk has ended, if it has.
     pub fn order(&mut self, order: Order) -> Result<()> {
         if self.orders.send(order).is_err() {
             return Err(self.failure());
@@ -51,6 +57,9 @@ impl DeskHandle {
     }
 
     /// The next complete batch, if it comes within `patience`.
+    ///
+    /// # Errors
+    /// Why the desk has ended, if it has.
     pub fn batch(&mut self, patience: Duration) -> Result<Option<Vec<Encoded>>> {
         use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
         match self.batches.recv_timeout(patience) {
@@ -61,6 +70,9 @@ impl DeskHandle {
     }
 
     /// Returns when everything recorded so far is on the disk.
+    ///
+    /// # Errors
+    /// Why the desk has ended, if it has.
     pub fn sync(&mut self) -> Result<()> {
         let (done, synced) = sync_channel(1);
         self.order(Order::Sync(done))?;
@@ -71,6 +83,9 @@ impl DeskHandle {
     }
 
     /// Ends the desk and waits for it; says where the time went.
+    ///
+    /// # Errors
+    /// Why the desk failed, if it did.
     pub fn finish(mut self) -> Result<DeskSeconds> {
         self.order(Order::Finish)?;
         self.join()

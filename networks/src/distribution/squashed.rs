@@ -20,7 +20,7 @@ const FLATTEST: f32 = 1e-6;
 struct Normal {
     mean: f32,
     log: f32,
-    /// Derivative of the logarithm of the deviation with respect to its parameter.
+    /// Derivative of the logarithm of the standard deviation with respect to its parameter.
     log_derivative: f32,
 }
 
@@ -38,7 +38,7 @@ fn unsquashed(action: &[u8]) -> impl Iterator<Item = f32> + '_ {
     floats(action).map(|number| libm::atanhf(number.clamp(-1.0 + FLATTEST, 1.0 - FLATTEST)))
 }
 
-/// Log-density of a number of an action, from its distance to the mean in deviations.
+/// Log-density of a number of an action, from its distance to the mean in standard deviations.
 fn log_density(normal: &Normal, distance: f32, squashed: f32) -> f32 {
     let before = -0.5 * distance * distance - normal.log - HALF_LOG_TAU;
     before - libm::logf(1.0 - squashed * squashed + FLATTEST)

@@ -65,6 +65,9 @@ enum State {
 impl FileWriter {
     /// Creates `path` (`path.active` until it is sealed) for messages of `topics`, with `metadata`
     /// as its first record. Never overwrites a file.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] if there is such a file, or the disk refuses.
     pub fn create(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
         if path.exists() {
             let exists = io::Error::from(io::ErrorKind::AlreadyExists);
@@ -75,6 +78,9 @@ impl FileWriter {
 
     /// The same in the place of a file that is there, which stays until this one is sealed. What a
     /// writer of the same kind left that died is removed.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] if somebody writes such a file right now, or the disk refuses.
     pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
         remove_abandoned(&with_ending(path, ACTIVE), metadata.kind)?;
         Self::open(path, metadata, topics)
@@ -130,6 +136,9 @@ impl FileWriter {
     }
 
     /// Appends a trajectory's encoded bytes as they are.
+    ///
+    /// # Errors
+    /// As [`FileWriter::message`].
     pub fn trajectory(&mut self, trajectory: &Encoded, log_time_ns: u64) -> Result<(), Error> {
         self.message(Topic::of(&trajectory.trajectory), log_time_ns, &trajectory.bytes)
     }
@@ -172,6 +181,9 @@ impl FileWriter {
 
     /// Closes the open chunk and hands everything to the operating system: what was appended
     /// before survives the death of this process.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn flush(&mut self) -> Result<(), Error> {
         if self.state == State::Open {
             self.writer.flush().map_err(|cause| failed(&self.active, cause))?;
@@ -181,6 +193,9 @@ impl FileWriter {
 
     /// Flushes, and waits until the disk has it: what was appended before survives the death of
     /// the machine.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn sync(&mut self) -> Result<(), Error> {
         self.flush()?;
         self.storage.sync().map_err(|cause| write_error(&self.active, "sync", &cause))
@@ -188,6 +203,9 @@ impl FileWriter {
 
     /// Ends the file with its index, syncs it and gives it its name. Can be called again after an
     /// error.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn seal(&mut self) -> Result<(), Error> {
         if self.state == State::Sealed {
             return Ok(());
@@ -203,6 +221,9 @@ impl FileWriter {
     }
 
     /// Gives the file up: nothing of it stays on the disk. A sealed file stays.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] if the file cannot be removed.
     pub fn discard(&mut self) -> Result<(), Error> {
         if self.state == State::Sealed {
             return Ok(());

@@ -30,6 +30,9 @@ pub struct LogFile {
 }
 
 /// The readable files of a log folder by contents and number; files of other names are left out.
+///
+/// # Errors
+/// [`Error::LogRead`] if the folder cannot be listed.
 pub fn log_files(folder: &Path) -> Result<Vec<LogFile>, Error> {
     let mut files = Vec::new();
     for (name, path) in names(folder)? {
@@ -90,6 +93,9 @@ pub(super) fn sync_folder_of(path: &Path) -> Result<(), Error> {
 }
 
 /// Refuses a folder whose disk has less than `bytes` free.
+///
+/// # Errors
+/// [`Error::LogWrite`] if it has, or the system does not say.
 pub fn require_room(folder: &Path, bytes: u64) -> Result<(), Error> {
     let disk = rustix::fs::statvfs(folder)
         .map_err(|cause| write_error(folder, "ask for the room on the disk", &cause.into()))?;

@@ -284,6 +284,9 @@ struct IterationName {
 
 /// What the files of a run's log say of themselves, oldest first, as far as they can be read: a file may
 /// be cut off, or of an older build.
+///
+/// # Errors
+/// [`Error::LogRead`] if the folder cannot be listed.
 pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
     let metadata = |file: LogFile| Some(FileReader::open(&file.path).ok()?.metadata().clone());
     Ok(log_files(folder)?.into_iter().filter_map(metadata).collect())

@@ -48,6 +48,9 @@ pub struct LogWriter {
 
 impl LogWriter {
     /// Opens the next file of both contents in `folder`, which is made if it is not there.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn create(folder: &Path, metadata: &Metadata, options: LogOptions) -> Result<Self, Error> {
         durable::create_folder(folder)
             .map_err(|cause| write_error(folder, "make the folder", &cause))?;
@@ -61,6 +64,9 @@ impl LogWriter {
     }
 
     /// Appends a trajectory: its encoded bytes as they are, or without observations.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk, [`Error::LogRefused`] for a message that is too long.
     pub fn trajectory(&mut self, encoded: &Encoded) -> Result<(), Error> {
         let topic = Topic::of(&encoded.trajectory);
         let now_ns = self.clock.now_ns();
@@ -72,26 +78,41 @@ impl LogWriter {
     }
 
     /// Appends a score.
+    ///
+    /// # Errors
+    /// As [`LogWriter::trajectory`].
     pub fn score(&mut self, score: &Score) -> Result<(), Error> {
         self.trajectories.message(Topic::Score, self.clock.now_ns(), &score.encode_to_vec())
     }
 
     /// Appends a policy update.
+    ///
+    /// # Errors
+    /// As [`LogWriter::trajectory`].
     pub fn policy_update(&mut self, update: &PolicyUpdate) -> Result<(), Error> {
         self.updates.message(Topic::PolicyUpdate, self.clock.now_ns(), &update.encode_to_vec())
     }
 
     /// Appends an update of the reward model.
+    ///
+    /// # Errors
+    /// As [`LogWriter::trajectory`].
     pub fn reward_update(&mut self, update: &RewardUpdate) -> Result<(), Error> {
         self.updates.message(Topic::RewardUpdate, self.clock.now_ns(), &update.encode_to_vec())
     }
 
     /// Appends a checkpoint.
+    ///
+    /// # Errors
+    /// As [`LogWriter::trajectory`].
     pub fn checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
         self.updates.message(Topic::Checkpoint, self.clock.now_ns(), &checkpoint.encode_to_vec())
     }
 
     /// Closes the open chunks: what was appended before survives the death of this process.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn flush(&mut self) -> Result<(), Error> {
         let trajectories = self.trajectories.flush();
         self.updates.flush()?;
@@ -99,6 +120,9 @@ impl LogWriter {
     }
 
     /// Flushes and waits for the disk: what was appended before survives the machine's death.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn sync(&mut self) -> Result<(), Error> {
         self.flush()?;
         self.trajectories.current.sync()?;
@@ -106,6 +130,9 @@ impl LogWriter {
     }
 
     /// Seals all files; can be called again after an error. Nothing can be appended afterwards.
+    ///
+    /// # Errors
+    /// [`Error::LogWrite`] for a full or failing disk.
     pub fn finish(&mut self) -> Result<(), Error> {
         self.flush()?;
         self.trajectories.current.seal()?;

@@ -55,7 +55,12 @@ impl RunFolder {
         self.path.join("output")
     }
 
-    /// Figures of the finished run.
+    /// The newest message of progress while the run is trained.
+    pub fn progress_file(&self) -> PathBuf {
+        self.output().join("progress.pb")
+    }
+
+    /// Summary of the finished run.
     pub fn summary_file(&self) -> PathBuf {
         self.path.join("summary.json")
     }
@@ -87,6 +92,9 @@ impl RunFolder {
     }
 
     /// Reads the effective configuration.
+    ///
+    /// # Errors
+    /// [`Error::NotARun`] without a configuration; as [`RunConfig::from_text`] for one that is not sound.
     pub fn config(&self) -> Result<RunConfig, Error> {
         let file = self.config_file();
         let text = std::fs::read_to_string(&file).map_err(|error| Error::NotARun {

@@ -1,5 +1,5 @@
 //! How far a program is that was started for one piece of work, such as an evaluation. It says so in
-//! lines of JSON on its standard output, before the figures it ends with; whoever started it shows them.
+//! lines of JSON on its standard output, before the result it ends with; whoever started it shows them.
 
 use std::io::Write;
 use std::time::{Duration, Instant};

@@ -13,3 +13,4 @@ pub mod metadata;
 pub mod origin;
 pub mod process;
 pub mod summary;
+pub mod tasks;

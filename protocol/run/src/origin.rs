@@ -115,9 +115,7 @@ mod tests {
     fn demonstrations_that_were_swapped_are_noticed() {
         let home = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(home.path());
-        let task = include_str!("../../../deploy/tasks/navigation.toml");
-        let methods = include_str!("../../../deploy/methods.toml");
-        let config = RunConfig::assemble(task, methods, "goalward", &[]).unwrap();
+        let config = crate::tasks::configuration("navigation", "goalward", &[]).unwrap();
         let missing = demonstrations_sha256(&folder, &config).unwrap_err().to_string();
         assert!(missing.contains("demonstrations.mcap"), "{missing}");
         std::fs::write(folder.demonstrations_file(), "some").unwrap();

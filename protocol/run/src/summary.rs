@@ -1,4 +1,4 @@
-//! `summary.json`: figures of a finished run, written by its learner and read by `goalward`.
+//! `summary.json`: the summary of a finished run, written by its learner and read by `goalward`.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::folder::RunFolder;
 use crate::origin::Demonstrations;
 
-/// Figures of a finished run.
+/// What a finished run has come to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the task.
@@ -102,11 +102,23 @@ pub struct Seconds {
 
 impl Summary {
     /// Writes the summary of a run; it is there whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Summary`] if the disk refuses.
     pub fn save(&self, folder: &RunFolder) -> Result<(), Error> {
         let path = folder.summary_file();
         let failed = |message: String| Error::Summary { path: path.clone(), message };
         let text = serde_json::to_string_pretty(self).map_err(|error| failed(error.to_string()))?;
         durable::write(&path, text + "\n").map_err(|error| failed(error.to_string()))
+    }
+
+    /// The summary of a finished run. A damaged one makes no run finished: `remark` is told, and the
+    /// run can be continued, which writes it anew.
+    pub fn of_finished(folder: &RunFolder, remark: impl FnOnce(&str)) -> Option<Summary> {
+        Summary::of_run(folder).unwrap_or_else(|error| {
+            remark(&format!("{error}; the run counts as unfinished, --resume writes it anew"));
+            None
+        })
     }
 
     /// Reads the summary of a run; none if the run is not finished.

@@ -3,25 +3,14 @@
 
 use protocol::Error;
 use run::config::RunConfig;
-
-const METHODS: &str = include_str!("../../../deploy/methods.toml");
+use run::tasks::configuration;
 
 const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
-
-fn file(task: &str) -> &'static str {
-    match task {
-        "navigation" => include_str!("../../../deploy/tasks/navigation.toml"),
-        "fetch-pick" => include_str!("../../../deploy/tasks/fetch_pick.toml"),
-        "fetch-push" => include_str!("../../../deploy/tasks/fetch_push.toml"),
-        "ant-reach" => include_str!("../../../deploy/tasks/ant_reach.toml"),
-        task => panic!("no task {task}"),
-    }
-}
 
 /// Settings between spaces.
 fn assemble(task: &str, settings: &str) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
-    RunConfig::assemble(file(task), METHODS, "goalward", &settings)
+    configuration(task, "goalward", &settings)
 }
 
 /// Settings of a task, and words of its refusal; no words where it is none.
@@ -308,11 +297,11 @@ fn no_value_breaks_the_judgement() {
         assert!(keys.len() > 50, "{keys:?}");
         for (key, edge) in keys.iter().flat_map(|key| EDGES.map(|edge| (key, edge))) {
             let settings = [method.clone(), format!("{key}={edge}")];
-            if let Ok(config) = RunConfig::assemble(file(task), METHODS, "goalward", &settings) {
+            if let Ok(config) = configuration(task, "goalward", &settings) {
                 let estimate = config.estimate(2);
-                let figures = [estimate.bytes(), estimate.environment_steps, estimate.row_passes];
+                let numbers = [estimate.bytes(), estimate.environment_steps, estimate.row_passes];
                 // Infinite is more than any machine has.
-                let sound = figures.iter().all(|figure| *figure >= 0.0);
+                let sound = numbers.iter().all(|number| *number >= 0.0);
                 assert!(sound, "{task} {settings:?}: {estimate:?}");
                 taken += 1;
             }

@@ -1,15 +1,15 @@
 //! The configuration: presets and settings over a task's file, and what is refused with which words.
 
+use std::path::PathBuf;
+
 use protocol::Error;
+use protocol::description::Description;
 use run::config::{RewardModel, RunConfig, UpdateOrder};
-
-const FILE: &str = include_str!("../../../deploy/tasks/navigation.toml");
-
-const METHODS: &str = include_str!("../../../deploy/methods.toml");
+use run::tasks::configuration;
 
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
-    RunConfig::assemble(FILE, METHODS, preset, &settings)
+    configuration("navigation", preset, &settings)
 }
 
 fn refusal(preset: &str, settings: &[&str]) -> String {
@@ -119,4 +119,28 @@ fn episodes_are_spread_over_lanes() {
     let rollout = assemble("goalward", &["rollout.lanes=4"]).unwrap().rollout;
     assert_eq!(rollout.spread(10), [3, 3, 2, 2]);
     assert_eq!(rollout.spread(2), [1, 1]);
+}
+
+#[test]
+fn demonstrations_come_from_a_file_where_the_task_has_no_expert() {
+    let described = |settings: &[&str], has_expert| {
+        let mut config = assemble("goalward", settings).unwrap();
+        if settings.is_empty() {
+            config.demonstrations.file = Some(PathBuf::from("shown.mcap"));
+        }
+        let (environment, demonstrations) =
+            (config.environment.clone(), config.demonstration_setting());
+        let task = config.task.clone();
+        config.described(Description { task, environment, demonstrations, has_expert })
+    };
+    let message = described(&["seed=1"], false).unwrap_err().to_string();
+    assert!(
+        message.contains("`demonstrations.file`") && message.contains("no expert"),
+        "{message}"
+    );
+    for (settings, has_expert) in
+        [(&["seed=1"][..], true), (&["method=environment-reward"], false), (&[], false)]
+    {
+        assert!(described(settings, has_expert).is_ok(), "{settings:?}");
+    }
 }

@@ -12,14 +12,11 @@ use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::RunConfig;
 use run::demonstrations::{adopt, load};
 use run::folder::RunFolder;
-
-const FILE: &str = include_str!("../../../deploy/tasks/fetch_push.toml");
-
-const METHODS: &str = include_str!("../../../deploy/methods.toml");
+use run::tasks::configuration;
 
 /// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
 fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
-    let spec = RunConfig::assemble(FILE, METHODS, "goalward", &[]).unwrap().task.spec();
+    let spec = configuration("fetch-push", "goalward", &[]).unwrap().task.spec();
     let numbered = |count: u32, bytes: usize| {
         let mut all = vec![0; count as usize * bytes];
         let numbers = (0..count).flat_map(|step| vec![step as f32; bytes / 4]);
@@ -79,7 +76,7 @@ impl Given {
     }
 
     fn config(&self) -> Result<RunConfig, protocol::Error> {
-        let config = RunConfig::assemble(FILE, METHODS, "goalward", &self.settings)?;
+        let config = configuration("fetch-push", "goalward", &self.settings)?;
         adopt(config, &self.settings)
     }
 

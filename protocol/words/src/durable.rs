@@ -141,6 +141,9 @@ pub fn is_locked(path: &Path) -> bool {
 }
 
 /// Makes renames and new names of the folder that `path` is in outlive the machine's death.
+///
+/// # Errors
+/// What the operating system says.
 pub fn sync_folder_of(path: &Path) -> io::Result<()> {
     File::open(folder_of(path))?.sync_all()
 }

@@ -161,6 +161,9 @@ impl Error {
 }
 
 /// Refuses a configuration value unless it holds.
+///
+/// # Errors
+/// [`Error::Configuration`] with the key, what was expected and what was found.
 pub fn within(
     key: &str,
     holds: bool,

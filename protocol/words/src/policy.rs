@@ -61,6 +61,6 @@ pub enum PolicyActivation {
 pub enum ActionDistribution {
     /// Normal, with standard deviations that are parameters of their own.
     Gaussian,
-    /// The hyperbolic tangent of normal numbers, whose deviations depend on the observation.
+    /// The hyperbolic tangent of normal numbers, whose standard deviations depend on the observation.
     SquashedGaussian,
 }

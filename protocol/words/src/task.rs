@@ -171,6 +171,9 @@ impl ObservationSpec {
     }
 
     /// Checks that these are whole observations, with only classes there are, or only finite numbers.
+    ///
+    /// # Errors
+    /// Names the first key that is out of its range.
     pub fn check(&self, observations: &[u8]) -> Result<(), Error> {
         let refused = |what, expected: String, found: String| {
             Err(Error::Trajectory { what, expected, found })

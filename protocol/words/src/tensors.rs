@@ -31,6 +31,9 @@ macro_rules! kind {
         }
 
         #[doc = concat!("The array of `", stringify!($number), "` called `name`.")]
+        ///
+        /// # Errors
+        /// When there is none, or it is of another kind.
         pub fn $get(&self, name: &str) -> Result<Vec<$number>, String> {
             let bytes = self.bytes(name, Dtype::$kind)?.as_chunks::<$width>().0;
             Ok(bytes.iter().map(|bytes| <$number>::from_le_bytes(*bytes)).collect())
@@ -45,6 +48,9 @@ impl Tensors {
     kind!(put_u8, u8, u8, U8, 1);
 
     /// An array that has to have so many numbers, read by one of the functions for a kind.
+    ///
+    /// # Errors
+    /// Names the array that is missing, of another kind, or of another length.
     pub fn exactly<T>(
         &self,
         name: &str,
@@ -143,6 +149,9 @@ impl Tensors {
     }
 
     /// Reads a safetensors file.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] if the file cannot be read or is no safetensors file.
     pub fn load(path: &Path) -> Result<Tensors, Error> {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
         let bytes = std::fs::read(path).map_err(|error| failed(error.to_string()))?;
@@ -150,6 +159,9 @@ impl Tensors {
     }
 
     /// Reads the bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// When they are no safetensors file.
     pub fn from_file(bytes: &[u8]) -> Result<Tensors, String> {
         let tensors = SafeTensors::deserialize(bytes)
             .map_err(|error| shortened(&error.to_string(), MESSAGE_CHARS))?;

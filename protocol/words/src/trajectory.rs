@@ -132,6 +132,9 @@ pub struct Encoded {
 impl Encoded {
     /// Decodes `bytes` and checks the trajectory, observations included, against the shapes of its
     /// task.
+    ///
+    /// # Errors
+    /// [`Error::Undecodable`] for other bytes; names what does not fit the task, or was left out.
     pub fn decode(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
         let trajectory = Trajectory::recorded(bytes.clone(), spec)?;
         if trajectory.is_actions_only() {
@@ -157,6 +160,9 @@ impl Encoded {
 
 impl Trajectory {
     /// Decodes a trajectory of a log, which may have left observations out, and checks it.
+    ///
+    /// # Errors
+    /// [`Error::Undecodable`] for other bytes; names what does not fit the task.
     pub fn recorded(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
         let trajectory = Trajectory::decode(bytes)
             .map_err(|source| Error::Undecodable { what: "trajectory", source })?;

@@ -46,6 +46,9 @@ impl Weights {
     }
 
     /// Writes a safetensors file; returns the file's SHA-256.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] if the disk refuses.
     pub fn save(&self, path: &Path) -> Result<String, Error> {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
@@ -55,6 +58,9 @@ impl Weights {
     }
 
     /// Reads the bytes of a file that [`Weights::save`] wrote.
+    ///
+    /// # Errors
+    /// When they are no safetensors file, or its arrays are not those of a policy.
     pub fn from_file(bytes: &[u8]) -> Result<Weights, String> {
         Weights::from_tensors(&Tensors::from_file(bytes)?)
     }

@@ -1,7 +1,6 @@
 //! What a reward model sees of a step: a state, a transition, or a state and the action taken there.
 //!
-//! A row is its observations' bytes and, behind them, the numbers beside them as little-endian
-//! `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
+//! A row is its observations' bytes and, behind them, its extra inputs as little-endian `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
 
 use networks::{Batch, NetworkShape, RewardArchitecture};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
@@ -20,7 +19,7 @@ pub struct Input {
 pub struct Rows {
     /// The observations of all rows.
     pub observations: Vec<u8>,
-    /// The numbers beside them, of all rows.
+    /// The extra inputs of all rows.
     pub extra_inputs: Vec<f32>,
 }
 
@@ -47,7 +46,8 @@ impl Input {
         if self.sees == RewardInput::Transition { 2 } else { 1 }
     }
 
-    /// Numbers beside them: a discrete action has one for each choice, 1 for the one taken.
+    /// Numbers of a row that join its observations: a discrete action has one for each choice, 1 for
+    /// the one taken.
     pub fn extra_inputs(&self) -> usize {
         match (self.sees, self.action) {
             (RewardInput::State | RewardInput::Transition, _) => 0,
@@ -82,8 +82,8 @@ impl Input {
         }
     }
 
-    /// Appends a row for every observation of an episode. Beside the last one, where no action was
-    /// taken, there are zeros. The authors sample one from the policy if the episode is the agent's;
+    /// Appends a row for every observation of an episode. The last one, where no action was
+    /// taken, has zeros for it. The authors sample one from the policy if the episode is the agent's;
     /// this service has no policy, and the expert's last action is zeros there, too.
     ///
     /// # Panics

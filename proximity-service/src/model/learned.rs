@@ -22,7 +22,7 @@ use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{EpisodeView, Learning, Objective};
 use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
-use crate::experience::Experience;
+use crate::replay_buffer::ReplayBuffer;
 
 /// A learned reward model.
 pub struct Learned<O> {
@@ -33,7 +33,7 @@ pub struct Learned<O> {
     run_seed: u64,
     /// Rows of the demonstrations.
     demonstrations: Vec<u8>,
-    experience: Experience,
+    replay_buffer: ReplayBuffer,
     ensemble: TrainedEnsemble,
     version: u64,
     /// Until offline training is done.
@@ -73,7 +73,7 @@ impl<O: Objective> Learned<O> {
             input,
             run_seed,
             demonstrations: rows,
-            experience: Experience::new(config.experience, input.row_bytes()),
+            replay_buffer: ReplayBuffer::new(config.experience, input.row_bytes()),
             ensemble,
             version: 0,
             offline: None,
@@ -96,7 +96,7 @@ impl<O: Objective> Learned<O> {
             rows.extend(&self.demonstrations[position * size..(position + 1) * size]);
         }
         for &position in &drawn.agent {
-            self.experience.append_to(position, &mut rows);
+            self.replay_buffer.append_to(position, &mut rows);
         }
         Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
     }
@@ -128,7 +128,7 @@ impl<O: Objective> Learned<O> {
             demonstration_loss: mean.demonstrations,
             agent_loss: mean.agent,
             weights_sha256: self.sha256(),
-            experience: self.experience.len() as u64,
+            experience: self.replay_buffer.len() as u64,
             seconds: taken.seconds,
         })
     }
@@ -184,14 +184,14 @@ impl<O: Objective> RewardModel for Learned<O> {
             let mut rows = Vec::new();
             let seen = EpisodeView { observations, actions };
             self.objective.append_training_rows(&self.input, seen, &mut rows);
-            self.experience.push(&rows);
+            self.replay_buffer.push(&rows);
         }
         let learning_rate = self.learning_rate.at(iteration);
         let mut taken = Progress::default();
         if learning_rate > 0.0 && self.config.samples > 0 {
             let purpose = Purpose::ImprovementBatches;
             let mut stream = seed::stream(self.run_seed, purpose, iteration, 0);
-            let agent = self.experience.len();
+            let agent = self.replay_buffer.len();
             for drawn in self.objective.online(&self.learning(), agent, &mut stream) {
                 let mut minibatch = self.minibatch(drawn);
                 if self.config.gradient_penalty > 0.0 {
@@ -230,7 +230,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 model_version: self.version,
                 rewards: self.objective.rewards(own, steps, &self.config),
                 proximity: own.iter().map(|row| self.objective.proximity(row)).collect(),
-                uncertainty: own.iter().map(|row| row.deviation).collect(),
+                uncertainty: own.iter().map(|row| row.standard_deviation).collect(),
             }
         };
         batch.iter().zip(counts).map(score).collect()
@@ -243,7 +243,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 return Ok(Estimates {
                     model_version: self.version,
                     proximity: rows.iter().map(|row| self.objective.proximity(row)).collect(),
-                    uncertainty: rows.iter().map(|row| row.deviation).collect(),
+                    uncertainty: rows.iter().map(|row| row.standard_deviation).collect(),
                 });
             }
             RewardInput::Transition => "transitions",
@@ -259,7 +259,7 @@ impl<O: Objective> RewardModel for Learned<O> {
     fn save(&self) -> Tensors {
         let mut tensors = Tensors::default();
         tensors.put_u64("version", [self.version]);
-        tensors.put_u8("experience", self.experience.to_bytes());
+        tensors.put_u8("experience", self.replay_buffer.to_bytes());
         self.ensemble.save(&mut tensors);
         if let Some(offline) = &self.offline {
             offline.progress.save(&mut tensors);
@@ -273,8 +273,8 @@ impl<O: Objective> RewardModel for Learned<O> {
         if !bytes.len().is_multiple_of(self.input.row_bytes()) {
             return Err(format!("array `experience`: found {} bytes", bytes.len()));
         }
-        self.experience = Experience::new(self.config.experience, self.input.row_bytes());
-        self.experience.push(&bytes);
+        self.replay_buffer = ReplayBuffer::new(self.config.experience, self.input.row_bytes());
+        self.replay_buffer.push(&bytes);
         (self.offline, self.resumed) = (None, Progress::restored(tensors)?);
         self.ensemble.restore(tensors)
     }

@@ -18,9 +18,9 @@ const STEP: f32 = 0.01;
 
 /// Where a discriminator's gradient is measured, and how much its norm matters.
 pub struct GradientPenalty {
-    /// Numbers of each row: observations, then those beside them.
+    /// Numbers of each row: observations, then extra inputs.
     points: DMatrix<f32>,
-    /// How many of them are beside.
+    /// How many of them are extra inputs.
     extra_inputs: usize,
     weight: f32,
 }

@@ -73,7 +73,7 @@ impl Objective for GoalProximity {
 
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
         let proximity: Vec<f32> = rows.iter().map(RowScore::proximity).collect();
-        let uncertainty: Vec<f32> = rows.iter().map(|row| row.deviation).collect();
+        let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
         rewards(&proximity, &uncertainty, config)
     }
 }

@@ -123,7 +123,7 @@ impl Objective for Ranking {
 
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
         let proximity: Vec<f32> = rows.iter().map(|row| row.mean).collect();
-        let uncertainty: Vec<f32> = rows.iter().map(|row| row.deviation).collect();
+        let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
         rewards(&proximity, &uncertainty, config)
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::chart::{self, Axis, COLORS, Chart, Line, Marker, Style};
+use report::chart::{self, Axis, COLORS, Chart, Line, Marker, Style};
 
 /// Mean returns of some episodes that followed one another; of two numbers the first is recorded.
 #[derive(Debug, Deserialize)]

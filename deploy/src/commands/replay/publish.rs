@@ -8,10 +8,11 @@ use run::folder::RunFolder;
 use serde::Deserialize;
 
 use crate::full_log::FullLog;
-use crate::print::print_line;
+use crate::plan;
 use crate::programs::{self, Program};
-use crate::refusal::wrong_usage;
-use crate::{figures, plan};
+use terminal::numbers;
+use terminal::print::print_line;
+use terminal::refusal::wrong_usage;
 
 /// What the actor says.
 #[derive(Debug, Deserialize)]
@@ -55,8 +56,8 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
     }
     programs::expect_success(ended.status)?;
     let Published { trajectories, readers } =
-        serde_json::from_slice(&ended.stdout).context("reading the figures of the publisher")?;
-    let trajectories = figures::count(trajectories);
+        serde_json::from_slice(&ended.stdout).context("reading the result of the publisher")?;
+    let trajectories = numbers::count(trajectories);
     print_line(&format!("published {trajectories} trajectories; readers: {readers}"));
     Ok(())
 }

@@ -10,10 +10,11 @@ use serde::Deserialize;
 
 use super::curves::{self, Point};
 use crate::full_log::FullLog;
-use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::refusal::wrong_usage;
-use crate::{destination, figures, plan};
+use crate::{destination, plan};
+use terminal::numbers;
+use terminal::print::print_line;
+use terminal::refusal::wrong_usage;
 
 /// What a change begins with that names a run whose trained model scores.
 const MODEL: &str = "model=";
@@ -68,7 +69,7 @@ pub(super) fn rescore(
     if let Some(model) = &model {
         service.arg("--model").arg(model.path());
     }
-    let comparison: Comparison = programs::figures(&mut service, "scoring again")?;
+    let comparison: Comparison = programs::result(&mut service, "scoring again")?;
     curves::draw(&comparison.curve, &picture)?;
     print_line(table(&comparison, &out, &picture).trim_end());
     Ok(())
@@ -102,14 +103,14 @@ fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {
     };
     let shares = |pair: &Option<[f64; 2]>| match pair {
         Some(shares) => {
-            let [recorded, other] = shares.map(|share| figures::percent(share, 1));
+            let [recorded, other] = shares.map(|share| numbers::percent(share, 1));
             format!("{recorded} recorded, {other} now")
         }
         None => "no such pair".to_owned(),
     };
     let correlation = correlation.map_or("none".to_owned(), |number| format!("{number:.3}"));
-    figures::table(&[
-        ("episodes", figures::count(*episodes)),
+    numbers::table(&[
+        ("episodes", numbers::count(*episodes)),
         ("mean return, goal reached", pair(reached)),
         ("mean return, goal missed", pair(missed)),
         ("correlation of the returns", correlation),

@@ -11,13 +11,14 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 
 use crate::commands::train::block_on_supervision;
+use crate::destination;
 use crate::full_log::{self, FullLog};
 use crate::plan::Plan;
-use crate::print::print_line;
 use crate::progress::ProgressView;
-use crate::refusal::{stopped, wrong_usage};
 use crate::supervisor::{Outcome, Source};
-use crate::{destination, figures};
+use terminal::numbers;
+use terminal::print::print_line;
+use terminal::refusal::{stopped, wrong_usage};
 
 /// Hashes of the weights after every update, by what was updated.
 type Hashes = BTreeMap<(&'static str, u64), String>;
@@ -106,11 +107,11 @@ fn compare(expected: &Hashes, found: &Hashes) -> Result<()> {
     ensure!(equal > 0, "expected updates to compare, found none");
     let last = |kind: &str| found.iter().rev().find(|((name, _), _)| *name == kind);
     let mut rows =
-        vec![("the same", format!("the weights after {} updates", figures::count(equal)))];
+        vec![("the same", format!("the weights after {} updates", numbers::count(equal)))];
     for (title, kind) in [("policy sha256", "policy"), ("ensemble sha256", "ensemble")] {
         rows.extend(last(kind).map(|(_, hash)| (title, hash.clone())));
     }
-    print_line(figures::table(&rows).trim_end());
+    print_line(numbers::table(&rows).trim_end());
     Ok(())
 }
 

@@ -1,14 +1,14 @@
-//! `goalward replay --verify`: the actor acts every recorded episode again and prints its figures as
+//! `goalward replay --verify`: the actor acts every recorded episode again and prints its result as
 //! JSON; this shows them.
 
 use anyhow::{Result, bail, ensure};
 use run::folder::RunFolder;
 use serde::Deserialize;
 
-use crate::figures;
-use crate::print::print_line;
 use crate::programs::{self, Program};
-use crate::refusal::Refusal;
+use terminal::numbers;
+use terminal::print::print_line;
+use terminal::refusal::Refusal;
 
 /// What the actor says.
 #[derive(Debug, Deserialize)]
@@ -25,7 +25,7 @@ struct Verification {
 pub(super) fn verify(folder: &RunFolder) -> Result<()> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
-    let verification: Verification = programs::figures(actor, "acting again")?;
+    let verification: Verification = programs::result(actor, "acting again")?;
     print_line(table(&verification).trim_end());
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
@@ -40,10 +40,10 @@ pub(super) fn verify(folder: &RunFolder) -> Result<()> {
 
 fn table(verification: &Verification) -> String {
     let Verification { episodes, steps, equal, seconds, .. } = verification;
-    let (equal, episodes) = (figures::count(*equal), figures::count(*episodes));
-    let (steps, rate) = (figures::count(*steps), figures::rate(*steps as f64 / seconds));
-    figures::table(&[
+    let (equal, episodes) = (numbers::count(*equal), numbers::count(*episodes));
+    let (steps, rate) = (numbers::count(*steps), numbers::rate(*steps as f64 / seconds));
+    numbers::table(&[
         ("the same", format!("{equal} of {episodes} episodes")),
-        ("time", format!("{}, {steps} steps, {rate}", figures::duration(*seconds))),
+        ("time", format!("{}, {steps} steps, {rate}", numbers::duration(*seconds))),
     ])
 }

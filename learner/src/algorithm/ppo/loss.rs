@@ -1,6 +1,6 @@
 //! PPO's loss of one row of a batch and its gradients: clipped surrogate, entropy bonus, clipped value.
 //!
-//! Pure functions of numbers. The update beside it says which rows, and sums them.
+//! Pure functions of numbers. The update in this module's parent says which rows, and sums them.
 
 use networks::Distribution;
 use run::config::PpoConfig;

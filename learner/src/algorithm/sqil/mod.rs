@@ -16,7 +16,7 @@ use protocol::trajectory::Encoded;
 use rand::RngExt;
 use run::config::SqilConfig;
 
-use crate::algorithm::replay::Replay;
+use crate::algorithm::replay_buffer::ReplayBuffer;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
 use crate::state::PolicyState;
 use soft_actor_critic::SoftActorCritic;
@@ -27,8 +27,8 @@ pub(super) struct Sqil {
     spec: Spec,
     config: SqilConfig,
     normalizer: RunningNormalizer,
-    expert: Replay,
-    agent: Replay,
+    expert: ReplayBuffer,
+    agent: ReplayBuffer,
     /// Updates so far; they name the random streams.
     updates: u64,
     learner: Box<dyn SoftLearner>,
@@ -93,8 +93,8 @@ impl Sqil {
         Sqil {
             spec,
             normalizer: normalizer.clone(),
-            expert: Replay::of_demonstrations(spec, demonstrations),
-            agent: Replay::new(spec, own.experience),
+            expert: ReplayBuffer::of_demonstrations(spec, demonstrations),
+            agent: ReplayBuffer::new(spec, own.experience),
             updates: 0,
             learner,
             config: own,

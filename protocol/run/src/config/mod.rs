@@ -229,6 +229,9 @@ impl RunConfig {
     }
 
     /// This configuration with `key=value` settings laid over it.
+    ///
+    /// # Errors
+    /// For the first setting that is no `key=value`, unknown, out of its range, or without effect.
     pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
         Self::changed(parse(&self.to_text(), "configuration")?, merged(settings)?)
     }
@@ -247,6 +250,9 @@ impl RunConfig {
     }
 
     /// The configuration that a file of a log was recorded under; none in one of demonstrations.
+    ///
+    /// # Errors
+    /// As [`RunConfig::from_text`].
     pub fn recorded(metadata: &Metadata) -> Option<Result<Self, Error>> {
         metadata.get("config").map(|text| Self::from_text(text, "of the log"))
     }
@@ -307,9 +313,12 @@ impl RunConfig {
     /// complete then.
     ///
     /// # Errors
-    /// When the task is another one there.
+    /// When the task is another one there, or has no expert that could record the demonstrations.
     pub fn described(mut self, description: Description) -> Result<Self, Error> {
-        let Description { task, environment, demonstrations, .. } = description;
+        let Description { task, environment, demonstrations, has_expert } = description;
+        let needs_expert = self.imitates() && self.demonstrations.file.is_none();
+        let expected = format!("a file: the task {} has no expert to record one", self.task);
+        within("demonstrations.file", has_expert || !needs_expert, &expected, "none")?;
         let shapes = |task: &Task| {
             [
                 ("task.observation", format!("{:?}", task.observation)),

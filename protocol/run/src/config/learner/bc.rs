@@ -24,7 +24,7 @@ pub struct CloningConfig {
     pub batch: usize,
     /// Behavioral cloning: most passes over the training part. From observation: passes an iteration.
     pub epochs: u64,
-    /// Whether the deviations of continuous actions are fitted, too. Otherwise they stay at one, and
+    /// Whether the standard deviations of continuous actions are fitted, too. Otherwise they stay at one, and
     /// the loss is half the squared error of the means, but for a constant.
     pub deviations: bool,
     /// Part of the demonstrations held out, in [0, 1); 0 trains for all epochs.

@@ -1,31 +1,39 @@
-//! `goalward report`: what runs have come to, as one page with pictures and as tables.
+//! What runs have come to, as one page with pictures and as tables.
 //!
-//! It reads logs, summaries and evaluation episodes of runs, and asks trained proximity functions
-//! through the proximity service. Nothing of a run is changed; an evaluation that is missing is run
-//! and stays in the run's folder.
+//! A report reads logs, summaries and evaluation episodes of runs, and has trained proximity functions
+//! asked. Nothing of a run is changed; an evaluation that is missing is run and stays in the run's
+//! folder.
 //!
 //! | module | what it does |
 //! |---|---|
+//! | `figure` | which runs stand for which curve, as data |
 //! | `runs` | folders of runs to a figure |
+//! | `origin` | which runs are seeds of one curve |
 //! | `measured` | what a run says |
 //! | `curve`, `learning`, `palette` | curves over seeds, their charts and tables (Figures 3 to 9, 11, 12) |
-//! | `estimate` | evaluation episodes, and what a proximity function says of observations |
+//! | `programs` | what a report asks of the programs of a run |
+//! | `estimate` | evaluation episodes to ask about |
+//! | `chart` | curves as SVG |
 //! | `grid` | proximity over NAVIGATION's grid (Figure 4d) |
 //! | `episode`, `scene`, `solid` | proximity along an episode and pictures of it (Figure 10) |
 //! | `repeat` | the command that makes a run again |
 //! | `pictures` | all pictures of a report |
 //! | `page`, `csv` | what is written |
 
+pub mod chart;
 mod csv;
 mod curve;
 mod episode;
 mod estimate;
+pub mod figure;
 mod grid;
 mod learning;
 mod measured;
+pub mod origin;
 mod page;
 mod palette;
 mod pictures;
+pub mod programs;
 mod repeat;
 mod runs;
 mod scene;
@@ -37,18 +45,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
+use terminal::refusal::wrong_usage;
 
-use self::measured::{MeasuredCurve, MeasuredFigure};
-use self::pictures::Pictures;
 use crate::figure::Figure;
+use crate::measured::{MeasuredCurve, MeasuredFigure};
 use crate::origin::apart;
-use crate::refusal::wrong_usage;
+use crate::pictures::Pictures;
+use crate::programs::Programs;
 
 /// Folders of runs as a figure.
 ///
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
-pub(crate) fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
+pub fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
     Ok(apart(runs::figure(folders)?))
 }
 
@@ -57,7 +66,7 @@ pub(crate) fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
 /// # Errors
 /// Of wrong usage, when two figures have the same name or no run has anything to show. When the
 /// files cannot be written.
-pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
+pub fn write(figures: Vec<Figure>, out: &Path, programs: &dyn Programs) -> Result<PathBuf> {
     let mut names = BTreeSet::new();
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
         return Err(wrong_usage(format!("expected each figure once, found {} twice", figure.name)));
@@ -65,7 +74,7 @@ pub(crate) fn write(figures: Vec<Figure>, out: &Path) -> Result<PathBuf> {
     let measured = |figure: Figure| figure.map(MeasuredCurve::of);
     let figures: Vec<MeasuredFigure> = figures.into_iter().map(measured).collect();
     refuse_nothing(&figures)?;
-    let pictures = Pictures::of(&figures)?;
+    let pictures = Pictures::of(&figures, programs)?;
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let save = |name: &str, text: &str| -> Result<PathBuf> {
         let file = out.join(name);

@@ -3,15 +3,16 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
+use run::tasks::place;
 
-use super::episode;
-use super::estimate;
-use super::grid::{Classes, Everywhere};
-use super::learning::{self, Against};
-use super::measured::{Measured, MeasuredFigure, MeasuredPanel};
-use super::palette::Palette;
 use crate::chart;
-use crate::tasks::place;
+use crate::episode;
+use crate::estimate;
+use crate::grid::{Classes, Everywhere};
+use crate::learning::{self, Against};
+use crate::measured::{Measured, MeasuredFigure, MeasuredPanel};
+use crate::palette::Palette;
+use crate::programs::Programs;
 
 /// Size of a chart of success against steps, pixels.
 const SIZE: [u32; 2] = [720, 400];
@@ -20,7 +21,7 @@ const SIZE: [u32; 2] = [720, 400];
 const SMALL_SIZE: [u32; 2] = [720, 300];
 
 /// The pictures of a report by the names of their files.
-pub(super) struct Pictures {
+pub(crate) struct Pictures {
     files: BTreeMap<String, String>,
     /// Episodes: name of the picture and caption, or why there is none.
     episodes: Vec<Result<(String, String), String>>,
@@ -34,7 +35,7 @@ impl Pictures {
     /// # Errors
     /// When a chart cannot be drawn. A picture that needs the programs of a run is left out where
     /// they fail, and the report says so.
-    pub(super) fn of(figures: &[MeasuredFigure]) -> Result<Pictures> {
+    pub(crate) fn of(figures: &[MeasuredFigure], programs: &dyn Programs) -> Result<Pictures> {
         let mut pictures =
             Pictures { files: BTreeMap::new(), episodes: Vec::new(), heats: BTreeMap::new() };
         let panels = || figures.iter().flat_map(|figure| &figure.panels);
@@ -49,28 +50,28 @@ impl Pictures {
             for panel in &figure.panels {
                 let stem = stem(&figure.name, &panel.name);
                 pictures.draw_learning(&stem, panel, &palette)?;
-                pictures.draw_heat(stem, panel);
+                pictures.draw_heat(stem, panel, programs);
             }
         }
         let mut runs: Vec<&Measured> = panels().flat_map(asked).collect();
         runs.sort_by_key(|run| place(&run.config.task.name));
         runs.dedup_by(|run, before| run.config.task.name == before.config.task.name);
-        runs.into_iter().for_each(|run| pictures.draw_episode(run));
+        runs.into_iter().for_each(|run| pictures.draw_episode(run, programs));
         Ok(pictures)
     }
 
     /// Every file's name and text.
-    pub(super) fn files(&self) -> impl Iterator<Item = (&str, &str)> {
+    pub(crate) fn files(&self) -> impl Iterator<Item = (&str, &str)> {
         self.files.iter().map(|(name, text)| (name.as_str(), text.as_str()))
     }
 
     /// The learning curves of a panel.
-    pub(super) fn learning(&self, figure: &str, panel: &str, against: Against) -> Option<&str> {
+    pub(crate) fn learning(&self, figure: &str, panel: &str, against: Against) -> Option<&str> {
         self.text(&learning_file(&stem(figure, panel), against))
     }
 
     /// The heat map of a panel and its caption, or why it has none; nothing where none belongs.
-    pub(super) fn heat(&self, figure: &str, panel: &str) -> Option<Result<(&str, &str), &str>> {
+    pub(crate) fn heat(&self, figure: &str, panel: &str) -> Option<Result<(&str, &str), &str>> {
         let stem = stem(figure, panel);
         let caption = self.heats.get(&stem)?.as_ref();
         let with_text = |caption| (self.drawn(&heat_file(&stem)), caption);
@@ -78,7 +79,7 @@ impl Pictures {
     }
 
     /// The episodes: picture and caption, or why there is none.
-    pub(super) fn episodes(&self) -> impl Iterator<Item = Result<(&str, &str), &str>> {
+    pub(crate) fn episodes(&self) -> impl Iterator<Item = Result<(&str, &str), &str>> {
         self.episodes.iter().map(|episode| match episode {
             Ok((name, caption)) => Ok((self.drawn(name), caption.as_str())),
             Err(reason) => Err(reason.as_str()),
@@ -109,10 +110,10 @@ impl Pictures {
         Ok(())
     }
 
-    fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel) {
+    fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel, programs: &dyn Programs) {
         let Some(classes) = Classes::of(&panel.task) else { return };
         let Some(run) = asked(panel).into_iter().next() else { return };
-        let drawn = heat(run, &classes).map(|drawn| {
+        let drawn = heat(run, &classes, programs).map(|drawn| {
             self.files.insert(heat_file(&stem), drawn);
             format!(
                 "Proximity and uncertainty that the trained ensemble of {} has for the agent on \
@@ -123,8 +124,8 @@ impl Pictures {
         self.heats.insert(stem, drawn.map_err(|error| format!("{error:#}")));
     }
 
-    fn draw_episode(&mut self, run: &Measured) {
-        let drawn = episode::along(&run.folder, &run.config).map(|along| {
+    fn draw_episode(&mut self, run: &Measured, programs: &dyn Programs) {
+        let drawn = episode::along(&run.folder, &run.config, programs).map(|along| {
             let name = format!("episode-{}.svg", run.config.task);
             self.files.insert(name.clone(), along.picture);
             (name, format!("{}, {}: {}", run.config.task, run.name(), along.caption))
@@ -139,12 +140,12 @@ fn asked(panel: &MeasuredPanel) -> Vec<&Measured> {
     runs.filter(|run| run.is_finished() && estimate::has_proximity(&run.config)).collect()
 }
 
-fn heat(run: &Measured, classes: &Classes) -> Result<String> {
-    let episodes = estimate::episodes(&run.folder, &run.config)?;
+fn heat(run: &Measured, classes: &Classes, programs: &dyn Programs) -> Result<String> {
+    let episodes = estimate::episodes(&run.folder, &run.config, programs)?;
     let bytes = run.config.task.spec().observation.bytes();
     let first = episodes.first().map(|episode| &episode.trajectory.observations()[..bytes]);
     let everywhere = Everywhere::of(first.unwrap_or(&[]), classes);
-    let estimates = estimate::ask(&run.folder, &everywhere.observations())?;
+    let estimates = programs.estimate(&run.folder, &everywhere.observations())?;
     Ok(everywhere.picture(&estimates).into_string())
 }
 

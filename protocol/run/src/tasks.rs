@@ -6,21 +6,22 @@ use std::path::Path;
 
 use protocol::Error;
 use protocol::error::out_of_range;
-use run::config::RunConfig;
+
+use crate::config::RunConfig;
 
 /// The text of `deploy/methods.toml`.
-const METHODS: &str = include_str!("../methods.toml");
+const METHODS: &str = include_str!("../../../deploy/methods.toml");
 
 /// The tasks of the paper, in its order, with the text of each one's file.
 const BUILT_IN: [(&str, &str); 4] = [
-    ("navigation", include_str!("../tasks/navigation.toml")),
-    ("fetch-pick", include_str!("../tasks/fetch_pick.toml")),
-    ("fetch-push", include_str!("../tasks/fetch_push.toml")),
-    ("ant-reach", include_str!("../tasks/ant_reach.toml")),
+    ("navigation", include_str!("../../../deploy/tasks/navigation.toml")),
+    ("fetch-pick", include_str!("../../../deploy/tasks/fetch_pick.toml")),
+    ("fetch-push", include_str!("../../../deploy/tasks/fetch_push.toml")),
+    ("ant-reach", include_str!("../../../deploy/tasks/ant_reach.toml")),
 ];
 
 /// The task that is trained unless another one is asked for.
-pub(crate) const DEFAULT_TASK: &str = BUILT_IN[0].0;
+pub const DEFAULT_TASK: &str = BUILT_IN[0].0;
 
 /// The effective configuration of a task under a preset, with `key=value` settings; the method is
 /// one of them. The task is a name, or the path of a file such as `deploy/tasks/*.toml`; a program
@@ -28,11 +29,7 @@ pub(crate) const DEFAULT_TASK: &str = BUILT_IN[0].0;
 ///
 /// # Errors
 /// When there is no such task, or its configuration is not sound.
-pub(crate) fn configuration(
-    task: &str,
-    preset: &str,
-    settings: &[String],
-) -> Result<RunConfig, Error> {
+pub fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<RunConfig, Error> {
     if let Some((_, file)) = BUILT_IN.iter().find(|(name, _)| *name == task) {
         return RunConfig::assemble(file, METHODS, preset, settings);
     }
@@ -55,7 +52,7 @@ pub(crate) fn configuration(
 }
 
 /// A task's place among those of the paper; those of others come behind.
-pub(crate) fn place(task: &str) -> usize {
+pub fn place(task: &str) -> usize {
     BUILT_IN.iter().position(|(name, _)| *name == task).unwrap_or(BUILT_IN.len())
 }
 

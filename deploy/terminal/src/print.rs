@@ -3,11 +3,11 @@
 use std::io::Write;
 
 /// Prints to standard output; nobody listening any more is no reason to end a run.
-pub(crate) fn print_line(text: &str) {
+pub fn print_line(text: &str) {
     writeln!(std::io::stdout(), "{text}").ok();
 }
 
 /// Prints a remark for people to standard error.
-pub(crate) fn print_remark(text: &str) {
+pub fn print_remark(text: &str) {
     writeln!(std::io::stderr(), "goalward: {text}").ok();
 }

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use std::process::ExitCode;
 
 /// Exit code of wrong usage; clap takes the same for flags it does not know.
-pub(crate) const WRONG_USAGE: u8 = 2;
+pub const WRONG_USAGE: u8 = 2;
 
 /// Exit code of a command that finished although data was lost.
 const DATA_LOST: u8 = 3;
@@ -16,7 +16,7 @@ const STOPPED: u8 = 130;
 
 /// An error that is not a plain failure.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Refusal {
+pub enum Refusal {
     /// The user asked for what cannot be done: nothing was begun, nothing was changed.
     #[error("{0}")]
     WrongUsage(String),
@@ -30,28 +30,28 @@ pub(crate) enum Refusal {
 
 impl Refusal {
     /// Makes an error, with its causes, one of wrong usage.
-    pub(crate) fn usage(error: impl Into<anyhow::Error>) -> Refusal {
+    pub fn usage(error: impl Into<anyhow::Error>) -> Refusal {
         Refusal::WrongUsage(format!("{:#}", error.into()))
     }
 }
 
 /// Wrong usage, in one line.
-pub(crate) fn wrong_usage(message: impl Display) -> anyhow::Error {
+pub fn wrong_usage(message: impl Display) -> anyhow::Error {
     Refusal::WrongUsage(message.to_string()).into()
 }
 
 /// The end that the user wished for, who has been told of it.
-pub(crate) fn stopped() -> anyhow::Error {
+pub fn stopped() -> anyhow::Error {
     Refusal::Explained(STOPPED).into()
 }
 
 /// Whether the user has been told of the error already.
-pub(crate) fn is_explained(error: &anyhow::Error) -> bool {
+pub fn is_explained(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(Refusal::Explained(_)))
 }
 
 /// The exit code an error asks for.
-pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     use protocol::Error::{Configuration, ConfigurationText, NotARun};
     for cause in error.chain() {
         match cause.downcast_ref() {
@@ -72,6 +72,7 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> ExitCode {
 #[cfg(test)]
 mod tests {
     use anyhow::Context;
+    use protocol::error::within;
 
     use super::*;
 
@@ -81,7 +82,7 @@ mod tests {
         assert_eq!(exit_code(&plain.unwrap_err()), ExitCode::FAILURE);
         let usage = Err::<(), _>(wrong_usage("no such run")).context("training");
         assert_eq!(exit_code(&usage.unwrap_err()), ExitCode::from(2));
-        let unknown = crate::tasks::configuration("fetch", "goalward", &[]).context("training");
+        let unknown = within("task", false, "one there is", "fetch").context("training");
         assert_eq!(exit_code(&unknown.unwrap_err()), ExitCode::from(2));
         let lost = anyhow::Error::from(Refusal::DataLost("2 records".to_owned()));
         assert_eq!(exit_code(&lost), ExitCode::from(3));

@@ -7,7 +7,7 @@ use protocol::task::Spec;
 use protocol::trajectory::Trajectory;
 
 /// A first-in, first-out buffer of transitions. Episodes share the bytes they came in.
-pub(crate) struct Replay {
+pub(crate) struct ReplayBuffer {
     spec: Spec,
     capacity: usize,
     episodes: VecDeque<Trajectory>,
@@ -30,18 +30,18 @@ pub(crate) struct Transition<'a> {
     pub(crate) terminated: bool,
 }
 
-impl Replay {
+impl ReplayBuffer {
     /// An empty buffer for so many transitions of a task.
-    pub(crate) fn new(spec: Spec, capacity: usize) -> Replay {
+    pub(crate) fn new(spec: Spec, capacity: usize) -> ReplayBuffer {
         let (episodes, transitions) = (VecDeque::new(), VecDeque::new());
-        Replay { spec, capacity, episodes, first_episode: 0, transitions, steps: 0 }
+        ReplayBuffer { spec, capacity, episodes, first_episode: 0, transitions, steps: 0 }
     }
 
     /// All transitions of demonstrations.
-    pub(crate) fn of_demonstrations(spec: Spec, demonstrations: &[Trajectory]) -> Replay {
-        let mut replay = Replay::new(spec, usize::MAX);
-        demonstrations.iter().for_each(|demonstration| replay.push(demonstration));
-        replay
+    pub(crate) fn of_demonstrations(spec: Spec, demonstrations: &[Trajectory]) -> ReplayBuffer {
+        let mut buffer = ReplayBuffer::new(spec, usize::MAX);
+        demonstrations.iter().for_each(|demonstration| buffer.push(demonstration));
+        buffer
     }
 
     /// Takes in an episode; the oldest transitions make room.
@@ -109,13 +109,13 @@ mod tests {
             action: ActionSpec::Discrete { count: 4 },
             horizon_steps: 100,
         };
-        let mut replay = Replay::new(spec, 4);
-        replay.push(&episode(10, 3));
-        replay.push(&episode(20, 3));
-        assert_eq!((replay.len(), replay.episodes.len()), (4, 2));
+        let mut buffer = ReplayBuffer::new(spec, 4);
+        buffer.push(&episode(10, 3));
+        buffer.push(&episode(20, 3));
+        assert_eq!((buffer.len(), buffer.episodes.len()), (4, 2));
         let found: Vec<_> = (0..4)
             .map(|position| {
-                let transition = replay.get(position);
+                let transition = buffer.get(position);
                 let observations = transition.observations;
                 (observations[0], observations[361], transition.action[0], transition.terminated)
             })
@@ -124,7 +124,7 @@ mod tests {
             found,
             [(12, 13, 12, true), (20, 21, 20, false), (21, 22, 21, false), (22, 23, 22, true)]
         );
-        replay.push(&episode(30, 4));
-        assert_eq!((replay.len(), replay.episodes.len(), replay.get(0).action[0]), (4, 1, 30));
+        buffer.push(&episode(30, 4));
+        assert_eq!((buffer.len(), buffer.episodes.len(), buffer.get(0).action[0]), (4, 1, 30));
     }
 }

@@ -8,10 +8,10 @@ use protocol::task::Task;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 
-use super::measured::Measured;
-use super::repeat::settings;
 use crate::figure::{Curve, Figure, Panel};
-use crate::tasks::place;
+use crate::measured::Measured;
+use crate::repeat::settings;
+use run::tasks::place;
 
 /// Keys by which runs of one curve may differ.
 const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
@@ -26,7 +26,7 @@ type Described = (RunFolder, String, Phrases);
 ///
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
-pub(super) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
+pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     let mut described = Vec::new();
     for folder in folders {
         let Measured { folder, config, .. } = Measured::of(folder)?;
@@ -49,7 +49,7 @@ fn phrases(config: &RunConfig) -> Phrases {
     let settings = settings(config).into_iter().filter(|(key, _)| !OF_NO_CURVE.contains(&&**key));
     let mut phrases: Phrases = settings.map(|(key, value)| format!("{key}={value}")).collect();
     phrases.insert(format!("preset {}", config.preset));
-    phrases.insert(format!("{} steps", crate::figures::count(config.steps)));
+    phrases.insert(format!("{} steps", terminal::numbers::count(config.steps)));
     phrases
 }
 
@@ -79,7 +79,7 @@ fn panel(task: Task, runs: Vec<Described>) -> Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::configuration;
+    use run::tasks::configuration;
 
     #[test]
     fn seeds_come_together_and_settings_apart() {

@@ -1,5 +1,4 @@
-//! What a run's trained proximity function says of observations, and the evaluation episodes that
-//! it is asked about.
+//! The evaluation episodes of a run that its proximity function is asked about.
 
 use std::fs;
 use std::path::PathBuf;
@@ -10,44 +9,24 @@ use protocol::scene::SceneUpdate;
 use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput, RunConfig};
 use run::folder::RunFolder;
-use serde::Deserialize;
 
-use crate::programs::{self, Program};
+use crate::programs::Programs;
 
 /// Episodes looked at, the first of a file: those that have scenes.
 const EPISODES: usize = 20;
 
-/// What a model says of observations, one number for each.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct Estimates {
-    /// Proximity.
-    pub(super) proximity: Vec<f64>,
-    /// Standard deviation of the ensemble.
-    pub(super) uncertainty: Vec<f64>,
-}
-
 /// An evaluation episode.
-pub(super) struct Episode {
+pub(crate) struct Episode {
     /// What happened.
-    pub(super) trajectory: Trajectory,
+    pub(crate) trajectory: Trajectory,
     /// The scene at each of its observations; none where the task has no solids.
-    pub(super) scenes: Vec<SceneUpdate>,
+    pub(crate) scenes: Vec<SceneUpdate>,
 }
 
 /// Whether a run learned a function of the state that can be asked for proximity.
-pub(super) fn has_proximity(config: &RunConfig) -> bool {
+pub(crate) fn has_proximity(config: &RunConfig) -> bool {
     let RewardConfig { model, input, .. } = &config.reward;
     model.imitates && !model.adversarial && *input == RewardInput::State
-}
-
-/// Asks the model in the newest checkpoint of a run.
-///
-/// # Errors
-/// When the proximity service refuses.
-pub(super) fn ask(folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
-    let mut service = Program::ProximityService.command()?;
-    service.arg("estimate").arg("--run").arg(folder.path());
-    programs::figures_of(&mut service, "asking", observations)
 }
 
 /// Episodes that the run's newest policy was evaluated in. If nobody has evaluated it, they are run
@@ -55,10 +34,14 @@ pub(super) fn ask(folder: &RunFolder, observations: &[u8]) -> Result<Estimates> 
 ///
 /// # Errors
 /// When they cannot be run, or their file cannot be read.
-pub(super) fn episodes(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Episode>> {
+pub(crate) fn episodes(
+    folder: &RunFolder,
+    config: &RunConfig,
+    programs: &dyn Programs,
+) -> Result<Vec<Episode>> {
     let file = match evaluated(folder)? {
         Some(file) => file,
-        None => evaluate(folder)?,
+        None => programs.evaluate(folder, EPISODES)?,
     };
     let mut episodes: Vec<Episode> = Vec::new();
     for entry in FileReader::open(&file)? {
@@ -98,18 +81,6 @@ fn evaluation_numbers(name: &str) -> Option<(u64, u64)> {
     let numbers = name.strip_prefix("evaluation-v")?.strip_suffix(".mcap")?;
     let (version, episodes) = numbers.split_once('-')?;
     Some((version.parse().ok()?, episodes.parse().ok()?))
-}
-
-fn evaluate(folder: &RunFolder) -> Result<PathBuf> {
-    #[derive(Deserialize)]
-    struct Evaluation {
-        file: PathBuf,
-    }
-    let mut actor = Program::acting_in(&folder.config()?.task).command()?;
-    actor.arg("evaluate").arg("--run").arg(folder.path());
-    let evaluation: Evaluation =
-        programs::figures(actor.args(["--episodes", &EPISODES.to_string()]), "evaluating")?;
-    Ok(evaluation.file)
 }
 
 #[cfg(test)]

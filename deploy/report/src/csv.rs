@@ -3,13 +3,13 @@
 
 use std::fmt::Write;
 
-use super::measured::{Measured, MeasuredFigure};
+use crate::measured::{Measured, MeasuredFigure};
 
 /// Columns that say which run a line is about.
 const RUN: &str = "figure,panel,task,curve,seed,run";
 
 /// All points of all runs.
-pub(super) fn results(figures: &[MeasuredFigure]) -> String {
+pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},iteration,environment_steps,wall_s,episodes,success_rate,mean_reward,mean_proximity,\
          mean_uncertainty,entropy,approximate_kl\n"
@@ -38,7 +38,7 @@ pub(super) fn results(figures: &[MeasuredFigure]) -> String {
 }
 
 /// The figures of all runs; those of an unfinished run are empty.
-pub(super) fn summary(figures: &[MeasuredFigure]) -> String {
+pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},method,preset,finished,environment_steps,episodes,iterations,success_rate,\
          evaluation_episodes,evaluation_success_rate,wall_s,steps_per_s,policy_sha256,\

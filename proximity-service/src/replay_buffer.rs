@@ -4,17 +4,17 @@ use std::collections::VecDeque;
 
 /// A first-in, first-out buffer of rows of one length, as [`crate::model::Input`] makes them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Experience {
+pub struct ReplayBuffer {
     bytes: VecDeque<u8>,
     row_bytes: usize,
     capacity: usize,
 }
 
-impl Experience {
+impl ReplayBuffer {
     /// An empty buffer for `capacity` rows of `row_bytes` each.
-    pub fn new(capacity: usize, row_bytes: usize) -> Experience {
+    pub fn new(capacity: usize, row_bytes: usize) -> ReplayBuffer {
         let bytes = VecDeque::with_capacity(capacity * row_bytes);
-        Experience { bytes, row_bytes, capacity }
+        ReplayBuffer { bytes, row_bytes, capacity }
     }
 
     /// Rows held.
@@ -54,12 +54,12 @@ mod tests {
 
     #[test]
     fn the_oldest_rows_make_room() {
-        let mut experience = Experience::new(3, 2);
-        experience.push(&[1, 1, 2, 2]);
-        experience.push(&[3, 3, 4, 4]);
-        assert_eq!(experience.to_bytes(), [2, 2, 3, 3, 4, 4]);
+        let mut buffer = ReplayBuffer::new(3, 2);
+        buffer.push(&[1, 1, 2, 2]);
+        buffer.push(&[3, 3, 4, 4]);
+        assert_eq!(buffer.to_bytes(), [2, 2, 3, 3, 4, 4]);
         let mut row = Vec::new();
-        experience.append_to(1, &mut row);
-        assert_eq!((experience.len(), row), (3, vec![3, 3]));
+        buffer.append_to(1, &mut row);
+        assert_eq!((buffer.len(), row), (3, vec![3, 3]));
     }
 }

@@ -7,11 +7,12 @@ use protocol::task::{ObservationSpec, Task};
 use run::config::RunConfig;
 use run::folder::RunFolder;
 
-use super::estimate::{self, Episode, Estimates};
-use super::solid::{Camera, Solid};
-use super::{grid, scene};
 use crate::chart::{self, Axis, COLORS, Chart, Line, Marker, Style, UNITS};
-use crate::figures;
+use crate::estimate::{self, Episode};
+use crate::programs::{Estimates, Programs};
+use crate::solid::{Camera, Solid};
+use crate::{grid, scene};
+use terminal::numbers;
 
 /// Frames shown.
 const FRAMES: usize = 4;
@@ -32,11 +33,11 @@ const TEXT_HEIGHT: usize = 26;
 const CHART_HEIGHT: usize = 260;
 
 /// A picture of an episode and what it shows.
-pub(super) struct Along {
+pub(crate) struct Along {
     /// The picture, an SVG file.
-    pub(super) picture: String,
+    pub(crate) picture: String,
     /// What it shows.
-    pub(super) caption: String,
+    pub(crate) caption: String,
 }
 
 /// Draws a successful evaluation episode of a run, one of middle length; if none was successful, the
@@ -44,15 +45,19 @@ pub(super) struct Along {
 ///
 /// # Errors
 /// When there is no episode, or the run's model does not answer.
-pub(super) fn along(folder: &RunFolder, config: &RunConfig) -> Result<Along> {
-    let mut episodes = estimate::episodes(folder, config)?;
+pub(crate) fn along(
+    folder: &RunFolder,
+    config: &RunConfig,
+    programs: &dyn Programs,
+) -> Result<Along> {
+    let mut episodes = estimate::episodes(folder, config, programs)?;
     ensure!(!episodes.is_empty(), "{}: expected an evaluation episode", folder.path().display());
     episodes.sort_by_key(|episode| episode.trajectory.steps_to_goal);
     let failed = episodes.iter().filter(|episode| !episode.trajectory.success).count();
     let chosen = if failed == episodes.len() { 0 } else { (failed + episodes.len()) / 2 };
     let episode = episodes.swap_remove(chosen);
     let observations = episode.trajectory.observations_to_goal();
-    let estimates = estimate::ask(folder, observations)?;
+    let estimates = programs.estimate(folder, observations)?;
     let steps = estimates.proximity.len() - 1;
     let end = if episode.trajectory.success { "which reached the goal" } else { "which missed it" };
     let caption = format!(
@@ -73,7 +78,7 @@ fn picture(task: &Task, episode: &Episode, estimates: &Estimates) -> Result<Mark
     let height = chart_top + CHART_HEIGHT;
     let [chart_width, chart_height] = [WIDTH, CHART_HEIGHT].map(|side| side * UNITS as usize);
     let said = |step: usize| {
-        format!("step {step}: proximity {}", figures::number(estimates.proximity[step]))
+        format!("step {step}: proximity {}", numbers::number(estimates.proximity[step]))
     };
     Ok(html! {
         svg xmlns="http://www.w3.org/2000/svg" width=(WIDTH) height=(height)

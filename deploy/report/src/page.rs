@@ -5,18 +5,18 @@ use std::path::{Component, Path, PathBuf};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use run::folder::RunFolder;
 
-use super::curve::Spread;
-use super::learning::{Against, Row, SHARES};
-use super::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
-use super::pictures::Pictures;
-use super::repeat;
-use crate::figures;
+use crate::curve::Spread;
+use crate::learning::{Against, Row, SHARES};
+use crate::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
+use crate::pictures::Pictures;
+use crate::repeat;
+use terminal::numbers;
 
 /// Digits of a hash that are shown.
 const HASH_DIGITS: usize = 12;
 
 /// The page; paths on it are as seen from `folder`, where it will be.
-pub(super) fn page(figures: &[MeasuredFigure], pictures: &Pictures, folder: &Path) -> Markup {
+pub(crate) fn page(figures: &[MeasuredFigure], pictures: &Pictures, folder: &Path) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -61,8 +61,8 @@ fn measured(figures: &[MeasuredFigure]) -> Markup {
         dl {
             dt { "figures" } dd { (figures.len()) }
             dt { "runs" } dd { (runs.len()) ", " (finished) " of them finished" }
-            dt { "environment steps" } dd { (crate::figures::count(steps)) }
-            dt { "training time of all runs" } dd { (crate::figures::duration(wall_s)) }
+            dt { "environment steps" } dd { (terminal::numbers::count(steps)) }
+            dt { "training time of all runs" } dd { (terminal::numbers::duration(wall_s)) }
             dt { "this report was made on" } dd { (processor()) ", " (cores) " cores" }
             dt { "data" } dd {
                 a href="results.csv" { "results.csv" } " (every update), "
@@ -133,7 +133,7 @@ fn table(panel: &MeasuredPanel) -> Markup {
                 thead {
                     tr {
                         th { "curve" } th { "seeds" }
-                        @for share in SHARES { th { "at " (figures::percent(share, 0)) " of steps" } }
+                        @for share in SHARES { th { "at " (numbers::percent(share, 0)) " of steps" } }
                         th { "last 100" } th { "evaluation" }
                         @if anchored { th { "authors" } }
                         th { "steps/s" }
@@ -156,9 +156,9 @@ fn row(curve: &MeasuredCurve, anchored: bool, missing: bool) -> Markup {
             td { (success(row.last.as_ref())) }
             td { (success(row.evaluation.as_ref())) }
             @if anchored {
-                td { (curve.anchor.map_or("-".to_owned(), |share| figures::percent(share, 0))) }
+                td { (curve.anchor.map_or("-".to_owned(), |share| numbers::percent(share, 0))) }
             }
-            td { (row.steps_per_s.map_or("-".to_owned(), |pace| figures::count(pace as u64))) }
+            td { (row.steps_per_s.map_or("-".to_owned(), |pace| numbers::count(pace as u64))) }
             @if missing { td.wrap { (curve.missing.join("; ")) } }
         }
     }
@@ -169,7 +169,7 @@ fn seeds(row: &Row) -> String {
     if finished == wanted { finished.to_string() } else { format!("{finished} of {wanted}") }
 }
 
-/// Mean and half deviation in percent.
+/// Mean and half a standard deviation in percent.
 fn success(spread: Option<&Spread>) -> String {
     let Some(Spread { mean, half_deviation }) = spread else { return "-".to_owned() };
     match half_deviation {
@@ -219,16 +219,16 @@ fn run_row(run: &Measured, folder: &Path) -> Markup {
     let last = run.points.last();
     let steps = last.map_or(0, |point| point.environment_steps);
     let percent =
-        |share: Option<f64>| share.map_or("-".to_owned(), |share| figures::percent(share, 1));
+        |share: Option<f64>| share.map_or("-".to_owned(), |share| numbers::percent(share, 1));
     let hash = summary.map(|summary| summary.policy_sha256.chars().take(HASH_DIGITS).collect());
     html! {
         tr {
             td { code { (seen_from(folder, &run.folder).display()) } }
             td { (run.config.seed) }
-            td { (figures::count(steps)) @if summary.is_none() { " so far" } }
+            td { (numbers::count(steps)) @if summary.is_none() { " so far" } }
             td { (percent(last.filter(|_| run.acts()).map(|point| point.success_rate))) }
             td { (percent(summary.and_then(|summary| summary.evaluation.success_rate))) }
-            td { (figures::duration(summary.map_or(f64::NAN, |summary| summary.wall_s))) }
+            td { (numbers::duration(summary.map_or(f64::NAN, |summary| summary.wall_s))) }
             td.text { code { (hash.unwrap_or("-".to_owned())) } }
             td.text { code { (repeat::command(&run.folder, &run.config)) } }
         }

@@ -11,7 +11,7 @@ use crate::figure::{Curve, Figure};
 
 /// Where a run comes from, besides its configuration.
 #[derive(Clone, Debug)]
-pub(crate) struct Origin {
+pub struct Origin {
     /// The builds that trained it, one after another; none where that was not recorded.
     builds: Vec<Build>,
     /// What it imitated.
@@ -27,7 +27,7 @@ enum Imitated {
 
 impl Origin {
     /// That of a run; none before it has begun.
-    pub(crate) fn of(folder: &RunFolder) -> Option<Origin> {
+    pub fn of(folder: &RunFolder) -> Option<Origin> {
         let config = folder.config().ok()?;
         let (builds, demonstrations) = match Summary::of_run(folder).ok().flatten() {
             Some(summary) => (summary.builds, summary.demonstrations),
@@ -47,13 +47,13 @@ impl Origin {
     }
 
     /// Whether the running program, and no other, has trained it.
-    pub(crate) fn is_own(&self) -> bool {
+    pub fn is_own(&self) -> bool {
         let own = Build::own();
         !self.builds.is_empty() && self.builds.iter().all(|build| build.difference(own).is_none())
     }
 
     /// The builds, in one line.
-    pub(crate) fn builds(&self) -> String {
+    pub fn builds(&self) -> String {
         shown(&self.builds)
     }
 
@@ -81,7 +81,7 @@ impl Imitated {
 }
 
 /// The same figure, with no curve over runs of several origins.
-pub(crate) fn apart(mut figure: Figure) -> Figure {
+pub fn apart(mut figure: Figure) -> Figure {
     for panel in &mut figure.panels {
         panel.curves =
             std::mem::take(&mut panel.curves).into_iter().flat_map(curves_apart).collect();

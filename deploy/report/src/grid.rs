@@ -5,10 +5,10 @@ use maud::{Markup, html};
 use plotters::style::colors::colormaps::ViridisRGB;
 use protocol::task::{ObservationSpec, Task};
 
-use super::estimate::Estimates;
+use crate::programs::Estimates;
 
 /// The classes of cells in a grid that an agent can be put on any free cell of.
-pub(super) struct Classes {
+pub(crate) struct Classes {
     width: usize,
     empty: u8,
     wall: u8,
@@ -18,7 +18,7 @@ pub(super) struct Classes {
 
 impl Classes {
     /// Those of a task; none where its labels do not name all four.
-    pub(super) fn of(task: &Task) -> Option<Classes> {
+    pub(crate) fn of(task: &Task) -> Option<Classes> {
         let ObservationSpec::Cells { width, .. } = task.observation else { return None };
         let class = |name| task.labels.iter().position(|label| label == name);
         let [empty, wall, goal, agent] = ["empty", "wall", "goal", "agent"].map(class);
@@ -48,7 +48,7 @@ const OTHER_CLASSES: u8 = 12;
 const EMPTY_COLOR: &str = "#F4F6F8";
 
 /// Observations in which the agent stands on each free cell of an episode's grid, and those cells.
-pub(super) struct Everywhere {
+pub(crate) struct Everywhere {
     /// The grid without the agent.
     cells: Vec<u8>,
     /// Cells of a row.
@@ -61,7 +61,7 @@ pub(super) struct Everywhere {
 
 impl Everywhere {
     /// Of a first observation, in which the goal is still visible.
-    pub(super) fn of(observation: &[u8], classes: &Classes) -> Everywhere {
+    pub(crate) fn of(observation: &[u8], classes: &Classes) -> Everywhere {
         let &Classes { width, empty, wall, goal, agent } = classes;
         let without_agent = |cell: &u8| if *cell == agent { empty } else { *cell };
         let cells: Vec<u8> = observation.iter().map(without_agent).collect();
@@ -70,7 +70,7 @@ impl Everywhere {
     }
 
     /// The observations, one after another.
-    pub(super) fn observations(&self) -> Vec<u8> {
+    pub(crate) fn observations(&self) -> Vec<u8> {
         let with_agent = |&place: &usize| {
             let mut cells = self.cells.clone();
             cells[place] = self.agent;
@@ -80,7 +80,7 @@ impl Everywhere {
     }
 
     /// Proximity and uncertainty as two heat maps side by side.
-    pub(super) fn picture(&self, estimates: &Estimates) -> Markup {
+    pub(crate) fn picture(&self, estimates: &Estimates) -> Markup {
         let side = self.width * CELL;
         let (width, height) = (2 * side + 130, side + 34);
         html! {
@@ -128,7 +128,7 @@ impl Everywhere {
 }
 
 /// A picture of an observation whose classes have these labels.
-pub(super) fn frame(observation: &[u8], width: usize, labels: &[String]) -> Markup {
+pub(crate) fn frame(observation: &[u8], width: usize, labels: &[String]) -> Markup {
     let place = |&(place, _): &(usize, &u8)| (place % width, place / width);
     let [sides, heights] = [width * CELL, observation.len() / width * CELL];
     html! {
@@ -168,7 +168,7 @@ fn ring(x: usize, y: usize) -> Markup {
 /// The smallest and the largest number with as many digits as tell them apart; none where they are the
 /// same in all that are worth showing.
 fn ends(low: f64, high: f64) -> Option<[String; 2]> {
-    let short = [low, high].map(crate::figures::number);
+    let short = [low, high].map(terminal::numbers::number);
     let long = || (4..=6).map(|digits| [low, high].map(|number| format!("{number:.digits$}")));
     std::iter::once(short).chain(long()).find(|[low, high]| low != high)
 }
@@ -187,7 +187,7 @@ fn legend(left: usize, low: f64, ends: Option<&[String; 2]>) -> Markup {
                 (number(steps * 5, low))
             } @else {
                 rect width="8" height="8" fill=(color(CONSTANT)) {}
-                (number(8, &crate::figures::number(low)))
+                (number(8, &terminal::numbers::number(low)))
                 (number(19, "constant"))
             }
         }
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn classes_are_known_by_their_labels() {
-        let mut task = crate::tasks::configuration("navigation", "goalward", &[]).unwrap().task;
+        let mut task = run::tasks::configuration("navigation", "goalward", &[]).unwrap().task;
         let found = Classes::of(&task).unwrap();
         assert_eq!((found.width, found.wall, found.agent), (19, 1, 3));
         task.labels.clear();

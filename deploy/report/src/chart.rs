@@ -11,7 +11,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Colors that are apart for every kind of colour sight (Okabe and Ito), the first two first.
-pub(crate) const COLORS: [RGBColor; 7] = [
+pub const COLORS: [RGBColor; 7] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
     RGBColor(0, 158, 115),
@@ -22,7 +22,7 @@ pub(crate) const COLORS: [RGBColor; 7] = [
 ];
 
 /// Units of the drawing per pixel: plotters places points at whole units.
-pub(crate) const UNITS: u32 = 2;
+pub const UNITS: u32 = 2;
 
 /// The same, for places.
 const UNIT: i32 = UNITS as i32;
@@ -40,57 +40,57 @@ const NAME_HEIGHT: i32 = 17 * UNIT;
 const MARKERS: usize = 8;
 
 /// What a chart shows.
-pub(crate) struct Chart {
+pub struct Chart {
     /// Its caption; none if empty.
-    pub(crate) title: String,
+    pub title: String,
     /// The axis to the right.
-    pub(crate) x: Axis,
+    pub x: Axis,
     /// The axis upward.
-    pub(crate) y: Axis,
+    pub y: Axis,
     /// Its curves.
-    pub(crate) curves: Vec<Line>,
+    pub curves: Vec<Line>,
     /// Places along x that are marked by a vertical line.
-    pub(crate) marks: Vec<f64>,
+    pub marks: Vec<f64>,
 }
 
 /// An axis.
-pub(crate) struct Axis {
+pub struct Axis {
     /// What it measures.
-    pub(crate) label: String,
+    pub label: String,
     /// Its ends.
-    pub(crate) range: [f64; 2],
+    pub range: [f64; 2],
     /// Whether numbers are shares, to be written as percents.
-    pub(crate) percent: bool,
+    pub percent: bool,
 }
 
 /// A curve, or a level where it has no points.
-pub(crate) struct Line {
+pub struct Line {
     /// Its name.
-    pub(crate) name: String,
+    pub name: String,
     /// How it is drawn.
-    pub(crate) style: Style,
+    pub style: Style,
     /// Its points, by x.
-    pub(crate) points: Vec<[f64; 2]>,
+    pub points: Vec<[f64; 2]>,
     /// Places with lower and upper end of a band around the curve.
-    pub(crate) band: Vec<[f64; 3]>,
+    pub band: Vec<[f64; 3]>,
     /// Height of a dashed line over the whole chart.
-    pub(crate) level: Option<f64>,
+    pub level: Option<f64>,
     /// Height of a diamond at the right end.
-    pub(crate) anchor: Option<f64>,
+    pub anchor: Option<f64>,
 }
 
 /// Color and marker of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Style {
+pub struct Style {
     /// Its color.
-    pub(crate) color: RGBColor,
+    pub color: RGBColor,
     /// What stands on it here and there.
-    pub(crate) marker: Marker,
+    pub marker: Marker,
 }
 
 /// What stands on a curve here and there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Marker {
+pub enum Marker {
     /// Nothing.
     None,
     /// Filled circles.
@@ -103,8 +103,7 @@ pub(crate) enum Marker {
 
 impl Marker {
     /// Every marker, the plainest first.
-    pub(crate) const ALL: [Marker; 4] =
-        [Marker::None, Marker::Circle, Marker::Triangle, Marker::Cross];
+    pub const ALL: [Marker; 4] = [Marker::None, Marker::Circle, Marker::Triangle, Marker::Cross];
 }
 
 type Painted = Result<(), Box<dyn std::error::Error>>;
@@ -116,7 +115,7 @@ type Place = (i32, i32);
 ///
 /// # Errors
 /// When plotters cannot draw.
-pub(crate) fn draw(charts: &[Chart], size: [u32; 2]) -> Result<String> {
+pub fn draw(charts: &[Chart], size: [u32; 2]) -> Result<String> {
     let mut text = String::new();
     let size = size.map(|pixels| pixels * UNITS);
     paint_all(charts, size, &mut text).map_err(|error| anyhow!("drawing a chart: {error}"))?;

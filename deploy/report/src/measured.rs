@@ -9,69 +9,68 @@ use run::folder::RunFolder;
 use run::summary::Summary;
 
 use crate::figure::{Curve, Figure, Panel};
-use crate::figures;
-use crate::print::print_remark;
-use crate::refusal::{Refusal, wrong_usage};
-use crate::summary::of_finished;
+use terminal::numbers;
+use terminal::print::print_remark;
+use terminal::refusal::{Refusal, wrong_usage};
 
 /// A figure with what its runs say.
-pub(super) type MeasuredFigure = Figure<MeasuredCurve>;
+pub(crate) type MeasuredFigure = Figure<MeasuredCurve>;
 
 /// A panel with what its runs say.
-pub(super) type MeasuredPanel = Panel<MeasuredCurve>;
+pub(crate) type MeasuredPanel = Panel<MeasuredCurve>;
 
 /// A curve with what its runs say.
-pub(super) struct MeasuredCurve {
+pub(crate) struct MeasuredCurve {
     /// Its name.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Success rate of the authors' published curve at its end.
-    pub(super) anchor: Option<f64>,
+    pub(crate) anchor: Option<f64>,
     /// The runs that there are.
-    pub(super) runs: Vec<Measured>,
+    pub(crate) runs: Vec<Measured>,
     /// What is missing, a phrase for each run.
-    pub(super) missing: Vec<String>,
+    pub(crate) missing: Vec<String>,
 }
 
 /// What a run says.
-pub(super) struct Measured {
+pub(crate) struct Measured {
     /// Its folder.
-    pub(super) folder: RunFolder,
+    pub(crate) folder: RunFolder,
     /// Its configuration.
-    pub(super) config: RunConfig,
+    pub(crate) config: RunConfig,
     /// Its figures, if it is finished.
-    pub(super) summary: Option<Summary>,
+    pub(crate) summary: Option<Summary>,
     /// A point for each policy update; at least one.
-    pub(super) points: Vec<Point>,
+    pub(crate) points: Vec<Point>,
 }
 
 /// A policy update as a point of curves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Point {
+pub(crate) struct Point {
     /// The iteration, from 0.
-    pub(super) iteration: u64,
+    pub(crate) iteration: u64,
     /// Environment steps so far.
-    pub(super) environment_steps: u64,
+    pub(crate) environment_steps: u64,
     /// Training episodes so far.
-    pub(super) episodes: u64,
+    pub(crate) episodes: u64,
     /// Wall time since the first rollout began, pauses of a resumed run left out, seconds.
-    pub(super) wall_s: f64,
+    pub(crate) wall_s: f64,
     /// Of the last 100 training episodes.
-    pub(super) success_rate: f64,
+    pub(crate) success_rate: f64,
     /// Per step.
-    pub(super) mean_reward: f64,
+    pub(crate) mean_reward: f64,
     /// Over the batch's observations.
-    pub(super) mean_proximity: f64,
+    pub(crate) mean_proximity: f64,
     /// Over the batch's observations.
-    pub(super) mean_uncertainty: f64,
+    pub(crate) mean_uncertainty: f64,
     /// Of the policy, nats.
-    pub(super) entropy: f64,
+    pub(crate) entropy: f64,
     /// From the policy that acted, nats.
-    pub(super) approximate_kl: f64,
+    pub(crate) approximate_kl: f64,
 }
 
 impl MeasuredCurve {
     /// Reads the runs of a curve. Those that do not exist or cannot be read are noted as missing.
-    pub(super) fn of(curve: Curve) -> MeasuredCurve {
+    pub(crate) fn of(curve: Curve) -> MeasuredCurve {
         let mut measured = MeasuredCurve {
             name: curve.name,
             anchor: curve.anchor,
@@ -101,9 +100,9 @@ impl Measured {
     ///
     /// # Errors
     /// Of wrong usage when the folder holds no run, no log, or no policy update yet.
-    pub(super) fn of(folder: RunFolder) -> Result<Measured> {
+    pub(crate) fn of(folder: RunFolder) -> Result<Measured> {
         let config = folder.config()?;
-        let summary = of_finished(&folder, print_remark);
+        let summary = Summary::of_finished(&folder, print_remark);
         let records = read_contents(&folder.log(), Contents::Updates)
             .map_err(Refusal::usage)
             .with_context(|| folder.path().display().to_string())?;
@@ -123,17 +122,17 @@ impl Measured {
     }
 
     /// The name of its folder, with its seed.
-    pub(super) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         format!("{} (seed {})", name(&self.folder), self.config.seed)
     }
 
     /// Whether it learned from environment steps; otherwise only its evaluation says something.
-    pub(super) fn acts(&self) -> bool {
+    pub(crate) fn acts(&self) -> bool {
         self.points.last().is_some_and(|point| point.environment_steps > 0)
     }
 
     /// Whether it has a summary.
-    pub(super) fn is_finished(&self) -> bool {
+    pub(crate) fn is_finished(&self) -> bool {
         self.summary.is_some()
     }
 
@@ -143,7 +142,7 @@ impl Measured {
             return None;
         }
         let done = self.points.last().map_or(0, |point| point.environment_steps);
-        let [done, all] = [done, self.config.steps].map(figures::count);
+        let [done, all] = [done, self.config.steps].map(numbers::count);
         Some(format!("unfinished, {done} of {all} steps"))
     }
 }
@@ -188,7 +187,7 @@ mod tests {
     use mcap_log::{FileWriter, Kind, Metadata, Topic};
 
     use super::*;
-    use crate::tasks;
+    use run::tasks;
 
     #[test]
     fn a_run_that_has_only_begun_is_refused_alone_and_missing_in_a_figure() {

@@ -1,32 +1,32 @@
 //! Learning curves of a panel and the table below them (the paper's Figures 3 to 9, 11 and 12).
 
-use super::curve::{Spread, mean};
-use super::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
-use super::palette::Palette;
 use crate::chart::{Axis, Chart, Line};
+use crate::curve::{Spread, mean};
+use crate::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
+use crate::palette::Palette;
 
 /// Shares of the steps at which the table gives success rates.
-pub(super) const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
+pub(crate) const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
 
 /// A curve in numbers.
-pub(super) struct Row {
+pub(crate) struct Row {
     /// Finished runs.
-    pub(super) finished: usize,
+    pub(crate) finished: usize,
     /// Runs wanted.
-    pub(super) wanted: usize,
+    pub(crate) wanted: usize,
     /// Success rate in training when [`SHARES`] of the steps were taken, over the runs that have.
-    pub(super) during: [Option<Spread>; 3],
+    pub(crate) during: [Option<Spread>; 3],
     /// Success rate of the last 100 training episodes of the finished runs.
-    pub(super) last: Option<Spread>,
+    pub(crate) last: Option<Spread>,
     /// Success rate of the evaluation of the finished runs.
-    pub(super) evaluation: Option<Spread>,
+    pub(crate) evaluation: Option<Spread>,
     /// Environment steps per second, mean of the finished runs.
-    pub(super) steps_per_s: Option<f64>,
+    pub(crate) steps_per_s: Option<f64>,
 }
 
 impl Row {
     /// Of a curve.
-    pub(super) fn of(curve: &MeasuredCurve) -> Row {
+    pub(crate) fn of(curve: &MeasuredCurve) -> Row {
         let over = |value: &dyn Fn(&Measured) -> Option<f64>| {
             Spread::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
         };
@@ -54,7 +54,7 @@ fn success_at(run: &Measured, share: f64) -> Option<f64> {
 
 /// What success is drawn against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Against {
+pub(crate) enum Against {
     /// Environment steps.
     Steps,
     /// Wall time.
@@ -63,7 +63,7 @@ pub(super) enum Against {
 
 /// Success rates of a panel's curves, means over seeds with bands of half a standard deviation; the
 /// proximity that batches had where the task does not tell success.
-pub(super) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
+pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
     let x = |point: &Point| match against {
         Against::Steps => point.environment_steps as f64,
         Against::Time => point.wall_s,
@@ -141,7 +141,7 @@ mod tests {
     use run::summary::Summary;
 
     use super::*;
-    use crate::tasks;
+    use run::tasks;
 
     /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
     fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {

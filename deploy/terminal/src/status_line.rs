@@ -14,7 +14,7 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
 
 /// A line, and remarks on standard error.
-pub(crate) enum StatusLine {
+pub enum StatusLine {
     /// It stays at the bottom.
     Terminal(ProgressBar),
     /// It comes again when it is due.
@@ -28,7 +28,7 @@ pub(crate) enum StatusLine {
 
 /// What has been printed to a pipe.
 #[derive(Default)]
-pub(crate) struct Printed {
+pub struct Printed {
     last: Option<(Instant, String)>,
     /// Tenths that were done by then.
     tenth: u64,
@@ -53,17 +53,17 @@ impl Printed {
 impl StatusLine {
     /// On standard output: for a terminal if it is one that can redraw a line, which one called `dumb`
     /// cannot; for a pipe otherwise.
-    pub(crate) fn new() -> Self {
+    pub fn on_output() -> Self {
         Self::on(ProgressDrawTarget::stdout(), print_line)
     }
 
     /// The same on standard error, where standard output is for data.
-    pub(crate) fn beside_data() -> Self {
+    pub fn on_error() -> Self {
         Self::on(ProgressDrawTarget::stderr(), print_remark)
     }
 
     /// The same line for what may be done in a moment: nothing of that is printed to a pipe.
-    pub(crate) fn patient(mut self) -> Self {
+    pub fn patient(mut self) -> Self {
         if let StatusLine::Pipe { printed, .. } = &mut self {
             printed.last = Some((Instant::now(), String::new()));
         }
@@ -83,7 +83,7 @@ impl StatusLine {
     }
 
     /// Says at once what is going on.
-    pub(crate) fn say(&self, text: &str) {
+    pub fn say(&self, text: &str) {
         match self {
             StatusLine::Terminal(bar) => bar.set_message(text.to_owned()),
             StatusLine::Pipe { print, .. } => print(text),
@@ -92,7 +92,7 @@ impl StatusLine {
 
     /// Shows the newest line; in a pipe only if it is due: after some time, with each tenth of the
     /// whole, and when it has news.
-    pub(crate) fn show(&mut self, line: &str, tenth: u64, is_news: bool) {
+    pub fn show(&mut self, line: &str, tenth: u64, is_news: bool) {
         match self {
             StatusLine::Terminal(bar) => {
                 bar.set_message(line.to_owned());
@@ -107,14 +107,14 @@ impl StatusLine {
     }
 
     /// Keeps the line alive.
-    pub(crate) fn tick(&self) {
+    pub fn tick(&self) {
         if let StatusLine::Terminal(bar) = self {
             bar.tick();
         }
     }
 
     /// Prints a remark for people on standard error, above the line.
-    pub(crate) fn note(&self, text: &str) {
+    pub fn note(&self, text: &str) {
         let print = || print_remark(text);
         match self {
             StatusLine::Terminal(bar) => bar.suspend(print),
@@ -123,7 +123,7 @@ impl StatusLine {
     }
 
     /// Removes the line from the terminal.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         if let StatusLine::Terminal(bar) = self {
             bar.finish_and_clear();
         }

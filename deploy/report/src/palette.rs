@@ -8,14 +8,14 @@ use crate::chart::{COLORS, Marker, Style};
 const OURS: &str = "goal-proximity";
 
 /// Styles of curves by their names.
-pub(super) struct Palette {
+pub(crate) struct Palette {
     styles: BTreeMap<String, Style>,
 }
 
 impl Palette {
     /// Gives a style to every name of `panels`, each the names of its curves. Earlier names have the
     /// plainer styles; names that meet in a panel have different colors as far as there are enough.
-    pub(super) fn of(panels: &[Vec<&str>]) -> Palette {
+    pub(crate) fn of(panels: &[Vec<&str>]) -> Palette {
         let all = Marker::ALL
             .into_iter()
             .flat_map(|marker| COLORS.into_iter().map(move |color| Style { color, marker }));
@@ -47,7 +47,7 @@ impl Palette {
     }
 
     /// The style of a curve.
-    pub(super) fn style(&self, name: &str) -> Style {
+    pub(crate) fn style(&self, name: &str) -> Style {
         let plain = Style { color: COLORS[0], marker: Marker::None };
         self.styles.get(name).copied().unwrap_or(plain)
     }

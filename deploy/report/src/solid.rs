@@ -5,22 +5,22 @@
 use protocol::scene::{Color, Pose, SceneUpdate, Vector3};
 
 /// A point or a direction in the world, meters.
-pub(super) type Vector = [f64; 3];
+pub(crate) type Vector = [f64; 3];
 
 /// A convex solid.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Solid {
+pub(crate) struct Solid {
     /// Name of the entity that it is a part of.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Its shape, where it is.
-    pub(super) shape: Shape,
+    pub(crate) shape: Shape,
     /// Red, green, blue and opacity, each in [0, 1].
-    pub(super) color: [f64; 4],
+    pub(crate) color: [f64; 4],
 }
 
 /// A shape in the world.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Shape {
+pub(crate) enum Shape {
     /// A box.
     Box {
         /// Its center.
@@ -46,7 +46,7 @@ pub(super) enum Shape {
 
 impl Solid {
     /// The solids of a scene.
-    pub(super) fn all(scene: &SceneUpdate) -> Vec<Solid> {
+    pub(crate) fn all(scene: &SceneUpdate) -> Vec<Solid> {
         let mut solids = Vec::new();
         for entity in &scene.entities {
             let mut add = |shape: Option<Shape>, color: Option<Color>| {
@@ -68,7 +68,7 @@ impl Solid {
     }
 
     /// Where it is.
-    pub(super) fn center(&self) -> Vector {
+    pub(crate) fn center(&self) -> Vector {
         match self.shape {
             Shape::Box { center, .. } | Shape::Ball { center, .. } => center,
             Shape::Cylinder { ends: [one, other], .. } => scaled(sum(one, other), 0.5),
@@ -76,7 +76,7 @@ impl Solid {
     }
 
     /// How far it reaches from its center along a unit direction, both ways.
-    pub(super) fn reach(&self, direction: Vector) -> f64 {
+    pub(crate) fn reach(&self, direction: Vector) -> f64 {
         match self.shape {
             Shape::Box { halves, .. } => {
                 halves.iter().map(|half| dot(*half, direction).abs()).sum()
@@ -90,7 +90,7 @@ impl Solid {
 
     /// The faces of a box: outward unit normals with the distance of the face from the world's
     /// origin along them. Other shapes have none.
-    pub(super) fn faces(&self) -> Vec<(Vector, f64)> {
+    pub(crate) fn faces(&self) -> Vec<(Vector, f64)> {
         let Shape::Box { center, halves } = self.shape else { return Vec::new() };
         let face = |half: Vector| {
             let length = dot(half, half).sqrt().max(1e-12);
@@ -103,18 +103,18 @@ impl Solid {
 
 /// A camera infinitely far away.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Camera {
+pub(crate) struct Camera {
     /// To the right in the picture.
     right: Vector,
     /// Upward in the picture.
     up: Vector,
     /// From the scene to the camera.
-    pub(super) toward: Vector,
+    pub(crate) toward: Vector,
 }
 
 impl Camera {
     /// Looks down by `elevation` from a side `azimuth` away from the x axis, degrees.
-    pub(super) fn looking_from(azimuth: f64, elevation: f64) -> Camera {
+    pub(crate) fn looking_from(azimuth: f64, elevation: f64) -> Camera {
         let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
         let (flat, high) = (elevation.cos(), elevation.sin());
         let toward = [flat * azimuth.cos(), flat * azimuth.sin(), high];
@@ -123,12 +123,12 @@ impl Camera {
     }
 
     /// Where a point is in the picture: to the right and downward, meters.
-    pub(super) fn place(&self, point: Vector) -> [f64; 2] {
+    pub(crate) fn place(&self, point: Vector) -> [f64; 2] {
         [dot(point, self.right), -dot(point, self.up)]
     }
 
     /// The rectangle that a solid lies in: least and greatest places.
-    pub(super) fn extent(&self, solid: &Solid) -> [[f64; 2]; 2] {
+    pub(crate) fn extent(&self, solid: &Solid) -> [[f64; 2]; 2] {
         let [x, y] = self.place(solid.center());
         let (wide, high) = (solid.reach(self.right), solid.reach(self.up));
         [[x - wide, y - high], [x + wide, y + high]]
@@ -169,12 +169,12 @@ fn axes(pose: Pose) -> Option<[Vector; 3]> {
 }
 
 /// The scalar product.
-pub(super) fn dot(one: Vector, other: Vector) -> f64 {
+pub(crate) fn dot(one: Vector, other: Vector) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }
 
 /// The sum.
-pub(super) fn sum(one: Vector, other: Vector) -> Vector {
+pub(crate) fn sum(one: Vector, other: Vector) -> Vector {
     std::array::from_fn(|axis| one[axis] + other[axis])
 }
 
@@ -183,7 +183,7 @@ fn difference(one: Vector, other: Vector) -> Vector {
 }
 
 /// A multiple.
-pub(super) fn scaled(vector: Vector, factor: f64) -> Vector {
+pub(crate) fn scaled(vector: Vector, factor: f64) -> Vector {
     vector.map(|number| factor * number)
 }
 

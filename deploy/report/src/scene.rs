@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::solid::{Camera, Shape, Solid, Vector, dot, scaled, sum};
+use crate::solid::{Camera, Shape, Solid, Vector, dot, scaled, sum};
 
 /// How deep solids may lie in one another and still count as apart, meters.
 const TOUCH: f64 = 0.01;
@@ -14,11 +14,11 @@ const LIGHT: Vector = [0.35, -0.45, 0.82];
 const CORNERS: usize = 20;
 
 /// What a picture shows: least and greatest places in the camera's picture, meters.
-pub(super) type View = [[f64; 2]; 2];
+pub(crate) type View = [[f64; 2]; 2];
 
 /// The view that holds all that moves between scenes, and all that one can see through, which marks
 /// goals; with some room around it, three quarters as high as wide.
-pub(super) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
+pub(crate) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
     let moves = |solid: &Solid| {
         let others = scenes.iter().flatten().filter(|other| other.name == solid.name);
         solid.color[3] < 1.0 || others.clone().any(|other| distance(solid, other) > 1e-3)
@@ -48,7 +48,7 @@ fn distance(one: &Solid, other: &Solid) -> f64 {
 }
 
 /// The picture, to be placed within another one.
-pub(super) fn picture(camera: &Camera, solids: &[Solid], [least, greatest]: View) -> Markup {
+pub(crate) fn picture(camera: &Camera, solids: &[Solid], [least, greatest]: View) -> Markup {
     // In millimeters: three decimals of a meter are enough.
     let [left, top] = least.map(|place| 1e3 * place);
     let [width, height] = [0, 1].map(|axis| 1e3 * (greatest[axis] - least[axis]));

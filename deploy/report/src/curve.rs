@@ -1,20 +1,20 @@
-//! Numbers of several seeds as one: means and deviations at the same steps.
+//! Numbers of several seeds as one: means and standard deviations at the same steps.
 
 /// Most points of a mean curve.
 const POINTS: usize = 100;
 
 /// A mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Spread {
+pub(crate) struct Spread {
     /// The mean.
-    pub(super) mean: f64,
+    pub(crate) mean: f64,
     /// Half of the standard deviation, which a single seed does not have.
-    pub(super) half_deviation: Option<f64>,
+    pub(crate) half_deviation: Option<f64>,
 }
 
 impl Spread {
     /// Of some numbers; none of none.
-    pub(super) fn of(values: &[f64]) -> Option<Spread> {
+    pub(crate) fn of(values: &[f64]) -> Option<Spread> {
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
         let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
@@ -22,8 +22,8 @@ impl Spread {
         (!values.is_empty()).then_some(Spread { mean, half_deviation })
     }
 
-    /// The ends of a band of half a deviation to both sides, within [0, 1].
-    pub(super) fn band(&self) -> Option<[f64; 2]> {
+    /// The ends of a band of half a standard deviation to both sides, within [0, 1].
+    pub(crate) fn band(&self) -> Option<[f64; 2]> {
         let half = self.half_deviation?;
         Some([(self.mean - half).max(0.0), (self.mean + half).min(1.0)])
     }
@@ -31,7 +31,7 @@ impl Spread {
 
 /// The mean of curves, each of (x, y) by ascending x, at equally spaced places up to `limit`. At each
 /// place it is taken over the curves that have come as far.
-pub(super) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Spread)> {
+pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Spread)> {
     let ends = curves.iter().filter_map(|points| Some(points.last()?[0]));
     let end = ends.fold(0.0, f64::max).min(limit);
     let longest = curves.iter().map(Vec::len).max().unwrap_or(0);
@@ -70,7 +70,7 @@ mod tests {
         let found = mean(&curves, 5.0);
         let means: Vec<_> = found.iter().map(|(x, spread)| (*x, spread.mean)).collect();
         assert_eq!(means, [(1.0, 0.25), (2.0, 0.5), (3.0, 0.5), (4.0, 1.0)]);
-        // A sample's deviation of 0 and 0.5, of which half is drawn.
+        // A sample's standard deviation of 0 and 0.5, of which half is drawn.
         let half = found[0].1.half_deviation.unwrap();
         assert!((half - 0.125_f64.sqrt() / 2.0).abs() < 1e-12, "{half}");
         assert_eq!(found[3].1.half_deviation, None);

@@ -1,14 +1,14 @@
 //! How numbers are written for people: every one short, none of them able to fail.
 //!
-//! A figure that cannot be known yet (not finite) is written as a dash.
+//! A number that cannot be known yet (not finite) is written as a dash.
 
 use std::fmt::Write;
 
-/// What stands for a figure that is not known.
+/// What stands for a number that is not known.
 const UNKNOWN: &str = "-";
 
 /// `1500000` as `1,500,000`.
-pub(crate) fn count(number: u64) -> String {
+pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() * 4 / 3);
     for (position, digit) in digits.chars().enumerate() {
@@ -21,23 +21,23 @@ pub(crate) fn count(number: u64) -> String {
 }
 
 /// `0.974` as `97 %`; one decimal where `decimals` asks for it.
-pub(crate) fn percent(share: f64, decimals: usize) -> String {
+pub fn percent(share: f64, decimals: usize) -> String {
     known(share, |share| format!("{:.decimals$} %", share * 100.0))
 }
 
 /// `part` of `whole` in whole percents, at most 100, rounded down: 100 means finished.
-pub(crate) fn percent_done(part: u64, whole: u64) -> u64 {
+pub fn percent_done(part: u64, whole: u64) -> u64 {
     let percents = u128::from(part) * 100 / u128::from(whole.max(1));
     percents.min(100) as u64
 }
 
 /// Steps per second, whole.
-pub(crate) fn rate(per_second: f64) -> String {
+pub fn rate(per_second: f64) -> String {
     known(per_second, |per_second| format!("{} steps/s", count(per_second.max(0.0) as u64)))
 }
 
 /// Seconds in the two units that matter: `52 s`, `3 min 20 s`, `1 h 02 min`.
-pub(crate) fn duration(seconds: f64) -> String {
+pub fn duration(seconds: f64) -> String {
     known(seconds, |seconds| {
         let seconds = seconds.max(0.0).round() as u64;
         match seconds {
@@ -49,7 +49,7 @@ pub(crate) fn duration(seconds: f64) -> String {
 }
 
 /// Bytes in the unit that suits: `812 B`, `3.4 KiB`, `117.0 MiB`.
-pub(crate) fn bytes(bytes: u64) -> String {
+pub fn bytes(bytes: u64) -> String {
     let mut amount = bytes as f64;
     let mut unit = "B";
     for larger in ["KiB", "MiB", "GiB", "TiB"] {
@@ -63,7 +63,7 @@ pub(crate) fn bytes(bytes: u64) -> String {
 }
 
 /// A loss or a mean, with three significant digits or so.
-pub(crate) fn number(number: f64) -> String {
+pub fn number(number: f64) -> String {
     known(number, |number| match number.abs() {
         0.0 => "0".to_owned(),
         size if !(1e-4..1e4).contains(&size) => format!("{number:.1e}"),
@@ -74,7 +74,7 @@ pub(crate) fn number(number: f64) -> String {
 }
 
 /// Names and values in two columns, one row a line.
-pub(crate) fn table(rows: &[(&str, String)]) -> String {
+pub fn table(rows: &[(&str, String)]) -> String {
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     rows.iter().fold(String::new(), |mut text, (name, value)| {
         writeln!(text, "  {name:width$}  {value}").expect("a text takes what is written to it");
@@ -83,7 +83,7 @@ pub(crate) fn table(rows: &[(&str, String)]) -> String {
 }
 
 /// Columns of texts, the first row their heads, one row a line.
-pub(crate) fn columns<const N: usize>(rows: &[[String; N]]) -> String {
+pub fn columns<const N: usize>(rows: &[[String; N]]) -> String {
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
     let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
     rows.iter().fold(String::new(), |mut text, row| {

@@ -1,0 +1,51 @@
+//! Demonstrations of an experiment: an actor of its own records them, where nobody has yet.
+
+use std::path::PathBuf;
+use std::process::ExitStatus;
+
+use anyhow::{Result, bail};
+use run::config::RunConfig;
+
+use crate::child::Child;
+use crate::demonstrations::{RECORDING, Recording};
+use crate::headway;
+use crate::output::Output;
+
+/// Demonstrations that are being recorded.
+pub(super) struct Recorder {
+    /// The process.
+    pub(super) child: Child,
+    output: Output,
+    file: PathBuf,
+}
+
+impl Recorder {
+    /// Lets the expert begin.
+    pub(super) fn start(config: &RunConfig, file: PathBuf) -> Result<Recorder> {
+        let output = Output::at(file.with_extension("txt"));
+        let mut actor = Recording::for_run(config, &file).actor()?;
+        let child = Child::start(&mut actor, &output)?;
+        Ok(Recorder { child, output, file })
+    }
+
+    /// What it is doing, with how far it is as far as it has said so.
+    pub(super) fn words(&self) -> String {
+        let end = self.output.end().unwrap_or_default();
+        match end.lines().rev().find_map(headway::read) {
+            Some(headway) => format!("{RECORDING} {} %", headway::percent(headway)),
+            None => RECORDING.to_owned(),
+        }
+    }
+
+    /// Checks that the expert `ended` well: the demonstrations have their name then.
+    ///
+    /// # Errors
+    /// When it did not, with its last words.
+    pub(super) fn end(self, ended: ExitStatus) -> Result<()> {
+        if ended.success() {
+            return Ok(());
+        }
+        let (shown, words) = (self.file.display(), self.output.last_lines());
+        bail!("recording {shown} failed ({ended}); {words}")
+    }
+}

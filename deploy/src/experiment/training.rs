@@ -1,0 +1,118 @@
+//! A run of an experiment: a `goalward train` of its own.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result};
+use run::config::{ResourceConfig, RunConfig};
+use run::folder::RunFolder;
+use terminal::numbers;
+
+use super::archive::Archive;
+use super::planned_run::PlannedRun;
+use crate::child::Child;
+use crate::output::Output;
+use crate::{plan, progress_file};
+
+/// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
+const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;
+
+/// What is to be trained, and where.
+pub(super) struct Training {
+    /// The run.
+    pub(super) run: PlannedRun,
+    /// Its name, that of its folder.
+    pub(super) name: String,
+    /// Its folder.
+    pub(super) folder: RunFolder,
+    /// The demonstrations that the experiment gives it.
+    pub(super) demonstrations: Option<PathBuf>,
+}
+
+impl Training {
+    /// A run of a plan.
+    pub(super) fn of(run: &PlannedRun, archive: &mut Archive) -> Training {
+        let config = &run.config;
+        let given = config.imitates() && config.demonstrations.file.is_none();
+        Training {
+            name: archive.name_of(run),
+            folder: archive.folder_of(run),
+            demonstrations: given.then(|| archive.demonstrations_of(config)),
+            run: run.clone(),
+        }
+    }
+
+    /// Whether another `goalward train` has the run right now.
+    pub(super) fn is_elsewhere(&self) -> bool {
+        self.folder.path().is_dir() && plan::lock(&self.folder).is_err()
+    }
+
+    /// The demonstrations that are to be recorded before it starts.
+    pub(super) fn missing_demonstrations(&self) -> Option<PathBuf> {
+        self.demonstrations.clone().filter(|file| !file.exists())
+    }
+
+    /// What it prints.
+    pub(super) fn output(&self) -> Output {
+        Output::at(self.folder.path().with_extension("txt"))
+    }
+
+    /// How far it is, as far as it has said so.
+    pub(super) fn standing(&self) -> Option<Standing> {
+        let progress = progress_file::read(&self.folder)?;
+        let update = progress.update.filter(|_| progress.steps_wanted > 0)?;
+        let percent = numbers::percent_done(update.environment_steps, progress.steps_wanted);
+        Some(Standing { percent, success_rate: update.success_rate })
+    }
+
+    /// Starts `goalward train`, or goes on with it where it has begun. Where others run beside it,
+    /// each gets one core.
+    pub(super) fn start(&self, is_alone: bool, other_build: bool) -> Result<Child> {
+        let goalward = std::env::current_exe().context("finding goalward itself")?;
+        let mut command = Command::new(goalward);
+        command.arg("train").stdin(Stdio::null());
+        if self.folder.config_file().exists() {
+            command.arg("--resume").args(other_build.then_some("--other-build"));
+        } else {
+            command.arg(&self.run.task);
+            for setting in &self.run.settings {
+                command.args(["--set", setting]);
+            }
+            if let Some(file) = &self.demonstrations {
+                command.arg("--demonstrations").arg(file);
+            }
+        }
+        for setting in resources(&self.run.config, is_alone) {
+            command.args(["--set", &setting]);
+        }
+        command.arg("--run").arg(self.folder.path());
+        Child::start(&mut command, &self.output())
+    }
+}
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Standing {
+    /// Percents of its steps that are learned from.
+    pub(super) percent: u64,
+    /// Of the last 100 training episodes; no number where there is none.
+    pub(super) success_rate: f64,
+}
+
+/// Settings that share the machine out. They change no result.
+fn resources(config: &RunConfig, is_alone: bool) -> [String; 4] {
+    let frugal = ResourceConfig {
+        actors: 1,
+        learner_threads: 1,
+        service_threads: 1,
+        lease_timeout_ms: PATIENT_LEASE_TIMEOUT_MS,
+    };
+    let ResourceConfig { actors, learner_threads, service_threads, lease_timeout_ms } =
+        if is_alone { &config.resources } else { &frugal };
+    [
+        format!("resources.actors={actors}"),
+        format!("resources.learner_threads={learner_threads}"),
+        format!("resources.service_threads={service_threads}"),
+        format!("resources.lease_timeout_ms={lease_timeout_ms}"),
+    ]
+}

@@ -1,0 +1,53 @@
+//! The newest progress of a run in a file of its folder, for whoever is not on its bus: an experiment
+//! that looks on. What is lost of it is missed by nobody, so nothing waits for the disk.
+
+use std::fs;
+use std::io;
+
+use prost::Message;
+use protocol::durable::unfinished;
+use protocol::messages::Progress;
+use run::folder::RunFolder;
+
+/// Replaces the progress of a run.
+///
+/// # Errors
+/// When the file cannot be written; there is the earlier one then.
+pub(crate) fn write(folder: &RunFolder, progress: &Progress) -> io::Result<()> {
+    let file = folder.progress_file();
+    let new = unfinished(&file);
+    fs::write(&new, progress.encode_to_vec())?;
+    fs::rename(new, file)
+}
+
+/// The newest progress since a run was last started; none while there is none.
+pub(crate) fn read(folder: &RunFolder) -> Option<Progress> {
+    Progress::decode(&*fs::read(folder.progress_file()).ok()?).ok()
+}
+
+/// Removes the progress of an earlier start.
+pub(crate) fn clear(folder: &RunFolder) {
+    fs::remove_file(folder.progress_file()).ok();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_progress_is_read() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        fs::create_dir(folder.output()).unwrap();
+        assert_eq!(read(&folder), None);
+        for steps_wanted in [3, 4] {
+            let progress = Progress { steps_wanted, ..Progress::default() };
+            write(&folder, &progress).unwrap();
+            assert_eq!(read(&folder), Some(progress));
+        }
+        fs::write(folder.progress_file(), [7; 9]).unwrap();
+        assert_eq!(read(&folder), None, "what is no progress is passed over");
+        clear(&folder);
+        assert_eq!(fs::read_dir(folder.output()).unwrap().count(), 0);
+    }
+}
