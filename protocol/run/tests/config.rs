@@ -74,7 +74,7 @@ fn what_is_wrong_is_named() {
         ("steps=-1", "-1"),
         ("task=chess", "chess"),
         ("method=magic", "`method` must be one of absolute, "),
-        ("learner=bc", "`cloning` must be there for this learner, found none"),
+        ("learner=bc", "`reward.model` must be none for bc, which asks for no rewards"),
         ("reward.model=none", "`reward.model` must be some for ppo"),
         ("reward.form=gail", "`reward.form`"),
         ("reward.input=transition", "`reward.input` must be state or state-action"),
