@@ -3,9 +3,9 @@
 #
 #   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh --workspace --test ledger
 #
-# One test reads a log with the public Python packages for MCAP. They go into an environment of
-# their own in target/python; nothing of your Python is touched. GOALWARD_PYTHON names another
-# interpreter that has them; GOALWARD_PYTHON=none leaves that test out.
+# Some tests read a log with the public Python packages for MCAP, or act in environments of Gymnasium. The
+# packages go into an environment of their own in target/python; nothing of your Python is touched.
+# GOALWARD_PYTHON names another interpreter that has them; GOALWARD_PYTHON=none leaves those tests out.
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -14,9 +14,9 @@ cd "$root"
 say() { printf 'test: %s\n' "$*" >&2; }
 
 python_environment() {
-    local folder=$root/target/python wanted=$root/protocol/log/tests/requirements.txt
+    local folder=$root/target/python wanted=$root/tests/requirements.txt
     if ! cmp -s "$wanted" "$folder/installed.txt"; then
-        say "installing the Python packages of protocol/log/tests/requirements.txt into target/python"
+        say "installing the Python packages of tests/requirements.txt into target/python"
         python3 -m venv --clear "$folder"
         "$folder/bin/python" -m pip install --quiet --disable-pip-version-check \
             --requirement "$wanted"
@@ -28,7 +28,7 @@ python_environment() {
 if [ -z "${GOALWARD_PYTHON:-}" ]; then
     python_environment || {
         say "expected python3 with venv and pip, and a package index;" \
-            "GOALWARD_PYTHON=none leaves the one test that needs them out"
+            "GOALWARD_PYTHON=none leaves the tests that need them out"
         exit 1
     }
 fi

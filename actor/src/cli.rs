@@ -173,7 +173,7 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             let expert = match policy {
                 Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
-                None => Expert::of_task(factory.task)?,
+                None => Expert::of_task(&factory)?,
             };
             let request = Request { factory, episodes, seed, file: &out };
             let stop = Stop::at_end_of_input()?;

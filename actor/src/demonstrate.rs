@@ -4,10 +4,9 @@ use std::path::Path;
 use std::slice;
 
 use anyhow::{Result, bail, ensure};
-use environments::Registration;
 use mcap_log::{FileWriter, Kind, Topic};
 use protocol::messages::Lease;
-use protocol::task::ActionSpec;
+use protocol::task::Task;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::ActionChoice;
 use run::headway::{Headway, Teller};
@@ -53,14 +52,14 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
     let environment = factory.make()?;
     let setting = expert.setting(&environment.setting(), factory.task.observed)?;
     let factory = factory.with_setting(setting.clone());
-    let task = factory.described(environment.spec());
+    let task = factory.described(&*environment);
     let metadata = metadata::of_task(Kind::Demonstrations, &task, *seed)
         .with("episodes", episodes)
         .with(EXPERT, who)
         .with("setting", serde_json::to_string(&setting)?);
     ensure!(!file.exists(), "{} exists and is not overwritten", file.display());
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
-    let mut demonstrator = Demonstrator::begin(&factory, task.action, *seed, expert)?;
+    let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
     if recorded.is_err() {
@@ -109,28 +108,23 @@ fn record(
 /// An expert at work in one lane.
 struct Demonstrator {
     tells_success: bool,
-    task: &'static str,
+    task: String,
     expert: Expert,
     lane: Lane,
     action: Vec<u8>,
 }
 
 impl Demonstrator {
-    fn begin(
-        factory: &Factory,
-        action: ActionSpec,
-        seed: u64,
-        expert: Expert,
-    ) -> Result<Demonstrator> {
+    fn begin(factory: &Factory, task: &Task, seed: u64, expert: Expert) -> Result<Demonstrator> {
         let lease = Lease {
             source: Source::Demonstration as i32,
             episodes_owed: u64::MAX,
             ..Lease::default()
         };
-        let action = vec![0; action.bytes()];
+        let action = vec![0; task.action.bytes()];
         let lane = Lane::begin(lease, factory, seed)?;
-        let Registration { name, tells_success, .. } = *factory.task;
-        Ok(Demonstrator { tells_success, task: name, expert, lane, action })
+        let Task { tells_success, .. } = *task;
+        Ok(Demonstrator { tells_success, task: task.name.clone(), expert, lane, action })
     }
 
     fn next_episode(&mut self) -> Result<Trajectory> {

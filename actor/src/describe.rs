@@ -21,7 +21,7 @@ pub fn describe(
     let agents = make(&factory, "environment")?;
     let experts = make(&factory.with_setting(demonstrations), "demonstrations")?;
     Ok(Description {
-        task: factory.described(agents.spec()),
+        task: factory.described(&*agents),
         environment: agents.setting(),
         demonstrations: experts.setting(),
         has_expert: !matches!(factory.task.expert, Expert::None),

@@ -28,7 +28,7 @@ pub struct EpisodeName {
 /// An episode in progress. Its buffers live on from one episode of a lane to the next.
 pub struct Episode {
     environment: Box<dyn Environment>,
-    task: &'static str,
+    task: String,
     spec: Spec,
     name: EpisodeName,
     actions: Stream,
@@ -46,14 +46,14 @@ impl Episode {
     /// When the environment finds no start for it.
     pub fn begin(
         environment: Box<dyn Environment>,
-        task: &'static str,
+        task: &str,
         name: EpisodeName,
     ) -> Result<Episode> {
         let spec = environment.spec();
         let (_, purpose) = name.source.purposes();
         let mut episode = Episode {
             environment,
-            task,
+            task: task.to_owned(),
             spec,
             name,
             actions: seed::stream(name.run_seed, purpose, name.lane, name.episode),
@@ -102,6 +102,21 @@ impl Episode {
         self.environment.expert_action(action)
     }
 
+    /// Tells the environment of the action that [`Episode::step`] is to take next.
+    ///
+    /// # Errors
+    /// When the environment refuses the action; names lane, episode and step.
+    pub fn announce(&mut self, action: &[u8]) -> Result<()> {
+        let announced = self.environment.announce(action);
+        announced.with_context(|| self.place())
+    }
+
+    /// Where an error came up.
+    fn place(&self) -> String {
+        let EpisodeName { lane, episode, .. } = self.name;
+        format!("lane {lane} episode {episode} step {}", self.steps())
+    }
+
     /// Acts. At the end of the episode the trajectory comes out. A demonstration ends at the goal,
     /// also in a task that would go on, and has no log-probabilities.
     ///
@@ -111,10 +126,7 @@ impl Episode {
         let start = self.observations.len();
         self.observations.resize(start + self.spec.observation.bytes(), 0);
         let step = self.environment.step(action, &mut self.observations[start..]);
-        let step = step.with_context(|| {
-            let EpisodeName { lane, episode, .. } = self.name;
-            format!("lane {lane} episode {episode} step {}", self.steps())
-        })?;
+        let step = step.with_context(|| self.place())?;
         self.taken.extend(action);
         let demonstration = self.name.source == Source::Demonstration;
         let log_prob = log_prob.filter(|_| !demonstration);
@@ -140,7 +152,7 @@ impl Episode {
         let grid = matches!(self.spec.observation, ObservationSpec::Cells { .. });
         let discrete = matches!(self.spec.action, ActionSpec::Discrete { .. });
         Trajectory {
-            task: self.task.to_owned(),
+            task: self.task.clone(),
             source: self.name.source as i32,
             iteration: self.name.iteration,
             lane: self.name.lane,

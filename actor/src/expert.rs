@@ -2,12 +2,13 @@
 //! environment's own reward.
 
 use anyhow::{Context, Result, bail, ensure};
-use environments::{Expert as Known, Registration, Setting};
+use environments::{Expert as Known, Setting};
 use protocol::setting::ACTION_SCALE;
 use protocol::weights::Weights;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 
+use crate::factory::Factory;
 use crate::policy::{Policy, Version, newest_weights};
 
 /// Who demonstrates a task.
@@ -35,9 +36,9 @@ impl Expert {
     ///
     /// # Errors
     /// When there is none.
-    pub fn of_task(task: &Registration) -> Result<Expert> {
-        let name = task.name;
-        match task.expert {
+    pub fn of_task(factory: &Factory) -> Result<Expert> {
+        let name = &factory.name;
+        match factory.task.expert {
             Known::None => bail!(
                 "{name}: expected a task that comes with an expert, found one without; \
                  --demonstrations FILE.mcap gives demonstrations, --policy RUN an expert"
@@ -46,7 +47,7 @@ impl Expert {
             Known::Policy { config, weights } => {
                 let config = RunConfig::from_text(config, "of the expert")?;
                 let weights = Weights::from_file(weights).map_err(anyhow::Error::msg)?;
-                Expert::trained(&config, &weights, true).context(name)
+                Expert::trained(&config, &weights, true).context(name.clone())
             }
         }
     }
@@ -110,7 +111,6 @@ mod tests {
 
     use super::*;
     use crate::demonstrate::{Request, demonstrate};
-    use crate::factory::Factory;
 
     fn ant_reach(setting: &str) -> Factory {
         let setting = Setting(setting.parse().expect("a table"));
@@ -129,7 +129,7 @@ mod tests {
                 seed: 7,
                 file: &folder.path().join(format!("{number}.mcap")),
             };
-            let expert = Expert::of_task(request.factory.task).expect("the expert");
+            let expert = Expert::of_task(&request.factory).expect("the expert");
             let recorded = demonstrate(&request, expert, &Stop::default()).expect("demonstrations");
             assert!(recorded.failures <= 2, "{} failures beside 20", recorded.failures);
             assert!(recorded.steps < 20 * 30, "{} steps in 20 episodes", recorded.steps);
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn an_expert_is_not_asked_for_what_it_never_saw() {
         let feeling = ant_reach("contact_forces = true");
-        let expert = Expert::of_task(feeling.task).expect("the expert");
+        let expert = Expert::of_task(&feeling).expect("the expert");
         let wanted = feeling.make().expect("the environment").setting();
         let refusal = expert.setting(&wanted, feeling.task.observed).expect_err("forces");
         let refusal = refusal.to_string();

@@ -6,6 +6,7 @@ use protocol::task::{Spec, Task};
 use run::config::RunConfig;
 
 use crate::episode::{Episode, EpisodeName};
+use crate::python;
 
 /// The tasks that a program can act in.
 pub type Tasks = &'static [Registration];
@@ -13,18 +14,25 @@ pub type Tasks = &'static [Registration];
 /// Makes the environments of one task with one setting.
 #[derive(Clone, Debug)]
 pub struct Factory {
-    /// The task.
+    /// What the task is called.
+    pub name: String,
+    /// What is known of it beyond its environment.
     pub task: &'static Registration,
     setting: Setting,
 }
 
+/// A task whose environments are of Python; its setting says which.
+static OF_PYTHON: Registration = Registration::new("python", python::make);
+
 impl Factory {
-    /// That of the named task.
+    /// That of the named task; of an environment of Python if its setting says what makes it.
     ///
     /// # Errors
     /// When the program does not have the task.
     pub fn new(tasks: Tasks, name: &str, setting: Setting) -> Result<Factory> {
-        Ok(Factory { task: find(tasks, name)?, setting })
+        let of_python = setting.0.contains_key(python::MAKE);
+        let task = if of_python { &OF_PYTHON } else { find(tasks, name)? };
+        Ok(Factory { name: name.to_owned(), task, setting })
     }
 
     /// That of the environment of a run's agent.
@@ -41,7 +49,7 @@ impl Factory {
 
     /// The same task with another setting.
     pub fn with_setting(&self, setting: Setting) -> Factory {
-        Factory { setting, ..*self }
+        Factory { setting, ..self.clone() }
     }
 
     /// An environment.
@@ -57,20 +65,20 @@ impl Factory {
     /// # Errors
     /// When there is no such setting, or no such start.
     pub fn begin(&self, name: EpisodeName) -> Result<Episode> {
-        Episode::begin(self.make()?, self.task.name, name)
+        Episode::begin(self.make()?, &self.name, name)
     }
 
-    /// What others have to know of the task whose environments have these shapes.
-    pub fn described(&self, spec: Spec) -> Task {
-        let Spec { observation, action, horizon_steps } = spec;
+    /// What others have to know of the task of this environment.
+    pub fn described(&self, environment: &dyn Environment) -> Task {
+        let Spec { observation, action, horizon_steps } = environment.spec();
         Task {
-            name: self.task.name.to_owned(),
+            name: self.name.clone(),
             observation,
             action,
             horizon_steps,
-            labels: Vec::new(),
+            labels: environment.labels(),
             deterministic: true,
-            tells_success: self.task.tells_success,
+            tells_success: environment.tells_success(),
             program: None,
             program_sha256: None,
         }

@@ -20,6 +20,7 @@ pub mod lane;
 pub mod policy;
 pub mod ports;
 pub mod publish;
+pub mod python;
 pub mod replay;
 pub mod resimulate;
 pub mod restore;

@@ -119,6 +119,9 @@ impl Policy {
         self.choose(version, lanes, choice);
         let chosen = Instant::now();
         let actions = self.actions.chunks_exact(self.spec.action.bytes());
+        for (lane, action) in lanes.iter_mut().zip(actions.clone()) {
+            lane.episode.announce(action)?;
+        }
         let mut trajectories = Vec::new();
         for ((lane, action), log_prob) in lanes.iter_mut().zip(actions).zip(&self.log_probs) {
             trajectories.extend(lane.step(action, Some(*log_prob))?);

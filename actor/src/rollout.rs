@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use bus::{NewestSubscriber, SharedMemory};
 use bytes::Bytes;
+use environments::EnvironmentError;
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::Lease;
@@ -16,7 +17,7 @@ use protocol::trajectory::{Encoded, Source};
 use protocol::weights::Weights;
 use run::config::{ActionChoice, RunConfig};
 use run::folder::RunFolder;
-use run::process::Stop;
+use run::process::{Final, Stop};
 
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
@@ -67,9 +68,17 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
         dropped: Dropped::new("weights"),
     };
     while !actor.ports.is_over()? {
-        actor.turn()?;
+        actor.turn().map_err(unless_again)?;
     }
     Ok(())
+}
+
+/// An error that ends the run, if the same lease would come to it again.
+fn unless_again(error: anyhow::Error) -> anyhow::Error {
+    match error.downcast_ref() {
+        Some(EnvironmentError::Raised(_)) => Final(format!("{error:#}")).into(),
+        _ => error,
+    }
 }
 
 impl Actor {

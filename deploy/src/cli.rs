@@ -5,7 +5,7 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, evaluate, experiment, log, replay, report, scale, status, train,
+    demonstrate, evaluate, experiment, log, replay, report, scale, status, task, train,
 };
 use terminal::refusal::wrong_usage;
 
@@ -25,6 +25,8 @@ enum Verb {
     Status(status::Arguments),
     /// Give a run more or fewer actors while it trains; the result does not change.
     Scale(scale::Arguments),
+    /// Write the file of a task that is an environment of Python, such as gym:CartPole-v1.
+    Task(task::Arguments),
     /// Let a task's expert record demonstrations.
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
@@ -52,6 +54,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Scale(arguments) => scale::run(&arguments),
+        Verb::Task(arguments) => task::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
         Verb::Experiment(arguments) => experiment::run(&arguments),
@@ -90,6 +93,7 @@ mod tests {
             "goalward train --resume --run r",
             "goalward status r",
             "goalward scale r --actors 4",
+            "goalward task gym:FetchPush-v4 --set environment.kwargs.x=3 --out t.toml --force",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",

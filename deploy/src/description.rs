@@ -33,11 +33,19 @@ pub(crate) fn complete_setting(
     setting: &Setting,
     needs_expert: bool,
 ) -> Result<Setting> {
-    let description = describe(task, &Setting::default(), setting)?;
+    let description = describe(task, setting, setting)?;
     if needs_expert && !description.has_expert {
         return Err(wrong_usage(format!("{task} has no expert: expected a run as --policy")));
     }
     Ok(description.demonstrations)
+}
+
+/// An environment of Python, made with a setting, as a task of this name.
+///
+/// # Errors
+/// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
+pub(crate) fn of_python(name: &str, setting: &Setting) -> Result<Description> {
+    described(Program::Actor, name, setting, setting)
 }
 
 /// Checks configurations that are to be trained later, each environment once.
@@ -67,9 +75,18 @@ pub(crate) fn program_sha256(task: &Task) -> Result<Option<String>> {
 }
 
 fn describe(task: &Task, environment: &Setting, demonstrations: &Setting) -> Result<Description> {
-    let mut actor = Program::acting_in(task).command()?;
+    described(Program::acting_in(task), &task.name, environment, demonstrations)
+}
+
+fn described(
+    program: Program,
+    name: &str,
+    environment: &Setting,
+    demonstrations: &Setting,
+) -> Result<Description> {
+    let mut actor = program.command()?;
     actor
-        .args(["describe", &task.name])
+        .args(["describe", name])
         .args(["--environment", &serde_json::to_string(environment)?])
         .args(["--demonstrations", &serde_json::to_string(demonstrations)?]);
     let described: Result<Description, String> =

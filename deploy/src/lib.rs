@@ -19,6 +19,7 @@
 //! | `child`, `programs` | processes that `goalward` starts |
 //! | `headway` | how far a program is that was started for one piece of work |
 //! | `limits` | whether the system lets a run's processes be large enough |
+//! | `tasks` | tasks as the user names them |
 //! | `output` | what the processes print |
 //! | `summary` | the summary of a finished run, as a table |
 //! | `full_log` | a log with observations, made of one with actions only |
@@ -42,6 +43,7 @@ mod progress;
 mod progress_file;
 mod summary;
 mod supervisor;
+mod tasks;
 
 use std::io::Write;
 use std::process::ExitCode;

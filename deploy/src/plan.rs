@@ -15,8 +15,8 @@ use run::origin::recorded_configs;
 use run::summary::Summary;
 
 use crate::supervisor::{actors_wanted, forget_actors_wanted};
+use crate::tasks;
 use crate::{demonstrations, description, destination};
-use run::tasks;
 use terminal::refusal::{Refusal, wrong_usage};
 
 /// Where runs go that were given no folder.
@@ -51,7 +51,7 @@ impl Plan {
     /// # Errors
     /// When the configuration is not sound, or the folder is not free.
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
-        let task = wishes.task.as_deref().unwrap_or(tasks::DEFAULT_TASK);
+        let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
         let config = tasks::configuration(task, preset, &wishes.settings)?;
         let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;

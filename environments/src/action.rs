@@ -7,7 +7,10 @@ use protocol::setting::ACTION_SCALE;
 use protocol::task::{ActionSpec, Spec, floats};
 
 /// Refuses an action that does not fit the spec, and any while no episode is running.
-pub(crate) fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
+///
+/// # Errors
+/// What an [`Environment`](crate::Environment) has to refuse before it steps.
+pub fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
     check(spec, action)?;
     if running { Ok(()) } else { Err(EnvironmentError::NotRunning) }
 }

@@ -51,6 +51,9 @@ pub enum EnvironmentError {
     /// A step before the first reset or after an episode's end.
     #[error("expected a reset before this step, no episode is running")]
     NotRunning,
+    /// What an environment that is none of ours raised: in the same episode it would raise it again.
+    #[error("{0}")]
+    Raised(String),
     /// What an environment that is none of ours has to say.
     #[error("{0}")]
     Other(String),

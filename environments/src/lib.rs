@@ -35,6 +35,7 @@ mod physics;
 mod registration;
 mod scene;
 
+pub use action::accept as check_action;
 pub use error::EnvironmentError;
 pub use protocol::setting::Setting;
 pub use registration::{BUILT_IN, Expert, Registration, create, find};
@@ -52,6 +53,16 @@ pub trait Environment: Send {
     /// What it was made with, every key included that it has by default.
     fn setting(&self) -> Setting;
 
+    /// What each class of cells is, or each number of a vector; empty where nobody says.
+    fn labels(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Whether its episodes say if they reached the goal ([`Step::success`]).
+    fn tells_success(&self) -> bool {
+        true
+    }
+
     /// Begins an episode drawn from `stream` and writes its first observation.
     ///
     /// Whatever came before leaves no trace: an episode depends on the stream and its actions alone.
@@ -66,6 +77,15 @@ pub trait Environment: Send {
         stream: &mut Stream,
         observation: &mut [u8],
     ) -> Result<(), EnvironmentError>;
+
+    /// Tells the environment of the action of its next step, which follows. An environment that lives
+    /// elsewhere can take the steps of several lanes side by side then; others have no use for it.
+    ///
+    /// # Errors
+    /// As [`Environment::step`].
+    fn announce(&mut self, _action: &[u8]) -> Result<(), EnvironmentError> {
+        Ok(())
+    }
 
     /// Takes one action and writes the observation it leads to, the last one of an episode included.
     ///

@@ -17,8 +17,6 @@ pub struct Registration {
     /// Keys of its setting that change what an observation says: who learned under one value is not
     /// asked to act under another.
     pub observed: &'static [&'static str],
-    /// Whether its episodes say if they reached the goal ([`Step::success`](crate::Step)).
-    pub tells_success: bool,
 }
 
 /// Who demonstrates a task.
@@ -38,12 +36,12 @@ pub enum Expert {
 }
 
 impl Registration {
-    /// A task without an expert that tells success.
+    /// A task without an expert.
     pub const fn new(
         name: &'static str,
         make: fn(&Setting) -> Result<Box<dyn Environment>, EnvironmentError>,
     ) -> Registration {
-        Registration { name, make, expert: Expert::None, observed: &[], tells_success: true }
+        Registration { name, make, expert: Expert::None, observed: &[] }
     }
 
     /// The same task with an expert.

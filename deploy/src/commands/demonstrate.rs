@@ -10,8 +10,8 @@ use run::config::DEFAULT_PRESET;
 use toml::Value;
 
 use crate::demonstrations::Recording;
+use crate::tasks;
 use crate::{description, destination, machine, programs};
-use run::tasks;
 use terminal::refusal::stopped;
 use terminal::status_line::StatusLine;
 

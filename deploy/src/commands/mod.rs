@@ -8,4 +8,5 @@ pub(crate) mod replay;
 pub(crate) mod report;
 pub(crate) mod scale;
 pub(crate) mod status;
+pub(crate) mod task;
 pub(crate) mod train;

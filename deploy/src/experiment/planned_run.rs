@@ -4,7 +4,7 @@ use anyhow::Result;
 use run::config::{DEFAULT_PRESET, RunConfig};
 
 use crate::demonstrations;
-use run::tasks;
+use crate::tasks;
 use terminal::refusal::wrong_usage;
 
 /// A run that a plan asks for.

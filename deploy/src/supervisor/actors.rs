@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use run::folder::RunFolder;
+use run::process::FINAL_CODE;
 
 use super::process::Process;
 use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};
@@ -142,7 +143,7 @@ impl Actors {
     /// log.
     ///
     /// # Errors
-    /// When all of them die too often.
+    /// When all of them die too often, or one says that every other would die as well.
     pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<bool> {
         for process in &mut self.leaving {
             process.reap()?;
@@ -155,6 +156,9 @@ impl Actors {
             match actor.process.reap()? {
                 Some(status) if status.success() => {
                     (actor.ended_well, actor.start_at) = (true, Some(Instant::now() + COMEBACK));
+                }
+                Some(status) if status.code() == Some(i32::from(FINAL_CODE)) => {
+                    return Err(actor.process.give_up(status, "and would come to the same again"));
                 }
                 Some(status) => failure = Some(status.to_string()),
                 None => {}

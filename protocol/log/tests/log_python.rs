@@ -1,6 +1,6 @@
 //! The log is read by the public Python packages for MCAP and protobuf, with no help from us.
 //!
-//! Needs `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON` (default `python3`);
+//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON` (default `python3`);
 //! `GOALWARD_PYTHON=none` leaves the test out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
@@ -51,10 +51,9 @@ fn read_with_python(python: &str, file: &Path) -> Vec<String> {
         output.unwrap_or_else(|cause| panic!("GOALWARD_PYTHON: cannot run {python}: {cause}"));
     assert!(
         output.status.success(),
-        "{python} does not read {}; it needs `pip install -r {}/requirements.txt`, and \
+        "{python} does not read {}; it needs `pip install -r tests/requirements.txt`, and \
          GOALWARD_PYTHON can name another interpreter:\n{}",
         file.display(),
-        tests.display(),
         String::from_utf8_lossy(&output.stderr),
     );
     let lines = String::from_utf8(output.stdout).unwrap();

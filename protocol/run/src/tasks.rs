@@ -40,15 +40,29 @@ pub fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<Ru
     }
     let failed = |message: String| Error::ConfigurationText { origin: task.to_owned(), message };
     let file = fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-    let mut config =
-        RunConfig::assemble(&file, METHODS, preset, settings).map_err(|error| match error {
-            Error::ConfigurationText { origin, message } if origin == "file" => failed(message),
-            other => other,
-        })?;
+    let mut config = of_text(&file, task, preset, settings)?;
     if let (Some(program), Some(folder)) = (&mut config.task.program, path.parent()) {
         *program = folder.join(&program);
     }
     Ok(config)
+}
+
+/// The same of a task whose file has this text; `origin` says where it comes from.
+///
+/// # Errors
+/// When the configuration is not sound.
+pub fn of_text(
+    text: &str,
+    origin: &str,
+    preset: &str,
+    settings: &[String],
+) -> Result<RunConfig, Error> {
+    RunConfig::assemble(text, METHODS, preset, settings).map_err(|error| match error {
+        Error::ConfigurationText { origin: own, message } if own == "file" => {
+            Error::ConfigurationText { origin: origin.to_owned(), message }
+        }
+        other => other,
+    })
 }
 
 /// A task's place among those of the paper; those of others come behind.

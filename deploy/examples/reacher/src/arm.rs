@@ -104,6 +104,10 @@ impl Environment for Reacher {
         Setting::of(&self.setting)
     }
 
+    fn tells_success(&self) -> bool {
+        self.at_goal == Goal::EndsEpisode
+    }
+
     fn reset(
         &mut self,
         stream: &mut Stream,

@@ -13,13 +13,10 @@ const TASKS: &[Registration] = &[
         Ok(Box::new(Reacher::new(Goal::EndsEpisode, setting.read()?)?))
     })
     .with_expert(Expert::Scripted),
-    Registration {
-        tells_success: false,
-        ..Registration::new("reacher-held", |setting| {
-            Ok(Box::new(Reacher::new(Goal::IsHeld, setting.read()?)?))
-        })
-        .with_expert(Expert::Scripted)
-    },
+    Registration::new("reacher-held", |setting| {
+        Ok(Box::new(Reacher::new(Goal::IsHeld, setting.read()?)?))
+    })
+    .with_expert(Expert::Scripted),
 ];
 
 fn main() -> ExitCode {

@@ -1,0 +1,223 @@
+//! An environment of Python as the actor sees it: a slot of the process that holds it.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use environments::{Environment, EnvironmentError, Setting, Step};
+use protocol::ending::Ending;
+use protocol::error::within;
+use protocol::seed::Stream;
+use protocol::task::{ObservationSpec, Spec, floats};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use toml::Table;
+use xxhash_rust::xxh3::Xxh3;
+
+use super::frame::{Answer, Hello, Request};
+use super::link::{Link, PATIENCE};
+
+/// The key of a setting that says what makes the environment.
+pub const MAKE: &str = "make";
+
+/// What an environment of Python is made with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PythonSetting {
+    /// `gym:ID`, `gym:module:ID` or `python:module:function`.
+    pub make: String,
+    /// Keyword arguments.
+    #[serde(default)]
+    pub kwargs: Table,
+    /// What tells success: `is_success` or `success` of a step's info, `reward` above 0 at the end,
+    /// `module:function`, `none`, or `auto`, which is found out.
+    #[serde(default = "auto")]
+    pub success: String,
+    /// Whether every episode has an environment of its own, because one leaves traces in the next.
+    #[serde(default)]
+    pub rebuild: bool,
+    /// Longest episode; 0 takes the environment's own.
+    #[serde(default)]
+    pub horizon_steps: u32,
+    /// Versions of Python and its packages that the task was described with.
+    #[serde(default)]
+    pub versions: BTreeMap<String, String>,
+}
+
+fn auto() -> String {
+    "auto".to_owned()
+}
+
+/// The processes at work, by what they were started with: environments of one setting share one.
+static LINKS: Mutex<Vec<(String, Weak<Mutex<Link>>)>> = Mutex::new(Vec::new());
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The process for a setting, started if there is none.
+fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
+    let PythonSetting { make, kwargs, success, .. } = setting;
+    let options = json!({ "environment": make, "kwargs": kwargs, "success": success }).to_string();
+    let mut links = locked(&LINKS);
+    links.retain(|(_, link)| link.strong_count() > 0);
+    let known = links.iter().find(|(known, _)| *known == options);
+    if let Some(link) = known.and_then(|(_, link)| link.upgrade()) {
+        return Ok(link);
+    }
+    let link = Link::start(&options, PATIENCE)?;
+    let dropped = &link.hello().dropped;
+    if !dropped.is_empty() {
+        tracing::warn!("{make}: texts are left out: {}", dropped.join(", "));
+    }
+    let link = Arc::new(Mutex::new(link));
+    links.push((options, Arc::downgrade(&link)));
+    Ok(link)
+}
+
+/// Makes an environment of Python.
+///
+/// # Errors
+/// When there is no Python, no such environment, or it has spaces that no task can have.
+pub fn make(setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
+    Ok(Box::new(Slot::new(setting.read()?)?))
+}
+
+/// A slot of a process of Python.
+struct Slot {
+    link: Arc<Mutex<Link>>,
+    number: u16,
+    setting: PythonSetting,
+    spec: Spec,
+    labels: Vec<String>,
+    steps: u32,
+    success: bool,
+    is_running: bool,
+    /// Of everything that the episode gave.
+    state: Xxh3,
+}
+
+impl Slot {
+    fn new(setting: PythonSetting) -> Result<Slot, EnvironmentError> {
+        let link = link(&setting)?;
+        let hello = locked(&link).hello().clone();
+        let Hello { observation, action, horizon_steps, labels, success, versions, .. } = hello;
+        for (package, expected) in &setting.versions {
+            let found = versions.get(package).map_or("none", String::as_str);
+            let key = format!("versions.{package}");
+            within(&key, found == expected, &format!("{found}, which is installed"), expected)?;
+        }
+        let horizon_steps = match setting.horizon_steps {
+            0 => horizon_steps.unwrap_or(0),
+            steps => steps,
+        };
+        let some = horizon_steps > 0;
+        let expected = "the longest episode: the environment has no limit of its own";
+        within("horizon_steps", some, expected, horizon_steps)?;
+        let number = locked(&link).take_slot();
+        Ok(Slot {
+            link,
+            number,
+            setting: PythonSetting { success, versions, ..setting },
+            spec: Spec { observation, action, horizon_steps },
+            labels,
+            steps: 0,
+            success: false,
+            is_running: false,
+            state: Xxh3::new(),
+        })
+    }
+
+    /// Takes in what the episode gave, and writes the observation.
+    fn take(&mut self, answer: &Answer, observation: &mut [u8]) -> Result<(), EnvironmentError> {
+        observation.copy_from_slice(&answer.observation);
+        self.state.update(&answer.reward.to_le_bytes());
+        self.state.update(observation);
+        if !answer.reward.is_finite() {
+            let found = answer.reward;
+            return Err(EnvironmentError::Raised(format!(
+                "expected a finite reward at step {}, found {found}",
+                self.steps
+            )));
+        }
+        if let ObservationSpec::Vector { .. } = self.spec.observation {
+            let wrong = floats(observation).enumerate().find(|(_, number)| !number.is_finite());
+            if let Some((index, found)) = wrong {
+                let label = self.labels.get(index).map_or("observation", String::as_str);
+                return Err(EnvironmentError::Raised(format!(
+                    "expected finite numbers in the observation, found {found} in {label} at step {}",
+                    self.steps
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Environment for Slot {
+    fn spec(&self) -> Spec {
+        self.spec
+    }
+
+    fn setting(&self) -> Setting {
+        Setting::of(&self.setting)
+    }
+
+    fn labels(&self) -> Vec<String> {
+        self.labels.clone()
+    }
+
+    fn tells_success(&self) -> bool {
+        self.setting.success != "none"
+    }
+
+    fn reset(
+        &mut self,
+        stream: &mut Stream,
+        observation: &mut [u8],
+    ) -> Result<(), EnvironmentError> {
+        let seed = stream.random::<u32>() >> 1;
+        let answer = {
+            let mut link = locked(&self.link);
+            link.announce(self.number, Request::Reset { seed, rebuild: self.setting.rebuild });
+            link.answer(self.number)?
+        };
+        (self.steps, self.success, self.is_running) = (0, false, true);
+        self.state = Xxh3::new();
+        self.take(&answer, observation)
+    }
+
+    fn announce(&mut self, action: &[u8]) -> Result<(), EnvironmentError> {
+        environments::check_action(&self.spec, self.is_running, action)?;
+        locked(&self.link).announce(self.number, Request::Step(action));
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
+        if !locked(&self.link).is_announced(self.number) {
+            self.announce(action)?;
+        }
+        let answer = locked(&self.link).answer(self.number)?;
+        self.steps += 1;
+        self.take(&answer, observation)?;
+        self.success |= answer.success;
+        let ending = match (answer.terminated, self.success) {
+            (true, true) => Some(Ending::GoalReached),
+            (true, false) => Some(Ending::Failed),
+            _ if answer.truncated => Some(Ending::Truncated),
+            _ => self.spec.ending(false, self.steps),
+        };
+        self.is_running = ending.is_none();
+        Ok(Step { reward: answer.reward, ending, success: self.success })
+    }
+
+    fn state_hash(&self) -> u64 {
+        self.state.digest()
+    }
+}
+
+impl Drop for Slot {
+    fn drop(&mut self) {
+        locked(&self.link).give_back(self.number);
+    }
+}

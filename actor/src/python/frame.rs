@@ -1,0 +1,182 @@
+//! Frames between an actor and its process of Python; `child.py` has the other half.
+
+use std::io::{self, Read, Write};
+
+use protocol::task::{ActionSpec, ObservationSpec};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// A frame is its length, its kind and its body.
+const HEAD_BYTES: usize = 5;
+
+/// Longest body; a turn of many lanes is far below.
+const LONGEST_BODY: usize = 64 << 20;
+
+/// Bytes of a slot's request before its action.
+const REQUEST_BYTES: usize = 16;
+
+/// Bytes of a slot's answer before its observation.
+const ANSWER_BYTES: usize = 8;
+
+/// What a frame holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// What the environment is, in JSON.
+    Hello = 1,
+    /// Requests of slots, or their answers.
+    Turn = 2,
+    /// Why there is no answer, in JSON.
+    Failed = 3,
+}
+
+/// What an environment is.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hello {
+    pub(super) observation: ObservationSpec,
+    pub(super) action: ActionSpec,
+    /// Longest episode, where the environment says.
+    pub(super) horizon_steps: Option<u32>,
+    /// What the numbers of an observation are; empty for cells.
+    pub(super) labels: Vec<String>,
+    /// Parts of the observation that are left out, because they are text.
+    pub(super) dropped: Vec<String>,
+    /// What tells success.
+    pub(super) success: String,
+    /// Versions of Python and of the packages that decide what the environment does.
+    pub(super) versions: BTreeMap<String, String>,
+}
+
+/// Why the process of Python has ended itself.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Failure {
+    pub(super) slot: u16,
+    /// `start`, `reset` or `step`.
+    pub(super) during: String,
+    pub(super) error: String,
+    pub(super) traceback: String,
+}
+
+/// What a slot is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Request<'a> {
+    /// Begin an episode with this seed; in a new environment if `rebuild`.
+    Reset { seed: u32, rebuild: bool },
+    /// Take an action.
+    Step(&'a [u8]),
+}
+
+/// What a slot did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Answer {
+    pub(super) terminated: bool,
+    pub(super) truncated: bool,
+    pub(super) success: bool,
+    pub(super) reward: f32,
+    pub(super) observation: Vec<u8>,
+}
+
+/// Appends a slot's request to the body of a turn.
+pub(super) fn append(slot: u16, request: Request<'_>, action_bytes: usize, body: &mut Vec<u8>) {
+    let (op, seed, action): (u8, u64, &[u8]) = match request {
+        Request::Reset { seed, rebuild } => (u8::from(rebuild), u64::from(seed), &[]),
+        Request::Step(action) => (2, 0, action),
+    };
+    let end = body.len() + REQUEST_BYTES + action_bytes;
+    body.extend(slot.to_le_bytes());
+    body.extend([op, 0, 0, 0, 0, 0]);
+    body.extend(seed.to_le_bytes());
+    body.extend(action);
+    body.resize(end, 0);
+}
+
+/// The answers of a turn's slots, in their order.
+pub(super) fn answers(
+    body: &[u8],
+    observation_bytes: usize,
+) -> impl Iterator<Item = (u16, Answer)> + '_ {
+    body.chunks_exact(ANSWER_BYTES + observation_bytes).map(|bytes| {
+        let (head, observation) = bytes.split_at(ANSWER_BYTES);
+        let flag = |bit: u8| head[2] & bit != 0;
+        let answer = Answer {
+            terminated: flag(1),
+            truncated: flag(2),
+            success: flag(4),
+            reward: f32::from_le_bytes([head[4], head[5], head[6], head[7]]),
+            observation: observation.to_vec(),
+        };
+        (u16::from_le_bytes([head[0], head[1]]), answer)
+    })
+}
+
+/// Writes a frame.
+///
+/// # Errors
+/// When the other end is gone.
+pub(super) fn write(link: &mut impl Write, kind: Kind, body: &[u8]) -> io::Result<()> {
+    let length = u32::try_from(body.len()).map_err(io::Error::other)?;
+    let mut frame = Vec::with_capacity(HEAD_BYTES + body.len());
+    frame.extend(length.to_le_bytes());
+    frame.push(kind as u8);
+    frame.extend(body);
+    link.write_all(&frame)
+}
+
+/// Reads a frame.
+///
+/// # Errors
+/// When the other end is gone or silent, or what comes is no frame.
+pub(super) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
+    let mut head = [0; HEAD_BYTES];
+    link.read_exact(&mut head)?;
+    let length = u32::from_le_bytes([head[0], head[1], head[2], head[3]]) as usize;
+    let kind = match head[4] {
+        1 => Kind::Hello,
+        2 => Kind::Turn,
+        3 => Kind::Failed,
+        other => return Err(io::Error::other(format!("expected a frame, found kind {other}"))),
+    };
+    if length > LONGEST_BODY {
+        return Err(io::Error::other(format!("expected a frame, found one of {length} bytes")));
+    }
+    let mut body = vec![0; length];
+    link.read_exact(&mut body)?;
+    Ok((kind, body))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_is_read_as_it_was_written() {
+        let mut link = Vec::new();
+        write(&mut link, Kind::Turn, &[1, 2, 3]).unwrap();
+        assert_eq!(link, [3, 0, 0, 0, 2, 1, 2, 3]);
+        assert_eq!(read(&mut &*link).unwrap(), (Kind::Turn, vec![1, 2, 3]));
+        assert!(read(&mut &link[..6]).is_err(), "cut off");
+        assert!(read(&mut &[0, 0, 0, 0, 9][..]).is_err(), "no kind");
+        assert!(read(&mut &[255, 255, 255, 255, 2][..]).is_err(), "too long");
+    }
+
+    #[test]
+    fn requests_have_one_length_and_answers_name_their_slots() {
+        let mut body = Vec::new();
+        append(3, Request::Reset { seed: 7, rebuild: true }, 4, &mut body);
+        append(258, Request::Step(&[1, 2, 3, 4]), 4, &mut body);
+        assert_eq!(body.len(), 2 * (REQUEST_BYTES + 4));
+        assert_eq!(body[..12], [3, 0, 1, 0, 0, 0, 0, 0, 7, 0, 0, 0]);
+        assert_eq!(body[20..23], [2, 1, 2]);
+        assert_eq!(body[36..], [1, 2, 3, 4]);
+        let bytes = [&[2, 1, 5, 0][..], &0.5_f32.to_le_bytes(), &[8, 9]].concat();
+        let expected = Answer {
+            terminated: true,
+            truncated: false,
+            success: true,
+            reward: 0.5,
+            observation: vec![8, 9],
+        };
+        assert_eq!(answers(&bytes, 2).collect::<Vec<_>>(), [(258, expected)]);
+    }
+}

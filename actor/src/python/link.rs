@@ -1,0 +1,231 @@
+//! The process of Python that holds an actor's environments: its start, its turns and its end.
+
+use std::collections::BTreeMap;
+use std::io::{self, ErrorKind};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use environments::EnvironmentError;
+
+use super::frame::{self, Answer, Failure, Hello, Kind, Request};
+
+/// The text of the process.
+const CHILD: &str = include_str!("child.py");
+
+/// Names the interpreter.
+const INTERPRETER: &str = "GOALWARD_PYTHON";
+
+/// How long an answer may take: a reset of a large scene, or the import of many packages.
+pub(super) const PATIENCE: Duration = Duration::from_secs(120);
+
+/// How long a process that has closed its end may take to be gone.
+const FAREWELL: Duration = Duration::from_secs(5);
+
+/// Fused multiplication and addition of the system's mathematics library is switched off, so that
+/// processors with and without it give the same numbers.
+const SAME_MATHEMATICS: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4");
+
+/// A process of Python, and what its slots have been asked.
+pub(super) struct Link {
+    child: Child,
+    stream: UnixStream,
+    patience: Duration,
+    hello: Hello,
+    /// Slots that nobody holds any more.
+    free: Vec<u16>,
+    slots: u16,
+    /// Requests that have not been sent.
+    pending: Vec<u8>,
+    announced: Vec<u16>,
+    answers: BTreeMap<u16, Answer>,
+}
+
+impl Link {
+    /// Starts a process with these options, JSON, and waits until it says what the environment is. It is
+    /// killed when it does not answer within `patience`.
+    ///
+    /// # Errors
+    /// When there is no such interpreter, or the environment cannot be made.
+    pub(super) fn start(options: &str, patience: Duration) -> Result<Link, EnvironmentError> {
+        let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
+        let (stream, other) = UnixStream::pair().map_err(other_error)?;
+        stream.set_read_timeout(Some(patience)).map_err(other_error)?;
+        let mut command = Command::new(&interpreter);
+        command.args(["-c", CHILD, options]).stdin(Stdio::from(OwnedFd::from(other)));
+        command.env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1);
+        // Standard output is the actor's own.
+        command.stdout(Stdio::null());
+        let child = command.spawn().map_err(|error| {
+            EnvironmentError::Other(format!(
+                "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
+            ))
+        })?;
+        // Holds the child's end of the socket.
+        drop(command);
+        let hello = Hello {
+            observation: protocol::task::ObservationSpec::Vector { len: 0 },
+            action: protocol::task::ActionSpec::Discrete { count: 1 },
+            horizon_steps: None,
+            labels: Vec::new(),
+            dropped: Vec::new(),
+            success: String::new(),
+            versions: BTreeMap::new(),
+        };
+        let mut link = Link {
+            child,
+            stream,
+            patience,
+            hello,
+            free: Vec::new(),
+            slots: 0,
+            pending: Vec::new(),
+            announced: Vec::new(),
+            answers: BTreeMap::new(),
+        };
+        let body = link.receive(Kind::Hello)?;
+        link.hello = serde_json::from_slice(&body)
+            .map_err(|error| EnvironmentError::Other(format!("hello of Python: {error}")))?;
+        Ok(link)
+    }
+
+    /// What the environment is.
+    pub(super) fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// A slot that nobody holds.
+    pub(super) fn take_slot(&mut self) -> u16 {
+        self.free.pop().unwrap_or_else(|| {
+            self.slots += 1;
+            self.slots - 1
+        })
+    }
+
+    /// Gives a slot back; its environment stays for the next one.
+    pub(super) fn give_back(&mut self, slot: u16) {
+        self.answers.remove(&slot);
+        self.free.push(slot);
+    }
+
+    /// Notes what a slot is to do in the next turn.
+    pub(super) fn announce(&mut self, slot: u16, request: Request<'_>) {
+        frame::append(slot, request, self.hello.action.bytes(), &mut self.pending);
+        self.announced.push(slot);
+    }
+
+    /// Whether a slot has been announced, or has its answer already.
+    pub(super) fn is_announced(&self, slot: u16) -> bool {
+        self.announced.contains(&slot) || self.answers.contains_key(&slot)
+    }
+
+    /// What a slot did; takes a turn if it has not been taken.
+    ///
+    /// # Errors
+    /// When the environment has failed, or the process is gone or silent.
+    pub(super) fn answer(&mut self, slot: u16) -> Result<Answer, EnvironmentError> {
+        if !self.answers.contains_key(&slot) {
+            self.turn()?;
+        }
+        let answer = self.answers.remove(&slot);
+        answer.ok_or_else(|| EnvironmentError::Other(format!("slot {slot}: no answer of Python")))
+    }
+
+    fn turn(&mut self) -> Result<(), EnvironmentError> {
+        let body = std::mem::take(&mut self.pending);
+        self.announced.clear();
+        if frame::write(&mut self.stream, Kind::Turn, &body).is_err() {
+            // It has said why before it closed its end, or it has been killed.
+            return self.receive(Kind::Turn).map(drop);
+        }
+        let body = self.receive(Kind::Turn)?;
+        self.answers.extend(frame::answers(&body, self.hello.observation.bytes()));
+        Ok(())
+    }
+
+    fn receive(&mut self, expected: Kind) -> Result<Vec<u8>, EnvironmentError> {
+        match frame::read(&mut self.stream) {
+            Ok((kind, body)) if kind == expected => Ok(body),
+            Ok((Kind::Failed, body)) => Err(EnvironmentError::Raised(failed(&body))),
+            Ok((kind, _)) => Err(EnvironmentError::Other(format!(
+                "expected a frame of kind {expected:?} of Python, found {kind:?}"
+            ))),
+            Err(error) => Err(EnvironmentError::Other(self.gone(&error))),
+        }
+    }
+
+    /// Why nothing comes any more.
+    fn gone(&mut self, error: &io::Error) -> String {
+        if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
+            self.child.kill().ok();
+            let seconds = self.patience.as_secs_f64();
+            return format!("Python has not answered for {seconds} s and was killed");
+        }
+        let deadline = Instant::now() + FAREWELL;
+        while Instant::now() < deadline {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return format!("Python ended ({status}) without a word");
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        format!("Python has closed its end: {error}")
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // The end of the link ends it; one that spins is killed.
+        self.stream.shutdown(std::net::Shutdown::Both).ok();
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+/// Why an environment failed, with the traceback on standard error.
+fn failed(body: &[u8]) -> String {
+    match serde_json::from_slice::<Failure>(body) {
+        Ok(Failure { during, error, traceback, .. }) => {
+            if during != "start" {
+                tracing::error!("{}", traceback.trim_end());
+            }
+            format!("{during} in Python: {error}")
+        }
+        Err(error) => format!("Python failed and could not say why: {error}"),
+    }
+}
+
+fn other_error(error: io::Error) -> EnvironmentError {
+    EnvironmentError::Other(format!("the link to Python: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn has_python() -> bool {
+        std::env::var(INTERPRETER).is_ok_and(|python| python != "none")
+    }
+
+    #[test]
+    fn a_process_that_hangs_is_killed() {
+        if !has_python() {
+            return;
+        }
+        let options = r#"{"environment": "python:tests.python_environments:bad",
+            "kwargs": {"how": "hangs"}, "success": "none"}"#;
+        let mut link = Link::start(options, Duration::from_secs(3)).unwrap();
+        let slot = link.take_slot();
+        link.announce(slot, Request::Reset { seed: 1, rebuild: false });
+        link.answer(slot).unwrap();
+        let action = 0.0_f32.to_le_bytes();
+        let said = loop {
+            link.announce(slot, Request::Step(&action));
+            if let Err(said) = link.answer(slot) {
+                break said.to_string();
+            }
+        };
+        assert!(said.contains("not answered for 3 s and was killed"), "{said}");
+        assert!(link.child.wait().unwrap().code().is_none(), "it ended by a signal");
+    }
+}

@@ -1,0 +1,18 @@
+//! Environments of Python, as Gymnasium has them: `gym:ID`, `gym:module:ID` or `python:module:function`.
+//!
+//! A process of Python holds the environments of an actor; the process and actor exchange frames
+//! over a socket. An actor announces the actions of all its lanes before it steps the first of them, so
+//! that they travel in one turn. Leases, policies and random streams stay in the actor.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `child.py` | the process of Python: spaces to bytes, bytes to actions |
+//! | `frame` | what the two say, byte by byte |
+//! | `link` | the process, its start and its end |
+//! | `environment` | an environment of a slot |
+
+mod environment;
+mod frame;
+mod link;
+
+pub use environment::{MAKE, PythonSetting, make};

@@ -1,0 +1,210 @@
+//! Environments of Python: what they look like to an actor, and every way in which they can fail.
+//!
+//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
+//! `GOALWARD_PYTHON=none` leaves these tests out.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use actor::python::make;
+use actor::{Environment, EnvironmentError, Setting, Step};
+use protocol::ending::Ending;
+use protocol::seed::{Purpose, stream};
+use protocol::task::{ActionSpec, ObservationSpec, floats};
+
+/// Whether there is Python to test with.
+fn has_python() -> bool {
+    std::env::var("GOALWARD_PYTHON").is_ok_and(|python| python != "none")
+}
+
+fn setting(text: &str) -> Setting {
+    Setting(text.parse().unwrap())
+}
+
+/// An environment of `python_environments/__init__.py`.
+fn own(name: &str, further: &str) -> Result<Box<dyn Environment>, EnvironmentError> {
+    make(&setting(&format!("make = \"python:tests.python_environments:{name}\"\n{further}")))
+}
+
+fn bad(how: &str) -> Box<dyn Environment> {
+    own("bad", &format!("kwargs.how = \"{how}\"")).unwrap()
+}
+
+/// Resets with the seed of an episode.
+fn reset(environment: &mut dyn Environment, episode: u64) -> Vec<u8> {
+    let mut observation = vec![0; environment.spec().observation.bytes()];
+    let mut starts = stream(1, Purpose::TrainingEpisode, 0, episode);
+    environment.reset(&mut starts, &mut observation).unwrap();
+    observation
+}
+
+fn step(
+    environment: &mut dyn Environment,
+    action: &[u8],
+) -> Result<(Step, Vec<u8>), EnvironmentError> {
+    let mut observation = vec![0; environment.spec().observation.bytes()];
+    let step = environment.step(action, &mut observation)?;
+    Ok((step, observation))
+}
+
+/// What is said of an episode that fails, and the steps before.
+fn failure(environment: &mut dyn Environment) -> (usize, String) {
+    let mut taken = 0;
+    loop {
+        match step(environment, &1.0_f32.to_le_bytes()) {
+            Ok(_) => taken += 1,
+            Err(error) => return (taken, error.to_string()),
+        }
+    }
+}
+
+#[test]
+fn spaces_become_numbers_with_labels_and_texts_are_left_out() {
+    if !has_python() {
+        return;
+    }
+    let mut line = own("line", "").unwrap();
+    let spec = line.spec();
+    assert_eq!(spec.observation, ObservationSpec::Vector { len: 3 });
+    assert_eq!((spec.action, spec.horizon_steps), (ActionSpec::Continuous { len: 1 }, 20));
+    assert_eq!(line.labels(), ["parity[0]", "parity[1]", "place"]);
+    assert!(line.tells_success());
+    let complete = line.setting().0;
+    assert_eq!(complete["success"].as_str(), Some("is_success"));
+    assert!(complete["versions"]["gymnasium"].is_str() && complete["versions"]["python"].is_str());
+    let first: Vec<f32> = floats(&reset(&mut *line, 0)).collect();
+    assert!(first[2].abs() <= 0.1 && first[..2] == [1.0, 0.0], "{first:?}");
+    // The action 1 is the upper bound, 0.5, of which 0.15 is lost.
+    let (_, seen) = step(&mut *line, &7.0_f32.to_le_bytes()).unwrap();
+    let second: Vec<f32> = floats(&seen).collect();
+    assert!((second[2] - first[2] - 0.35).abs() < 1e-6 && second[..2] == [0.0, 1.0], "{second:?}");
+}
+
+#[test]
+fn a_grid_of_classes_becomes_cells() {
+    if !has_python() {
+        return;
+    }
+    let refusal = own("Grid", "").err().unwrap().to_string();
+    assert!(refusal.contains("`horizon_steps`") && refusal.contains("no limit"), "{refusal}");
+    let mut grid = own("Grid", "horizon_steps = 7").unwrap();
+    assert_eq!(grid.spec().observation, ObservationSpec::Cells { height: 3, width: 4, classes: 3 });
+    assert_eq!(grid.spec().action, ActionSpec::Discrete { count: 6 });
+    assert!(!grid.tells_success());
+    assert_eq!(reset(&mut *grid, 0), [0; 12]);
+    let (taken, seen) = step(&mut *grid, &[5]).unwrap();
+    assert_eq!((taken.reward, taken.ending, seen), (12.0, None, vec![2; 12]));
+    let mut endings = Vec::new();
+    for _ in 1..7 {
+        endings.push(step(&mut *grid, &[5]).unwrap().0.ending);
+    }
+    assert_eq!((endings[4], endings[5]), (None, Some(Ending::Truncated)));
+    assert_eq!(step(&mut *grid, &[5]).unwrap_err(), EnvironmentError::NotRunning);
+}
+
+#[test]
+fn episodes_end_as_the_environment_says_and_depend_on_their_seeds_alone() {
+    if !has_python() {
+        return;
+    }
+    let mut environments = [(); 2].map(|()| own("line", "").unwrap());
+    let play = |environment: &mut dyn Environment, episode, action: f32| {
+        let mut bytes = reset(environment, episode);
+        loop {
+            let (step, seen) = step(environment, &action.to_le_bytes()).unwrap();
+            bytes.extend(seen);
+            if let Some(ending) = step.ending {
+                return (bytes, ending, step.success, environment.state_hash());
+            }
+        }
+    };
+    let [one, other] = &mut environments;
+    let first = play(&mut **one, 3, 1.0);
+    assert_eq!((first.1, first.2), (Ending::GoalReached, true));
+    let fallen = play(&mut **one, 4, -1.0);
+    assert_eq!((fallen.1, fallen.2), (Ending::Failed, false));
+    let kept = play(&mut **one, 4, -0.4);
+    assert_eq!((kept.1, kept.2), (Ending::Truncated, false), "{}", kept.0.len());
+    // Side by side in one process: announced first, then stepped.
+    assert_eq!(play(&mut **other, 3, 1.0), first);
+    let before = [reset(&mut **one, 3), reset(&mut **other, 4)];
+    let actions = [0.25_f32, 0.5].map(f32::to_le_bytes);
+    one.announce(&actions[0]).unwrap();
+    other.announce(&actions[1]).unwrap();
+    let together =
+        [step(&mut **one, &actions[0]).unwrap(), step(&mut **other, &actions[1]).unwrap()];
+    assert_eq!([reset(&mut **one, 3), reset(&mut **other, 4)], before);
+    let alone = [step(&mut **one, &actions[0]).unwrap(), step(&mut **other, &actions[1]).unwrap()];
+    assert_eq!(together, alone);
+}
+
+#[test]
+fn what_an_environment_raises_is_said_and_would_be_raised_again() {
+    if !has_python() {
+        return;
+    }
+    for (how, words) in [
+        ("raises", "ZeroDivisionError: by nothing"),
+        ("wrong shape", "expected shape (1,), found (2,)"),
+        ("nothing", "TypeError"),
+        ("four values", "expected 5, got 4"),
+        ("odd success", "expected true or false, found 'maybe'"),
+        ("memory", "MemoryError"),
+        ("no number", "found NaN in place at step 3"),
+        ("endless reward", "expected a finite reward at step 3, found inf"),
+    ] {
+        let mut environment = bad(how);
+        reset(&mut *environment, 0);
+        let (taken, said) = failure(&mut *environment);
+        assert_eq!(taken, 2, "{how}: {said}");
+        assert!(said.contains(words) && !said.contains('\n'), "{how}: {said}");
+    }
+    let mut environment = own("bad", "kwargs.how = \"reset raises\"\nsuccess = \"none\"").unwrap();
+    let mut observation = vec![0; 12];
+    let mut starts = stream(1, Purpose::TrainingEpisode, 0, 0);
+    let said = environment.reset(&mut starts, &mut observation).unwrap_err();
+    assert!(
+        matches!(&said, EnvironmentError::Raised(words) if words.contains("no start today")),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_process_that_is_gone_is_noticed() {
+    if !has_python() {
+        return;
+    }
+    for (how, words) in [("exits", "exit status: 7"), ("crashes", "signal: 11")] {
+        let mut environment = bad(how);
+        reset(&mut *environment, 0);
+        let (taken, said) = failure(&mut *environment);
+        assert_eq!(taken, 2);
+        assert!(said.contains(words), "{how}: {said}");
+    }
+}
+
+#[test]
+fn what_no_task_can_have_is_refused_in_one_line() {
+    if !has_python() {
+        return;
+    }
+    for (name, words) in [
+        ("Picture", "images are not supported"),
+        ("Unbounded", "expected bounded actions"),
+        ("ManyChoices", "at most 256 choices of an action, found 289"),
+        ("no_environment", "expected a gymnasium.Env, found str"),
+        ("nobody", "AttributeError"),
+    ] {
+        let said = own(name, "horizon_steps = 9").err().unwrap().to_string();
+        assert!(said.contains(words) && !said.contains('\n'), "{name}: {said}");
+    }
+    for (text, words) in [
+        ("make = \"gym:Nowhere-v0\"", "Nowhere"),
+        ("make = \"gym:no_such_module:Id-v0\"", "no_such_module"),
+        ("make = \"rust:x\"", "expected gym:ID or python:module:function, found rust:x"),
+        ("make = \"gym:CartPole-v1\"\nversions.gymnasium = \"0.1\"", "`versions.gymnasium`"),
+        ("make = \"gym:CartPole-v1\"\nsuccess = \"nobody:knows\"", "nobody"),
+        ("make = \"gym:CartPole-v1\"\nwind = 3", "`wind`"),
+    ] {
+        let said = make(&setting(text)).err().unwrap().to_string();
+        assert!(said.contains(words) && !said.contains('\n'), "{text}: {said}");
+    }
+}

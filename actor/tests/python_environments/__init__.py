@@ -1,0 +1,114 @@
+"""Environments that tests act in: a sound one, and one for every way to be wrong."""
+
+import ctypes
+import os
+import time
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+
+class Line(gymnasium.Env):
+    """A point that is moved along a line until it is beyond 1; it fails beyond -1."""
+
+    observation_space = spaces.Dict(
+        {"place": spaces.Box(-9.0, 9.0, (1,)), "parity": spaces.Discrete(2), "said": spaces.Text(9)}
+    )
+    action_space = spaces.Box(np.array([0.0]), np.array([0.5]))
+
+    def __init__(self, start=0.0):
+        self.start = start
+
+    def seen(self):
+        return {"place": np.array([self.place], dtype=np.float32), "parity": self.steps % 2, "said": "so"}
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place, self.steps = self.start + self.np_random.uniform(-0.1, 0.1), 0
+        return self.seen(), {}
+
+    def step(self, action):
+        self.place += float(action[0]) - 0.15
+        self.steps += 1
+        print("a word that is no frame", flush=True)
+        success = self.place > 1
+        return self.seen(), -1.0, success or self.place < -1, self.steps >= 20, {"is_success": success}
+
+
+def line(start=0.0):
+    return gymnasium.wrappers.TimeLimit(Line(start), 20)
+
+
+class Grid(gymnasium.Env):
+    """A grid of three classes, and an action of two choices."""
+
+    observation_space = spaces.Box(0, 2, (3, 4), dtype=np.int64)
+    action_space = spaces.MultiDiscrete([2, 3])
+
+    def reset(self, *, seed=None, options=None):
+        return np.zeros((3, 4), dtype=np.int64), {}
+
+    def step(self, action):
+        return np.full((3, 4), 2), 10 * action[0] + action[1], False, False, {}
+
+
+class Bad(Line):
+    """Wrong in the way that it is told, at its third step."""
+
+    def __init__(self, how):
+        super().__init__()
+        self.how = how
+
+    def reset(self, *, seed=None, options=None):
+        if self.how == "reset raises":
+            raise RuntimeError("no start today")
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        seen, reward, terminated, truncated, info = super().step(action)
+        if self.steps < 3:
+            return seen, reward, terminated, truncated, info
+        if self.how == "raises":
+            raise ZeroDivisionError("by nothing")
+        if self.how == "no number":
+            seen["place"][0] = np.nan
+        if self.how == "wrong shape":
+            seen["place"] = np.zeros(2, dtype=np.float32)
+        if self.how == "nothing":
+            return None
+        if self.how == "four values":
+            return seen, reward, terminated, info
+        if self.how == "endless reward":
+            reward = float("inf")
+        if self.how == "odd success":
+            info["is_success"] = "maybe"
+        if self.how == "memory":
+            raise MemoryError
+        if self.how == "exits":
+            os._exit(7)
+        if self.how == "crashes":
+            ctypes.string_at(0)
+        if self.how == "hangs":
+            time.sleep(1000)
+        return seen, reward, terminated, truncated, info
+
+
+def bad(how):
+    return gymnasium.wrappers.TimeLimit(Bad(how), 20)
+
+
+class Picture(Line):
+    observation_space = spaces.Box(0, 255, (96, 96, 3), dtype=np.uint8)
+
+
+class Unbounded(Line):
+    action_space = spaces.Box(-np.inf, np.inf, (1,))
+
+
+class ManyChoices(Line):
+    action_space = spaces.MultiDiscrete([17, 17])
+
+
+def no_environment():
+    return "a text"

@@ -1,0 +1,42 @@
+//! `goalward task`: the file of a task that is an environment of Python, which is started once to say
+//! what it is.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use protocol::durable;
+use terminal::print::print_line;
+use terminal::refusal::wrong_usage;
+
+use crate::{destination, tasks};
+
+/// Flags of `goalward task`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The environment: gym:ID, gym:module:ID, or python:module:function.
+    #[arg(value_name = "gym:ID|python:MODULE:FUNCTION")]
+    task: String,
+    /// A value of the environment, such as environment.kwargs.x=3; may be given more than once.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE.toml")]
+    out: PathBuf,
+    /// Replaces a file that is there; never anything of a run.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Writes a task's file.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { task, settings, out, force } = arguments;
+    if !tasks::is_of_python(task) {
+        let expected = "expected gym:ID, gym:module:ID or python:module:function";
+        return Err(wrong_usage(format!("{expected}, found {task}")));
+    }
+    destination::file(out, *force)?;
+    let text = tasks::file_of_python(task, settings)?;
+    durable::write(out, text).with_context(|| out.display().to_string())?;
+    print_line(&format!("{}", out.display()));
+    Ok(())
+}

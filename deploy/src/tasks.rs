@@ -1,0 +1,106 @@
+//! Tasks as the user names them: those of the paper, files, and environments of Python, which are started
+//! once to say what they are.
+
+use anyhow::{Result, anyhow};
+use protocol::description::Description;
+use protocol::setting::Setting;
+use protocol::table::{merge, parse_setting};
+use run::config::RunConfig;
+use run::tasks;
+use serde::Serialize;
+use terminal::refusal::wrong_usage;
+use toml::{Table, Value};
+
+use crate::description;
+
+/// What names of environments of Python begin with.
+const OF_PYTHON: [&str; 2] = ["gym:", "python:"];
+
+/// Environment steps of an iteration that a task of Python has by default (Table 2: rollout size).
+const ITERATION_STEPS: u64 = 4096;
+
+/// Fewest steps of a lane in an iteration by default.
+const LANE_STEPS: u64 = 128;
+
+/// Fewest lanes by default.
+const LANES: u64 = 4;
+
+/// The effective configuration of a task under a preset, with `key=value` settings.
+///
+/// # Errors
+/// Of wrong usage, when there is no such task, or its configuration is not sound.
+pub(crate) fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<RunConfig> {
+    if !is_of_python(task) {
+        return Ok(tasks::configuration(task, preset, settings)?);
+    }
+    Ok(tasks::of_text(&file_of_python(task, settings)?, task, preset, settings)?)
+}
+
+/// Whether a name is one of an environment of Python.
+pub(crate) fn is_of_python(task: &str) -> bool {
+    OF_PYTHON.iter().any(|kind| task.starts_with(kind))
+}
+
+/// A task's file.
+#[derive(Serialize)]
+struct File {
+    task: protocol::task::Task,
+    rollout: Rollout,
+    environment: Setting,
+}
+
+#[derive(Serialize)]
+struct Rollout {
+    lanes: u64,
+    lane_steps: u64,
+}
+
+/// The text of the file of a task that is an environment of Python, made with what the settings say of
+/// `environment`.
+///
+/// # Errors
+/// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
+pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> {
+    let mut environment = Table::from_iter([("make".to_owned(), Value::String(task.to_owned()))]);
+    for setting in settings {
+        let mut change = parse_setting(setting).map_err(wrong_usage)?;
+        if let Some(Value::Table(own)) = change.remove("environment") {
+            merge(&mut environment, own);
+        }
+    }
+    let Description { task, environment, .. } =
+        description::of_python(&name_of(task), &Setting(environment))?;
+    // A lane ends with an episode, so the next iteration owes it up to an episode less.
+    let horizon = u64::from(task.horizon_steps);
+    let lane_steps = LANE_STEPS.max(horizon + horizon.div_ceil(4));
+    let rollout = Rollout { lanes: (ITERATION_STEPS / lane_steps).max(LANES), lane_steps };
+    toml::to_string(&File { task, rollout, environment })
+        .map_err(|error| anyhow!("the file of a task: {error}"))
+}
+
+/// What a task is called whose environment has this name: the last part of it, with letters that names
+/// of tasks have.
+fn name_of(task: &str) -> String {
+    let last = task.rsplit(':').next().unwrap_or(task);
+    let plain = |letter: char| {
+        let is_plain = letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+        if is_plain { letter } else { '-' }
+    };
+    last.chars().map(plain).collect::<String>().trim_start_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tasks_of_python_are_called_by_the_last_part() {
+        let names = ["gym:FetchPush-v4", "gym:minigrid:MiniGrid-FourRooms-v0", "python:a.b:make"];
+        let expected = ["FetchPush-v4", "MiniGrid-FourRooms-v0", "make"];
+        assert_eq!(names.map(name_of), expected);
+        assert_eq!(name_of("gym:ns/Env v1"), "ns-Env-v1");
+        assert!(
+            is_of_python("gym:x") && !is_of_python("navigation") && !is_of_python("my_gym.toml")
+        );
+    }
+}

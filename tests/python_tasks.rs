@@ -1,0 +1,142 @@
+//! Tasks that are environments of Python, through the whole system.
+//!
+//! Method: small runs in the environments of `actor/tests/python_environments`. They need the packages of
+//! `tests/requirements.txt`; `GOALWARD_PYTHON=none` leaves these tests out.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::fs;
+
+use run::folder::RunFolder;
+use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs};
+
+const LINE: &str = "python:python_environments:line";
+
+fn has_python() -> bool {
+    std::env::var("GOALWARD_PYTHON").is_ok_and(|python| python != "none")
+}
+
+/// A run in whose folder Python finds the environments.
+fn with_environments() -> TestRun {
+    let run = TestRun::new(programs!());
+    let environments = include_str!("../actor/tests/python_environments/__init__.py");
+    fs::write(run.path("python_environments.py"), environments).unwrap();
+    run
+}
+
+fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
+    let run = with_environments();
+    let settings = [&["method=environment-reward"], settings].concat();
+    let mut training = run.train_task(LINE, &SMALL_PHYSICS, &settings);
+    if disturb {
+        training.await_checkpoint(2);
+        run.process("actor-0").signal(Signal::Kill);
+        run.process("learner").signal(Signal::Kill);
+    }
+    let summary = training.finish();
+    assert_eq!((summary.task.as_str(), summary.iterations), ("line", 8));
+    (run, summary.hashes())
+}
+
+fn goalward(run: &TestRun, arguments: &[&str]) -> (bool, String) {
+    let output = run.program("goalward").args(arguments).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.success(), text(&output.stdout) + &text(&output.stderr))
+}
+
+#[test]
+fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
+    if !has_python() {
+        return;
+    }
+    let (run, alone) = train(&["resources.actors=1"], false);
+    let (_, disturbed) = train(&["resources.actors=3"], true);
+    assert_eq!(disturbed, alone, "the same bits whatever the number of actors and who is killed");
+    let config = run.folder().config().unwrap();
+    assert_eq!(config.task.labels, ["parity[0]", "parity[1]", "place"]);
+    assert!(config.environment.0["versions"]["gymnasium"].is_str());
+    let folder = run.folder().path().to_str().unwrap().to_owned();
+    for (arguments, words) in [
+        (&["replay", &folder, "--verify"][..], "the same"),
+        (&["replay", &folder, "--retrain", "--out", "again"], "the same"),
+        (&["evaluate", &folder, "--episodes", "5"], "success"),
+        (&["task", LINE, "--out", "line.toml"], "line.toml"),
+        (
+            &[
+                "demonstrate",
+                "line.toml",
+                "--policy",
+                &folder,
+                "--episodes",
+                "9",
+                "--out",
+                "d.mcap",
+            ],
+            "",
+        ),
+        (
+            &[
+                "train",
+                "line.toml",
+                "--demonstrations",
+                "d.mcap",
+                "--steps",
+                "800",
+                "--run",
+                "imitator",
+                "--set",
+                "rollout.lanes=4",
+                "--set",
+                "rollout.lane_steps=100",
+                "--set",
+                "ppo.minibatches=2",
+                "--set",
+                "reward.batch=8",
+                "--set",
+                "demonstrations.episodes=9",
+                "--set",
+                "evaluation.episodes=4",
+            ],
+            "policy sha256",
+        ),
+    ] {
+        let (well, said) = goalward(&run, arguments);
+        assert!(well && said.contains(words), "{arguments:?}: {said}");
+    }
+    let imitator = RunFolder::new(run.path("imitator")).config().unwrap();
+    assert_eq!((imitator.demonstrations.episodes, imitator.task.name.as_str()), (9, "line"));
+}
+
+#[test]
+fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none() {
+    if !has_python() {
+        return;
+    }
+    let run = with_environments();
+    let bad = "python:python_environments:bad";
+    let raises = [
+        "train",
+        bad,
+        "--run",
+        "bad",
+        "--steps",
+        "800",
+        "--set",
+        "environment.kwargs.how=raises",
+        "--set",
+        "method=environment-reward",
+    ];
+    let (well, said) = goalward(&run, &raises);
+    assert!(!well && said.contains("ZeroDivisionError: by nothing"), "{said}");
+    assert!(said.contains("and would come to the same again"), "{said}");
+    for (arguments, words) in [
+        (&["train", "gym:Nowhere-v0", "--run", "none"][..], "Nowhere"),
+        (&["train", "python:python_environments:Picture", "--run", "none"], "images"),
+        (&["train", LINE, "--run", "none"], "has no expert"),
+        (&["task", "navigation", "--out", "t.toml"], "expected gym:ID"),
+        (&["task", "gym:Nowhere-v0", "--out", "t.toml"], "Nowhere"),
+    ] {
+        let (well, said) = goalward(&run, arguments);
+        assert!(!well && said.contains(words), "{arguments:?}: {said}");
+        assert!(!run.path("none").exists() && !run.path("t.toml").exists(), "{arguments:?}");
+    }
+}
