@@ -113,19 +113,18 @@ fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none
     }
     let run = with_environments();
     let bad = "python:python_environments:bad";
-    let raises = [
-        "train",
-        bad,
-        "--run",
-        "bad",
-        "--steps",
-        "800",
-        "--set",
-        "environment.kwargs.how=raises",
-        "--set",
-        "method=environment-reward",
-    ];
-    let (well, said) = goalward(&run, &raises);
+    let train = |how: &str| {
+        let how = format!("environment.kwargs.how={how}");
+        let settings = ["--set", &how, "--set", "method=environment-reward"];
+        goalward(
+            &run,
+            &[&["train", bad, "--run", "bad", "--steps", "80000"], &settings[..]].concat(),
+        )
+    };
+    let (well, said) = train("raises");
+    assert!(!well && said.contains("ZeroDivisionError: by nothing"), "{said}");
+    assert!(!run.path("bad").exists(), "what fails when it is looked at begins no run");
+    let (well, said) = train("raises late");
     assert!(!well && said.contains("ZeroDivisionError: by nothing"), "{said}");
     assert!(said.contains("and would come to the same again"), "{said}");
     for (arguments, words) in [

@@ -3,8 +3,10 @@
 use anyhow::Result;
 use environments::{Environment, EnvironmentError, Expert, Setting};
 use protocol::description::Description;
+use protocol::task::Task;
 
 use crate::factory::{Factory, Tasks};
+use crate::python;
 
 /// Describes a task in the setting of an agent, and in that which its demonstrations are recorded in.
 ///
@@ -17,11 +19,12 @@ pub fn describe(
     environment: Setting,
     demonstrations: Setting,
 ) -> Result<Description> {
+    let (environment, deterministic) = python::purified(environment)?;
     let factory = Factory::new(tasks, name, environment)?;
     let agents = make(&factory, "environment")?;
     let experts = make(&factory.with_setting(demonstrations), "demonstrations")?;
     Ok(Description {
-        task: factory.described(&*agents),
+        task: Task { deterministic, ..factory.described(&*agents) },
         environment: agents.setting(),
         demonstrations: experts.setting(),
         has_expert: !matches!(factory.task.expert, Expert::None),

@@ -4,7 +4,7 @@
 //! `GOALWARD_PYTHON=none` leaves these tests out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use actor::python::make;
+use actor::python::{make, purified};
 use actor::{Environment, EnvironmentError, Setting, Step};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
@@ -207,4 +207,20 @@ fn what_no_task_can_have_is_refused_in_one_line() {
         let said = make(&setting(text)).err().unwrap().to_string();
         assert!(said.contains(words) && !said.contains('\n'), "{text}: {said}");
     }
+}
+
+#[test]
+fn an_environment_that_is_not_pure_is_found_and_rebuilding_tried() {
+    if !has_python() {
+        return;
+    }
+    let purity = |name: &str| {
+        let make = format!("make = \"python:tests.python_environments:{name}\"");
+        let (setting, deterministic) = purified(setting(&make)).unwrap();
+        (setting.0.get("rebuild").and_then(|value| value.as_bool()), deterministic)
+    };
+    assert_eq!(purity("line"), (None, true));
+    assert_eq!(purity("traced"), (Some(true), true));
+    assert_eq!(purity("chance"), (None, false));
+    assert_eq!(purified(setting("noise = 2")).unwrap(), (setting("noise = 2"), true));
 }

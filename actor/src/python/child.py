@@ -282,7 +282,7 @@ class Environments:
         grid = Cells.fits(np, spaces, space)
         self.observations = Cells(np, space) if grid else Numbers(np, spaces, space)
         self.actions = Actions(np, spaces, first.action_space)
-        self.success, self.tells = self.find_success(first, options["success"])
+        self.success, self.tells = self.find_success(options["success"])
         limit = time_limit(first)
         observation, labels = self.observations.layout()
         self.hello = {
@@ -296,9 +296,10 @@ class Environments:
         }
         self.spare = first
 
-    def find_success(self, environment, rule):
+    def find_success(self, rule):
         """Which rule tells success, and what it is; by default what one step of chance says of it."""
         if rule == "auto":
+            environment = self.make()  # one that has been acted in might not begin like a new one
             environment.reset(seed=0)
             environment.action_space.seed(0)
             info = environment.step(environment.action_space.sample())[4]
@@ -306,6 +307,7 @@ class Environments:
             module = type(environment.unwrapped).__module__.partition(".")[0]
             if rule == "none" and module == "minigrid":
                 rule = "reward"
+            environment.close()
         return rule, teller(rule)
 
     def fresh(self):

@@ -1,7 +1,7 @@
 //! An environment of Python as the actor sees it: a slot of the process that holds it.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use environments::{Environment, EnvironmentError, Setting, Step};
 use protocol::ending::Ending;
@@ -48,22 +48,30 @@ fn auto() -> String {
     "auto".to_owned()
 }
 
-/// The processes at work, by what they were started with: environments of one setting share one.
-static LINKS: Mutex<Vec<(String, Weak<Mutex<Link>>)>> = Mutex::new(Vec::new());
+/// The processes at work, by what they were started with: environments of one setting share one, which
+/// stays when an actor has no lane for a while.
+static LINKS: Mutex<Vec<(String, Arc<Mutex<Link>>)>> = Mutex::new(Vec::new());
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+impl PythonSetting {
+    /// What a process is started with.
+    pub(super) fn options(&self) -> String {
+        let PythonSetting { make, kwargs, success, .. } = self;
+        json!({ "environment": make, "kwargs": kwargs, "success": success }).to_string()
+    }
+}
+
 /// The process for a setting, started if there is none.
 fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
-    let PythonSetting { make, kwargs, success, .. } = setting;
-    let options = json!({ "environment": make, "kwargs": kwargs, "success": success }).to_string();
+    let (make, options) = (&setting.make, setting.options());
     let mut links = locked(&LINKS);
-    links.retain(|(_, link)| link.strong_count() > 0);
+    links.retain(|(_, link)| !locked(link).has_ended());
     let known = links.iter().find(|(known, _)| *known == options);
-    if let Some(link) = known.and_then(|(_, link)| link.upgrade()) {
-        return Ok(link);
+    if let Some((_, link)) = known {
+        return Ok(Arc::clone(link));
     }
     let link = Link::start(&options, PATIENCE)?;
     let dropped = &link.hello().dropped;
@@ -71,7 +79,7 @@ fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
         tracing::warn!("{make}: texts are left out: {}", dropped.join(", "));
     }
     let link = Arc::new(Mutex::new(link));
-    links.push((options, Arc::downgrade(&link)));
+    links.push((options, Arc::clone(&link)));
     Ok(link)
 }
 
@@ -84,7 +92,7 @@ pub fn make(setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError>
 }
 
 /// A slot of a process of Python.
-struct Slot {
+pub(super) struct Slot {
     link: Arc<Mutex<Link>>,
     number: u16,
     setting: PythonSetting,
@@ -98,8 +106,17 @@ struct Slot {
 }
 
 impl Slot {
-    fn new(setting: PythonSetting) -> Result<Slot, EnvironmentError> {
-        let link = link(&setting)?;
+    /// A slot of the process for a setting.
+    pub(super) fn new(setting: PythonSetting) -> Result<Slot, EnvironmentError> {
+        Slot::of(link(&setting)?, setting)
+    }
+
+    /// A slot of a process of its own.
+    pub(super) fn on(link: Link, setting: PythonSetting) -> Result<Slot, EnvironmentError> {
+        Slot::of(Arc::new(Mutex::new(link)), setting)
+    }
+
+    fn of(link: Arc<Mutex<Link>>, setting: PythonSetting) -> Result<Slot, EnvironmentError> {
         let hello = locked(&link).hello().clone();
         let Hello { observation, action, horizon_steps, labels, success, versions, .. } = hello;
         for (package, expected) in &setting.versions {

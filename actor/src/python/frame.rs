@@ -1,10 +1,10 @@
 //! Frames between an actor and its process of Python; `child.py` has the other half.
 
+use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
 
 use protocol::task::{ActionSpec, ObservationSpec};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 
 /// A frame is its length, its kind and its body.
 const HEAD_BYTES: usize = 5;

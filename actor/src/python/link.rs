@@ -29,9 +29,7 @@ const SAME_MATHEMATICS: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA
 
 /// A process of Python, and what its slots have been asked.
 pub(super) struct Link {
-    child: Child,
-    stream: UnixStream,
-    patience: Duration,
+    python: Python,
     hello: Hello,
     /// Slots that nobody holds any more.
     free: Vec<u16>,
@@ -42,6 +40,15 @@ pub(super) struct Link {
     answers: BTreeMap<u16, Answer>,
 }
 
+/// A process of Python and its end of the link.
+struct Python {
+    child: Child,
+    stream: UnixStream,
+    patience: Duration,
+    /// Whether it has failed, or is gone.
+    has_ended: bool,
+}
+
 impl Link {
     /// Starts a process with these options, JSON, and waits until it says what the environment is. It is
     /// killed when it does not answer within `patience`.
@@ -49,50 +56,28 @@ impl Link {
     /// # Errors
     /// When there is no such interpreter, or the environment cannot be made.
     pub(super) fn start(options: &str, patience: Duration) -> Result<Link, EnvironmentError> {
-        let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
-        let (stream, other) = UnixStream::pair().map_err(other_error)?;
-        stream.set_read_timeout(Some(patience)).map_err(other_error)?;
-        let mut command = Command::new(&interpreter);
-        command.args(["-c", CHILD, options]).stdin(Stdio::from(OwnedFd::from(other)));
-        command.env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1);
-        // Standard output is the actor's own.
-        command.stdout(Stdio::null());
-        let child = command.spawn().map_err(|error| {
-            EnvironmentError::Other(format!(
-                "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
-            ))
-        })?;
-        // Holds the child's end of the socket.
-        drop(command);
-        let hello = Hello {
-            observation: protocol::task::ObservationSpec::Vector { len: 0 },
-            action: protocol::task::ActionSpec::Discrete { count: 1 },
-            horizon_steps: None,
-            labels: Vec::new(),
-            dropped: Vec::new(),
-            success: String::new(),
-            versions: BTreeMap::new(),
-        };
-        let mut link = Link {
-            child,
-            stream,
-            patience,
+        let mut python = Python::start(options, patience)?;
+        let hello = serde_json::from_slice(&python.receive(Kind::Hello)?)
+            .map_err(|error| EnvironmentError::Other(format!("hello of Python: {error}")))?;
+        Ok(Link {
+            python,
             hello,
             free: Vec::new(),
             slots: 0,
             pending: Vec::new(),
             announced: Vec::new(),
             answers: BTreeMap::new(),
-        };
-        let body = link.receive(Kind::Hello)?;
-        link.hello = serde_json::from_slice(&body)
-            .map_err(|error| EnvironmentError::Other(format!("hello of Python: {error}")))?;
-        Ok(link)
+        })
     }
 
     /// What the environment is.
     pub(super) fn hello(&self) -> &Hello {
         &self.hello
+    }
+
+    /// Whether the process has failed, or is gone.
+    pub(super) fn has_ended(&self) -> bool {
+        self.python.has_ended
     }
 
     /// A slot that nobody holds.
@@ -103,8 +88,12 @@ impl Link {
         })
     }
 
-    /// Gives a slot back; its environment stays for the next one.
+    /// Gives a slot back; its environment stays for the next one, who is to hear nothing of this one.
     pub(super) fn give_back(&mut self, slot: u16) {
+        if self.announced.contains(&slot) && self.turn().is_err() {
+            // Whoever asks next is told why.
+            return;
+        }
         self.answers.remove(&slot);
         self.free.push(slot);
     }
@@ -135,17 +124,40 @@ impl Link {
     fn turn(&mut self) -> Result<(), EnvironmentError> {
         let body = std::mem::take(&mut self.pending);
         self.announced.clear();
-        if frame::write(&mut self.stream, Kind::Turn, &body).is_err() {
+        if frame::write(&mut self.python.stream, Kind::Turn, &body).is_err() {
             // It has said why before it closed its end, or it has been killed.
-            return self.receive(Kind::Turn).map(drop);
+            return self.python.receive(Kind::Turn).map(drop);
         }
-        let body = self.receive(Kind::Turn)?;
+        let body = self.python.receive(Kind::Turn)?;
         self.answers.extend(frame::answers(&body, self.hello.observation.bytes()));
         Ok(())
     }
+}
+
+impl Python {
+    fn start(options: &str, patience: Duration) -> Result<Python, EnvironmentError> {
+        let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
+        let (stream, other) = UnixStream::pair().map_err(other_error)?;
+        stream.set_read_timeout(Some(patience)).map_err(other_error)?;
+        // Standard output is the actor's own.
+        let child = Command::new(&interpreter)
+            .args(["-c", CHILD, options])
+            .env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1)
+            .stdin(Stdio::from(OwnedFd::from(other)))
+            .stdout(Stdio::null())
+            .spawn();
+        let child = child.map_err(|error| {
+            EnvironmentError::Other(format!(
+                "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
+            ))
+        })?;
+        Ok(Python { child, stream, patience, has_ended: false })
+    }
 
     fn receive(&mut self, expected: Kind) -> Result<Vec<u8>, EnvironmentError> {
-        match frame::read(&mut self.stream) {
+        let read = frame::read(&mut self.stream);
+        self.has_ended = !matches!(&read, Ok((kind, _)) if *kind == expected);
+        match read {
             Ok((kind, body)) if kind == expected => Ok(body),
             Ok((Kind::Failed, body)) => Err(EnvironmentError::Raised(failed(&body))),
             Ok((kind, _)) => Err(EnvironmentError::Other(format!(
@@ -173,7 +185,7 @@ impl Link {
     }
 }
 
-impl Drop for Link {
+impl Drop for Python {
     fn drop(&mut self) {
         // The end of the link ends it; one that spins is killed.
         self.stream.shutdown(std::net::Shutdown::Both).ok();
@@ -226,6 +238,6 @@ mod tests {
             }
         };
         assert!(said.contains("not answered for 3 s and was killed"), "{said}");
-        assert!(link.child.wait().unwrap().code().is_none(), "it ended by a signal");
+        assert!(link.python.child.wait().unwrap().code().is_none(), "it ended by a signal");
     }
 }

@@ -10,9 +10,12 @@
 //! | `frame` | what the two say, byte by byte |
 //! | `link` | the process, its start and its end |
 //! | `environment` | an environment of a slot |
+//! | `purity` | whether episodes can be acted again |
 
 mod environment;
 mod frame;
 mod link;
+mod purity;
 
 pub use environment::{MAKE, PythonSetting, make};
+pub use purity::purified;

@@ -58,7 +58,7 @@ class Bad(Line):
 
     def __init__(self, how):
         super().__init__()
-        self.how = how
+        self.how, self.total = how, 0
 
     def reset(self, *, seed=None, options=None):
         if self.how == "reset raises":
@@ -67,6 +67,9 @@ class Bad(Line):
 
     def step(self, action):
         seen, reward, terminated, truncated, info = super().step(action)
+        self.total += 1
+        if self.how == "raises late" and self.total > 200:
+            raise ZeroDivisionError("by nothing")
         if self.steps < 3:
             return seen, reward, terminated, truncated, info
         if self.how == "raises":
@@ -96,6 +99,32 @@ class Bad(Line):
 
 def bad(how):
     return gymnasium.wrappers.TimeLimit(Bad(how), 20)
+
+
+class Traced(Line):
+    """Starts where the episode before it has ended."""
+
+    def reset(self, *, seed=None, options=None):
+        before = getattr(self, "place", 0.0)
+        super().reset(seed=seed)
+        self.place += before / 10
+        return self.seen(), {}
+
+
+def traced():
+    return gymnasium.wrappers.TimeLimit(Traced(), 20)
+
+
+class Chance(Line):
+    """Has a source of chance of its own."""
+
+    def step(self, action):
+        self.place += os.urandom(1)[0] / 1000
+        return super().step(action)
+
+
+def chance():
+    return gymnasium.wrappers.TimeLimit(Chance(), 20)
 
 
 class Picture(Line):

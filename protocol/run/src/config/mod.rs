@@ -331,6 +331,9 @@ impl RunConfig {
             let holds = expected == found;
             within(key, holds, &format!("{expected}, as its environment has it"), found)?;
         }
+        let expected = "false: its environment gives other bytes for the same seed and actions";
+        let holds = task.deterministic || !self.task.deterministic;
+        within("task.deterministic", holds, expected, self.task.deterministic)?;
         self.environment = environment;
         for (key, value) in &mut self.demonstrations.environment.0 {
             if let Some(complete) = demonstrations.0.get(key) {

@@ -1,0 +1,95 @@
+//! Whether an environment of Python is a pure function of its seed and its actions, found out by acting:
+//! the same episode again, after another one, and in another process.
+
+use environments::{Environment, EnvironmentError, Setting};
+use protocol::seed::{Purpose, stream};
+use protocol::task::{ActionSpec, write_floats};
+use rand::RngExt;
+
+use super::environment::{MAKE, PythonSetting, Slot};
+use super::link::{Link, PATIENCE};
+
+/// Steps of an episode that are compared.
+const STEPS: u32 = 50;
+
+/// A setting of Python as it has to be so that episodes can be acted again, and whether they can. Every
+/// other setting as it is.
+///
+/// # Errors
+/// When the environment cannot be made, or fails.
+pub fn purified(setting: Setting) -> Result<(Setting, bool), EnvironmentError> {
+    if !setting.0.contains_key(MAKE) {
+        return Ok((setting, true));
+    }
+    let own: PythonSetting = setting.read()?;
+    Ok(match Purity::of(&own)? {
+        Purity::Pure => (setting, true),
+        Purity::PureWhenRebuilt => {
+            let make = &own.make;
+            tracing::warn!("{make} leaves traces in its next episode: environment.rebuild=true");
+            (Setting::of(&PythonSetting { rebuild: true, ..own }), true)
+        }
+        Purity::Impure => {
+            tracing::warn!("{}: the same episode comes out differently", own.make);
+            (setting, false)
+        }
+    })
+}
+
+/// What an environment does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Purity {
+    /// An episode depends on its seed and its actions alone.
+    Pure,
+    /// It does if every episode has an environment of its own.
+    PureWhenRebuilt,
+    /// The same episode comes out differently.
+    Impure,
+}
+
+impl Purity {
+    /// That of the environment of a setting.
+    ///
+    /// # Errors
+    /// When it cannot be made, or fails.
+    fn of(setting: &PythonSetting) -> Result<Purity, EnvironmentError> {
+        let rebuilt = PythonSetting { rebuild: true, ..setting.clone() };
+        if is_pure(setting)? {
+            return Ok(Purity::Pure);
+        }
+        let helps = !setting.rebuild && is_pure(&rebuilt)?;
+        Ok(if helps { Purity::PureWhenRebuilt } else { Purity::Impure })
+    }
+}
+
+fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
+    let mut slot = Slot::new(setting.clone())?;
+    let first = play(&mut slot, 0)?;
+    let other = play(&mut slot, 1)?;
+    if play(&mut slot, 0)? != first || play(&mut slot, 1)? != other {
+        return Ok(false);
+    }
+    let mut elsewhere = Slot::on(Link::start(&setting.options(), PATIENCE)?, setting.clone())?;
+    Ok(play(&mut elsewhere, 1)? == other && play(&mut elsewhere, 0)? == first)
+}
+
+/// The hash of an episode with actions of chance.
+fn play(slot: &mut Slot, episode: u64) -> Result<u64, EnvironmentError> {
+    let spec = slot.spec();
+    let mut observation = vec![0; spec.observation.bytes()];
+    let mut action = vec![0; spec.action.bytes()];
+    let mut chance = stream(1, Purpose::TrainingActions, 0, episode);
+    slot.reset(&mut stream(1, Purpose::TrainingEpisode, 0, episode), &mut observation)?;
+    for _ in 0..STEPS {
+        match spec.action {
+            ActionSpec::Discrete { count } => action[0] = chance.random_range(0..count) as u8,
+            ActionSpec::Continuous { len } => {
+                write_floats((0..len).map(|_| chance.random_range(-1.0..1.0)), &mut action);
+            }
+        }
+        if slot.step(&action, &mut observation)?.ending.is_some() {
+            break;
+        }
+    }
+    Ok(slot.state_hash())
+}
