@@ -58,12 +58,6 @@ fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
     (run, summary.hashes())
 }
 
-fn goalward(run: &TestRun, arguments: &[&str]) -> (bool, String) {
-    let output = run.program("goalward").args(arguments).output().unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (output.status.success(), text(&output.stdout) + &text(&output.stderr))
-}
-
 #[test]
 fn a_task_from_outside_is_trained_verified_and_drawn_like_any_other() {
     let (run, alone) = train(&["resources.actors=1"], false);
@@ -83,7 +77,7 @@ fn a_task_from_outside_is_trained_verified_and_drawn_like_any_other() {
         (&["evaluate", "run", "--episodes", "5"], "of 5 episodes"),
         (&["report", "run"], "index.html"),
     ] {
-        let (success, said) = goalward(&run, arguments);
+        let (success, said) = run.goalward(arguments);
         assert!(success, "{arguments:?}: {said}");
         assert!(said.contains(words), "{arguments:?}: expected {words} in {said}");
     }
@@ -134,7 +128,7 @@ fn a_run_goes_on_with_the_program_it_began_with() {
     let mut other = fs::read(actor()).unwrap();
     other.push(0);
     fs::write(run.path("bin/reacher"), other).unwrap();
-    let (success, said) = goalward(&run, &["train", "--resume", "--run", "run"]);
+    let (success, said) = run.goalward(&["train", "--resume", "--run", "run"]);
     assert!(!success && said.contains("expected the program that the run began with"), "{said}");
 }
 
@@ -147,7 +141,7 @@ fn a_task_that_cannot_tell_success_is_judged_by_return() {
     assert_eq!((summary.success_rate, summary.evaluation.success_rate), (None, None));
     assert!(summary.evaluation.mean_return.is_some_and(|mean| mean < 0.0));
     for arguments in [&["status", "run"][..], &["evaluate", "run"], &["report", "run"]] {
-        let (success, said) = goalward(&run, arguments);
+        let (success, said) = run.goalward(arguments);
         assert!(success && !said.contains("NaN"), "{arguments:?}: {said}");
     }
     let page = fs::read_to_string(run.path("report/index.html")).unwrap();
@@ -155,6 +149,6 @@ fn a_task_that_cannot_tell_success_is_judged_by_return() {
 
     // The same arm does tell it; who says otherwise is refused.
     fs::write(&file, fs::read_to_string(&file).unwrap().replace("-held", "")).unwrap();
-    let (success, said) = goalward(&run, &["train", &file]);
+    let (success, said) = run.goalward(&["train", &file]);
     assert!(!success && said.contains("`task.tells_success` must be true"), "{said}");
 }

@@ -37,12 +37,6 @@ fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
     (run, summary.hashes())
 }
 
-fn goalward(run: &TestRun, arguments: &[&str]) -> (bool, String) {
-    let output = run.program("goalward").args(arguments).output().unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (output.status.success(), text(&output.stdout) + &text(&output.stderr))
-}
-
 #[test]
 fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
     if !has_python() {
@@ -99,7 +93,7 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
             "policy sha256",
         ),
     ] {
-        let (well, said) = goalward(&run, arguments);
+        let (well, said) = run.goalward(arguments);
         assert!(well && said.contains(words), "{arguments:?}: {said}");
     }
     let imitator = RunFolder::new(run.path("imitator")).config().unwrap();
@@ -116,10 +110,7 @@ fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none
     let train = |how: &str| {
         let how = format!("environment.kwargs.how={how}");
         let settings = ["--set", &how, "--set", "method=environment-reward"];
-        goalward(
-            &run,
-            &[&["train", bad, "--run", "bad", "--steps", "80000"], &settings[..]].concat(),
-        )
+        run.goalward(&[&["train", bad, "--run", "bad", "--steps", "80000"], &settings[..]].concat())
     };
     let (well, said) = train("raises");
     assert!(!well && said.contains("ZeroDivisionError: by nothing"), "{said}");
@@ -134,7 +125,7 @@ fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none
         (&["task", "navigation", "--out", "t.toml"], "expected gym:ID"),
         (&["task", "gym:Nowhere-v0", "--out", "t.toml"], "Nowhere"),
     ] {
-        let (well, said) = goalward(&run, arguments);
+        let (well, said) = run.goalward(arguments);
         assert!(!well && said.contains(words), "{arguments:?}: {said}");
         assert!(!run.path("none").exists() && !run.path("t.toml").exists(), "{arguments:?}");
     }

@@ -1,9 +1,8 @@
 //! A process that `goalward` starts and looks after: it has a process group of its own, so that Ctrl-C is
 //! for `goalward` alone, and what it prints is appended to a file.
 
-use std::process::{self, ChildStdin, Command, ExitStatus};
-
 use std::os::unix::process::CommandExt;
+use std::process::{self, ChildStdin, Command, ExitStatus};
 
 use anyhow::{Context, Result};
 use rustix::process::{Pid, Signal, kill_process};

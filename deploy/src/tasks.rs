@@ -5,6 +5,7 @@ use anyhow::{Result, anyhow};
 use protocol::description::Description;
 use protocol::setting::Setting;
 use protocol::table::{merge, parse_setting};
+use protocol::task::Task;
 use run::config::RunConfig;
 use run::tasks;
 use serde::Serialize;
@@ -44,7 +45,7 @@ pub(crate) fn is_of_python(task: &str) -> bool {
 /// A task's file.
 #[derive(Serialize)]
 struct File {
-    task: protocol::task::Task,
+    task: Task,
     rollout: Rollout,
     environment: Setting,
 }

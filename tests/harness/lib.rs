@@ -173,6 +173,13 @@ impl TestRun {
         self.train_task("navigation", &SMALL, settings)
     }
 
+    /// Runs `goalward` to its end: whether it went well, and what it said on both its outputs.
+    pub fn goalward(&self, arguments: &[&str]) -> (bool, String) {
+        let output = self.program("goalward").args(arguments).output().expect("goalward is there");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (output.status.success(), text(&output.stdout) + &text(&output.stderr))
+    }
+
     /// Starts `goalward train` on a new run of a task with `small`, as far as its method reads it, and
     /// then `settings`.
     pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
