@@ -105,6 +105,18 @@ enum Command {
         #[arg(long)]
         episodes: u64,
     },
+    /// Writes the policy of a run as a file that other programs read.
+    Export {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Iterations that its checkpoint is after; without it the newest.
+        #[arg(long)]
+        checkpoint: Option<u64>,
+        /// The file, `.onnx` or `.safetensors`.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Acts every recorded episode of a run again and compares.
     Verify {
         /// Folder of the run.
@@ -190,6 +202,9 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             process::end_with_parent()?;
             let evaluation = crate::evaluate::evaluate(tasks, &RunFolder::new(run), episodes)?;
             print(&evaluation)
+        }
+        Command::Export { run, checkpoint, out } => {
+            print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
         Command::Verify { run, threads } => {
             process::end_with_parent()?;

@@ -15,6 +15,7 @@ pub mod drawing;
 pub mod episode;
 pub mod evaluate;
 pub mod expert;
+pub mod export;
 pub mod factory;
 pub mod lane;
 pub mod policy;

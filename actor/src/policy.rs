@@ -2,7 +2,8 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
+use export::Graph;
 use networks::{
     ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
 };
@@ -41,15 +42,7 @@ pub struct Version {
 /// # Errors
 /// When there is no checkpoint that holds, or its policy cannot be read.
 pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
-    let found = checkpoint::newest(folder, &[POLICY_FILE])?;
-    found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
-    let newest = found.newest.with_context(|| {
-        format!(
-            "expected a checkpoint that holds in {}, found none",
-            folder.checkpoints().display()
-        )
-    })?;
-    Ok(newest.policy()?)
+    Ok(checkpoint::chosen(folder, None, &[POLICY_FILE])?.policy()?)
 }
 
 /// Numbers of an observation that can be normalized.
@@ -79,8 +72,27 @@ impl Policy {
     /// Makes weights ready to act.
     ///
     /// # Errors
-    /// When they are not finite, or not as many as this policy has.
+    /// As [`Policy::checked`].
     pub fn version(&self, weights: &Weights) -> Result<Version> {
+        let (parameters, normalizer) = self.checked(weights)?;
+        let prepared = self.network.prepare(&parameters);
+        Ok(Version { number: weights.version, normalizer, prepared })
+    }
+
+    /// A version of this policy as a graph, whose actions have the run's scale behind them.
+    ///
+    /// # Errors
+    /// As [`Policy::checked`].
+    pub fn graph(&self, weights: &Weights, scale: &[f32]) -> Result<Graph> {
+        let (parameters, normalizer) = self.checked(weights)?;
+        Ok(export::policy(&self.network, &parameters, &normalizer, scale))
+    }
+
+    /// The parameters of weights, and what they normalize observations by.
+    ///
+    /// # Errors
+    /// When they are not finite, or not as many as this policy has.
+    fn checked(&self, weights: &Weights) -> Result<(Vec<f32>, RunningNormalizer)> {
         let parameters = weights.parameter_numbers();
         let (expected, found) = (self.network.parameter_count(), parameters.len());
         ensure!(expected == found, "weights: expected {expected} parameters, found {found}");
@@ -97,11 +109,7 @@ impl Policy {
             found == 0 || found == expected,
             "weights: expected moments of {expected} numbers or none, found {found}"
         );
-        Ok(Version {
-            number: weights.version,
-            normalizer,
-            prepared: self.network.prepare(&parameters),
-        })
+        Ok((parameters, normalizer))
     }
 
     /// Takes one step in every lane. A lane's actions do not depend on the lanes beside it.

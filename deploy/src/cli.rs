@@ -5,7 +5,7 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, evaluate, experiment, log, replay, report, scale, status, task, train,
+    demonstrate, evaluate, experiment, export, log, replay, report, scale, status, task, train,
 };
 use terminal::refusal::wrong_usage;
 
@@ -31,6 +31,8 @@ enum Verb {
     Demonstrate(demonstrate::Arguments),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
+    /// Write a run's policy and its reward model as files that other programs read.
+    Export(export::Arguments),
     /// Train the runs of plans, such as those of the paper's figures.
     Experiment(experiment::Arguments),
     /// Check a run against its log: act its episodes again, or train again from them.
@@ -57,6 +59,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Task(arguments) => task::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
+        Verb::Export(arguments) => export::run(&arguments),
         Verb::Experiment(arguments) => experiment::run(&arguments),
         Verb::Replay(arguments) => replay::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
@@ -96,6 +99,7 @@ mod tests {
             "goalward task gym:FetchPush-v4 --set environment.kwargs.x=3 --out t.toml --force",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward evaluate r --episodes 100",
+            "goalward export r --format safetensors --checkpoint 40 --out e --force",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",
             "goalward experiment a.toml --dry-run",
             "goalward replay r --verify",
@@ -123,6 +127,7 @@ mod tests {
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
             "goalward log info",
             "goalward report",
+            "goalward export r --format pickle",
             "goalward experiment",
             "goalward experiment a.toml --jobs 0",
             "goalward replay r",

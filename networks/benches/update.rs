@@ -8,7 +8,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrix;
 use networks::{
     ActorCritic, Adam, Batch, Ensemble, Network, PolicyArchitecture, PolicyWorkspace,
-    RewardArchitecture, Workspace, clip_global_norm,
+    RewardArchitecture, Squashing, Workspace, clip_global_norm,
 };
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec};
@@ -87,7 +87,7 @@ fn ensembles(criterion: &mut Criterion) {
     for (name, spec, rows) in [("cells", CELLS, 64), ("vector", VECTOR, 128)] {
         let network = Network::new(RewardArchitecture::default().network_shape(spec, 1, 0));
         let streams = (0..5).map(|member| stream(1, Purpose::RewardWeights, member, 0));
-        let ensemble = Ensemble::new(network, streams);
+        let ensemble = Ensemble::new(network, streams, Squashing::ClampedMean);
         let prepared = ensemble.prepare();
         let bytes = observations(spec, rows);
         let batch = Batch::new(&bytes);

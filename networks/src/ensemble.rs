@@ -13,8 +13,30 @@ pub struct Ensemble {
     pub network: Network,
     /// The parameters of each member.
     pub members: Vec<Vec<f32>>,
-    /// Whether each member's output passes through a sigmoid before it is averaged.
-    pub squashed: bool,
+    /// How the members' outputs become a proximity.
+    pub squashing: Squashing,
+}
+
+/// How outputs of the members of an ensemble become a proximity in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Squashing {
+    /// Their mean, clamped after averaging.
+    ClampedMean,
+    /// The sigmoid of their mean.
+    SigmoidOfMean,
+    /// The mean of their sigmoids.
+    MeanOfSigmoids,
+}
+
+impl Squashing {
+    /// The proximity that a [`Score::mean`] stands for.
+    pub fn proximity(self, mean: f32) -> f32 {
+        match self {
+            Squashing::ClampedMean => mean.clamp(0.0, 1.0),
+            Squashing::SigmoidOfMean => sigmoid(mean),
+            Squashing::MeanOfSigmoids => mean,
+        }
+    }
 }
 
 /// What an ensemble says about one row.
@@ -35,11 +57,6 @@ impl Score {
         let variance = outputs.map(square).sum::<f64>() / count.saturating_sub(1).max(1) as f64;
         Self { mean: mean as f32, standard_deviation: variance.sqrt() as f32 }
     }
-
-    /// The proximity of an ensemble that regresses it: the mean, clamped to [0, 1] after averaging.
-    pub fn proximity(&self) -> f32 {
-        self.mean.clamp(0.0, 1.0)
-    }
 }
 
 impl Ensemble {
@@ -47,11 +64,15 @@ impl Ensemble {
     ///
     /// # Panics
     /// If the network has not exactly one output.
-    pub fn new(network: Network, streams: impl IntoIterator<Item = Stream>) -> Self {
+    pub fn new(
+        network: Network,
+        streams: impl IntoIterator<Item = Stream>,
+        squashing: Squashing,
+    ) -> Self {
         assert_eq!(network.outputs(), 1, "outputs of a member of an ensemble");
         let streams = streams.into_iter();
         let members = streams.map(|mut stream| network.initial_parameters(&mut stream)).collect();
-        Self { network, members, squashed: false }
+        Self { network, members, squashing }
     }
 
     /// Packs the parameters of every member for evaluation.
@@ -76,7 +97,7 @@ impl Ensemble {
             let own = self.network.forward(prepared, batch, workspace);
             outputs.extend_from_slice(own.as_slice());
         }
-        if self.squashed {
+        if self.squashing == Squashing::MeanOfSigmoids {
             outputs.iter_mut().for_each(|output| *output = sigmoid(*output));
         }
         let rows = outputs.len() / prepared.len();
@@ -95,17 +116,14 @@ mod tests {
 
     #[test]
     fn the_proximity_is_clamped_and_the_standard_deviation_is_not() {
-        let score = Score::of([0.5, 1.5, 2.5].into_iter());
-        assert_eq!((score, score.proximity()), (Score { mean: 1.5, standard_deviation: 1.0 }, 1.0));
-        let score = Score::of([-3.0, -3.0].into_iter());
-        assert_eq!(
-            (score, score.proximity()),
-            (Score { mean: -3.0, standard_deviation: 0.0 }, 0.0)
-        );
-        let score = Score::of([0.25].into_iter());
-        assert_eq!(
-            (score, score.proximity()),
-            (Score { mean: 0.25, standard_deviation: 0.0 }, 0.25)
-        );
+        for (outputs, mean, standard_deviation, proximity) in [
+            (&[0.5, 1.5, 2.5][..], 1.5, 1.0, 1.0),
+            (&[-3.0, -3.0], -3.0, 0.0, 0.0),
+            (&[0.25], 0.25, 0.0, 0.25),
+        ] {
+            let score = Score::of(outputs.iter().copied());
+            assert_eq!(score, Score { mean, standard_deviation });
+            assert_eq!(Squashing::ClampedMean.proximity(mean), proximity);
+        }
     }
 }

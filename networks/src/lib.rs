@@ -25,7 +25,7 @@ mod training;
 
 pub use batch::{Batch, RowSize};
 pub use distribution::Distribution;
-pub use ensemble::{Ensemble, Score};
+pub use ensemble::{Ensemble, Score, Squashing};
 pub use initialization::Initialization;
 pub use layer::activation::{Activation, tanh};
 pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};

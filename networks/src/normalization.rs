@@ -11,9 +11,6 @@ const EPSILON: f64 = 1e-8;
 /// or per second.
 const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 
-/// Normalized observations are cut off at this many standard deviations.
-const CLIP: f64 = 10.0;
-
 /// Mean and variance of a stream of numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunningMoments {
@@ -66,6 +63,9 @@ pub struct RunningNormalizer {
 }
 
 impl RunningNormalizer {
+    /// Normalized observations are cut off at this many standard deviations.
+    pub const CLIP: f64 = 10.0;
+
     /// A normalizer of observations of `len` numbers that has seen none.
     pub fn new(len: usize) -> Self {
         Self { moments: vec![RunningMoments::default(); len] }
@@ -142,7 +142,7 @@ impl RunningNormalizer {
         for row in observations.chunks_exact_mut(4 * len) {
             for (number, (mean, deviation)) in row.as_chunks_mut::<4>().0.iter_mut().zip(&scales) {
                 let distance = f64::from(f32::from_le_bytes(*number)) - mean;
-                let normalized = (distance / deviation).clamp(-CLIP, CLIP);
+                let normalized = (distance / deviation).clamp(-Self::CLIP, Self::CLIP);
                 *number = (normalized as f32).to_le_bytes();
             }
         }

@@ -109,6 +109,12 @@ impl ActorCritic {
         self.distribution
     }
 
+    /// The network that has the actor, whose parameters come first, and how many of its outputs are the
+    /// actor's; they are the first ones.
+    pub fn actor(&self) -> (&Network, usize) {
+        (&self.networks[0], self.actor_outputs)
+    }
+
     /// Size of a row of the batches it is evaluated on.
     pub fn row_size(&self) -> RowSize {
         self.networks[0].row_size()

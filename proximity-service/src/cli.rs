@@ -11,6 +11,7 @@ use run::config::RunConfig;
 use run::diagnostics::Diagnostics;
 use run::folder::RunFolder;
 use run::process::{self, Stop};
+use serde::Serialize;
 
 /// Learns the reward from demonstrations and agent experience, and answers for it.
 #[derive(Debug, Parser)]
@@ -46,6 +47,18 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Writes the reward model of a run as a file that other programs read.
+    Export {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Iterations that its checkpoint is after; without it the newest.
+        #[arg(long)]
+        checkpoint: Option<u64>,
+        /// The file, `.onnx` or `.safetensors`.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Reads observations from standard input and prints what the trained model of a run says of
     /// each.
     Estimate {
@@ -60,7 +73,7 @@ impl Command {
     fn diagnostics(&self) -> Diagnostics {
         match self {
             Command::Serve { .. } => Diagnostics::of_service(),
-            Command::Rescore { .. } | Command::Estimate { .. } => Diagnostics::ForPeople,
+            _ => Diagnostics::ForPeople,
         }
     }
 }
@@ -75,6 +88,9 @@ pub fn main() -> ExitCode {
             let text = fs::read_to_string(&config).context("--config")?;
             let config = RunConfig::from_text(&text, &config.display().to_string())?;
             rescore(&RunFolder::new(run), &log, &config, model.map(RunFolder::new), &out)
+        }
+        Command::Export { run, checkpoint, out } => {
+            print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
         Command::Estimate { run } => estimate(&RunFolder::new(run)),
     })
@@ -91,12 +107,16 @@ fn rescore(
     let mut lines = BufWriter::new(file);
     let comparison = crate::rescore::rescore(folder, log, config, model.as_ref(), &mut lines)?;
     lines.flush().with_context(|| out.display().to_string())?;
-    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&comparison)?)?)
+    print(&comparison)
 }
 
 fn estimate(folder: &RunFolder) -> Result<()> {
     let mut observations = Vec::new();
     std::io::stdin().read_to_end(&mut observations).context("standard input")?;
-    let said = crate::estimate::estimate(folder, &observations)?;
-    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(&said)?)?)
+    print(&crate::estimate::estimate(folder, &observations)?)
+}
+
+/// Prints a result for `goalward`, as JSON.
+fn print(result: &impl Serialize) -> Result<()> {
+    Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(result)?)?)
 }

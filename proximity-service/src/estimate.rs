@@ -25,7 +25,7 @@ pub fn estimate(folder: &RunFolder, observations: &[u8]) -> Result<PrintedEstima
     let config = folder.config()?;
     config.task.spec().observation.check(observations)?;
     let mut model = model::of_run(folder, &config)?;
-    restore(&mut *model, folder)?;
+    restore(&mut *model, folder, None)?;
     let estimates = model.estimate(observations)?;
     Ok(PrintedEstimates { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
 }

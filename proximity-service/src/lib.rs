@@ -1,10 +1,11 @@
 //! The proximity service: learns the reward and answers for it, to the learner and to any tool.
 //!
 //! [`run()`] is the process, [`service`] its one loop, [`model`] what it learns; [`rescore`] takes a
-//! model through a log, [`estimate`](mod@estimate) asks a trained one.
+//! model through a log, [`estimate`](mod@estimate) asks a trained one, [`export`](mod@export) hands it out.
 
 pub mod cli;
 pub mod estimate;
+pub mod export;
 mod intake;
 pub mod model;
 mod offline_file;

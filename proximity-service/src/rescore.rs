@@ -75,7 +75,7 @@ pub fn rescore(
     let mut model = model::of_run(folder, config)?;
     match trained {
         None => drop(model.pretrain(Duration::MAX)?),
-        Some(other) => restore(&mut *model, other)?,
+        Some(other) => restore(&mut *model, other, None).map(drop)?,
     }
     writeln!(lines, "iteration,lane,episode,steps,success,recorded_return,other_return")?;
     let mut batches = Batches::new(config.task.spec());
@@ -108,16 +108,18 @@ pub fn rescore(
     Ok(comparison(&returns))
 }
 
-/// Makes a model the one in the newest checkpoint of another run.
-pub(crate) fn restore(model: &mut dyn RewardModel, other: &RunFolder) -> Result<()> {
-    let shown = other.path().display();
-    let found = checkpoint::newest(other, &[PROXIMITY_FILE])?;
-    found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
-    let newest = found
-        .newest
-        .with_context(|| format!("{shown}: expected a checkpoint that holds, found none"))?;
-    let tensors = newest.load(PROXIMITY_FILE)?;
-    model.restore(&tensors).map_err(anyhow::Error::msg).with_context(|| format!("{shown}"))
+/// Makes a model the one in a run's checkpoint after so many iterations, or else in its newest; after how
+/// many that is.
+pub(crate) fn restore(
+    model: &mut dyn RewardModel,
+    run: &RunFolder,
+    iteration: Option<u64>,
+) -> Result<u64> {
+    let found = checkpoint::chosen(run, iteration, &[PROXIMITY_FILE])?;
+    let tensors = found.load(PROXIMITY_FILE)?;
+    let restored = model.restore(&tensors).map_err(anyhow::Error::msg);
+    restored.with_context(|| run.path().display().to_string())?;
+    Ok(found.iteration)
 }
 
 /// What the service would do in an iteration.

@@ -23,16 +23,17 @@ const FILE_LINES: usize = 500;
 const FUNCTION_LINES: usize = 70;
 
 /// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
-const EDGES: [(&str, &[&str]); 13] = [
+const EDGES: [(&str, &[&str]); 14] = [
     ("protocol", &[]),
     ("bus", &["protocol"]),
     ("mcap-log", &["protocol"]),
     ("run", &["protocol", "mcap-log"]),
     ("environments", &["protocol"]),
     ("networks", &["protocol"]),
-    ("actor", &["protocol", "bus", "mcap-log", "run", "environments", "networks"]),
+    ("export", &["protocol", "networks"]),
+    ("actor", &["protocol", "bus", "mcap-log", "run", "environments", "networks", "export"]),
     ("learner", &["protocol", "bus", "mcap-log", "run", "networks"]),
-    ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks"]),
+    ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks", "export"]),
     ("terminal", &["protocol"]),
     ("report", &["protocol", "mcap-log", "run", "terminal"]),
     ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report"]),

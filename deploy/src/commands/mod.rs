@@ -3,6 +3,7 @@
 pub(crate) mod demonstrate;
 pub(crate) mod evaluate;
 pub(crate) mod experiment;
+pub(crate) mod export;
 pub(crate) mod log;
 pub(crate) mod replay;
 pub(crate) mod report;

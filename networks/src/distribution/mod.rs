@@ -36,6 +36,10 @@ pub enum Distribution {
 }
 
 impl Distribution {
+    /// Least and largest logarithm of a standard deviation of a squashed distribution. A first policy,
+    /// which gives about 0, draws actions that are nearly uniform.
+    pub const LOG_STANDARD_DEVIATIONS: (f32, f32) = (-20.0, 2.0);
+
     /// The distribution for a kind of action; only continuous ones can be squashed.
     pub fn new(action: ActionSpec, squashed: bool) -> Self {
         match action {

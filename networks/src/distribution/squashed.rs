@@ -5,13 +5,9 @@
 use protocol::seed::Stream;
 use protocol::task::{floats, write_floats};
 
-use super::HALF_LOG_TAU;
+use super::{Distribution, HALF_LOG_TAU};
 use crate::initialization::standard_normal;
 use crate::layer::activation::tanh;
-
-/// Least and largest logarithm of a standard deviation. A first policy, which gives about 0, draws
-/// actions that are nearly uniform.
-const LOG_DEVIATIONS: (f32, f32) = (-20.0, 2.0);
 
 /// Added to the derivative of the squashing before its logarithm is taken.
 const FLATTEST: f32 = 1e-6;
@@ -26,7 +22,7 @@ struct Normal {
 
 fn normals(parameters: &[f32]) -> impl Iterator<Item = Normal> + '_ {
     let (means, logs) = parameters.split_at(parameters.len() / 2);
-    let (least, largest) = LOG_DEVIATIONS;
+    let (least, largest) = Distribution::LOG_STANDARD_DEVIATIONS;
     means.iter().zip(logs).map(move |(&mean, &parameter)| {
         let within = (least..=largest).contains(&parameter);
         Normal { mean, log: parameter.clamp(least, largest), log_derivative: f32::from(within) }

@@ -89,6 +89,30 @@ pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error
     Ok(found)
 }
 
+/// The checkpoint after so many iterations, or else the newest one, whose `files` hold. A warning tells
+/// of each that was passed over.
+///
+/// # Errors
+/// [`Error::Checkpoint`] if there is none, or the one asked for does not hold; when there is a log and it
+/// cannot be read.
+pub fn chosen(
+    run: &RunFolder,
+    iteration: Option<u64>,
+    files: &[&str],
+) -> Result<Checkpoint, Error> {
+    let Some(iteration) = iteration else {
+        let found = newest(run, files)?;
+        found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
+        let message = "expected a checkpoint that holds, found none".to_owned();
+        return found.newest.ok_or(Error::Checkpoint { path: run.checkpoints(), message });
+    };
+    let folder = run.checkpoint_folder(iteration);
+    let recorded = recorded(run)?;
+    let held_to = recorded.as_ref().map(|records| records.get(&iteration));
+    files.iter().try_for_each(|name| check(&folder, name, held_to))?;
+    Ok(Checkpoint { iteration, folder })
+}
+
 /// The newest checkpoint that holds as a whole. Those passed over are laid aside, so that they can be
 /// saved again.
 ///
@@ -267,6 +291,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_checkpoint_that_is_asked_for_holds_or_is_refused() {
+        let home = run(&[4, 8], |recorded| recorded);
+        let run = RunFolder::new(home.path());
+        let chosen = |iteration| chosen(&run, iteration, &[POLICY_FILE]);
+        damage(&run, POLICY_FILE, flip);
+        assert_eq!(chosen(None).unwrap().iteration, 4);
+        assert_eq!(chosen(Some(4)).unwrap().policy().unwrap().version, 4);
+        assert!(chosen(Some(8)).unwrap_err().to_string().contains("SHA-256"));
+        assert!(chosen(Some(5)).unwrap_err().to_string().contains("000005"));
     }
 
     #[test]

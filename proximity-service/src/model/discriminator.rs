@@ -4,7 +4,7 @@
 //! Each member of an ensemble is trained on its own, on the same minibatches, as all our ensembles
 //! are; the authors train the mean of five logits by one loss.
 
-use networks::{Score as RowScore, binary_cross_entropy, sigmoid};
+use networks::{Score as RowScore, Squashing, binary_cross_entropy};
 use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput};
 
@@ -18,7 +18,8 @@ use crate::reward::discriminator_rewards;
 pub struct Discriminator;
 
 impl Objective for Discriminator {
-    const SQUASHED: bool = false;
+    /// A proximity is the probability that a row is the expert's.
+    const SQUASHING: Squashing = Squashing::SigmoidOfMean;
 
     fn new(_config: &RewardConfig, _demonstrations: &[Trajectory]) -> Self {
         Discriminator
@@ -54,11 +55,6 @@ impl Objective for Discriminator {
             demonstrations: binary_cross_entropy(own, 1.0, weight(own), own_gradients),
             agent: binary_cross_entropy(agent, 0.0, weight(agent), agent_gradients),
         }
-    }
-
-    /// The probability that a row is the expert's.
-    fn proximity(&self, row: &RowScore) -> f32 {
-        sigmoid(row.mean)
     }
 
     /// The row of a step is the state acted in, so that of the last state goes without a reward.

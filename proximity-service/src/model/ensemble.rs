@@ -6,7 +6,7 @@
 
 use networks::{
     Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore, Shard,
-    ShardedTrainer, Step, Workspace,
+    ShardedTrainer, Squashing, Step, Workspace,
 };
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
@@ -35,14 +35,13 @@ pub struct TrainedEnsemble {
 }
 
 impl TrainedEnsemble {
-    /// A fresh ensemble over rows of an input. If `squashed`, its members' outputs pass through a
-    /// sigmoid before they are averaged.
+    /// A fresh ensemble over rows of an input.
     pub fn new(
         input: Input,
         config: &RewardConfig,
         run_seed: u64,
         normalizer: RunningNormalizer,
-        squashed: bool,
+        squashing: Squashing,
         threads: ThreadPool,
     ) -> Self {
         let architecture = RewardArchitecture {
@@ -54,7 +53,7 @@ impl TrainedEnsemble {
         let members = 0..config.ensemble as u64;
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
-        let ensemble = Ensemble { squashed, ..Ensemble::new(network, streams) };
+        let ensemble = Ensemble::new(network, streams, squashing);
         let trainer =
             |member: &Vec<f32>| ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
         TrainedEnsemble {
@@ -132,6 +131,11 @@ impl TrainedEnsemble {
         let shards = rows.par_chunks(SHARD_ROWS * self.input.row_bytes());
         let scores = || shards.map_init(Workspace::default, score).collect::<Vec<_>>();
         self.threads.install(scores).concat()
+    }
+
+    /// The networks, and what observations are normalized by before they see them.
+    pub fn networks(&self) -> (&Ensemble, &RunningNormalizer) {
+        (&self.ensemble, &self.normalizer)
     }
 
     /// Hash of all weights.

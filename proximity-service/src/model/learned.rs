@@ -65,7 +65,7 @@ impl<O: Objective> Learned<O> {
         }
         let normalizer = normalizer(spec.observation, config, demonstrations);
         let ensemble =
-            TrainedEnsemble::new(input, config, run_seed, normalizer, O::SQUASHED, threads);
+            TrainedEnsemble::new(input, config, run_seed, normalizer, O::SQUASHING, threads);
         Learned {
             objective,
             config: config.clone(),
@@ -229,7 +229,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 episode: encoded.key.episode,
                 model_version: self.version,
                 rewards: self.objective.rewards(own, steps, &self.config),
-                proximity: own.iter().map(|row| self.objective.proximity(row)).collect(),
+                proximity: own.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect(),
                 uncertainty: own.iter().map(|row| row.standard_deviation).collect(),
             }
         };
@@ -242,7 +242,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 let rows = self.ensemble.scores(observations);
                 return Ok(Estimates {
                     model_version: self.version,
-                    proximity: rows.iter().map(|row| self.objective.proximity(row)).collect(),
+                    proximity: rows.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect(),
                     uncertainty: rows.iter().map(|row| row.standard_deviation).collect(),
                 });
             }
@@ -250,6 +250,10 @@ impl<O: Objective> RewardModel for Learned<O> {
             RewardInput::StateAction => "states and actions",
         };
         bail!("expected a reward model of single states, found one of {found}")
+    }
+
+    fn ensemble(&self) -> Option<&TrainedEnsemble> {
+        Some(&self.ensemble)
     }
 
     fn sha256(&self) -> String {

@@ -67,6 +67,11 @@ pub trait RewardModel {
     /// When the model cannot tell them from single observations.
     fn estimate(&self, observations: &[u8]) -> Result<Estimates>;
 
+    /// The ensemble that it learns; none where nothing is learned.
+    fn ensemble(&self) -> Option<&TrainedEnsemble> {
+        None
+    }
+
     /// Hash of all weights.
     fn sha256(&self) -> String;
 

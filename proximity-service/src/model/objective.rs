@@ -1,7 +1,7 @@
 //! What learned reward models differ in: the rows they see, the minibatches they are trained on, their
 //! loss, and the rewards made of their scores.
 
-use networks::Score as RowScore;
+use networks::{Score as RowScore, Squashing};
 use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
@@ -12,8 +12,8 @@ use super::minibatch::{Losses, Minibatch, MinibatchRows};
 
 /// What a model is trained towards, and what its ensemble then says of a step.
 pub trait Objective: Sync {
-    /// Whether the ensemble's outputs pass through a sigmoid before they are averaged.
-    const SQUASHED: bool;
+    /// How the outputs of the ensemble become a proximity.
+    const SQUASHING: Squashing;
 
     /// The objective for some demonstrations.
     fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self;
@@ -39,9 +39,6 @@ pub trait Objective: Sync {
 
     /// The losses of one member's outputs on a minibatch, and the gradients of their sum.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;
-
-    /// The proximity of a row, in [0, 1].
-    fn proximity(&self, row: &RowScore) -> f32;
 
     /// Rewards of an episode of so many steps.
     fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32>;

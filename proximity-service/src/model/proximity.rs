@@ -1,6 +1,6 @@
 //! Goal proximity: an ensemble that regresses how close an observation is to the goal (Eqs. 1, 4, 5).
 
-use networks::{Score as RowScore, squared_error};
+use networks::{Score as RowScore, Squashing, squared_error};
 use protocol::seed::{self, Purpose};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
@@ -20,7 +20,7 @@ pub struct GoalProximity {
 }
 
 impl Objective for GoalProximity {
-    const SQUASHED: bool = false;
+    const SQUASHING: Squashing = Squashing::ClampedMean;
 
     /// Labels every observation (Eq. 1).
     fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self {
@@ -67,12 +67,9 @@ impl Objective for GoalProximity {
         }
     }
 
-    fn proximity(&self, row: &RowScore) -> f32 {
-        row.proximity()
-    }
-
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
-        let proximity: Vec<f32> = rows.iter().map(RowScore::proximity).collect();
+        let proximity: Vec<f32> =
+            rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect();
         let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
         rewards(&proximity, &uncertainty, config)
     }

@@ -5,7 +5,7 @@
 //! [0, 1], and the same rewards are made from it as from the regressed one. The loss is on the outputs
 //! themselves.
 
-use networks::{Score as RowScore, ranking};
+use networks::{Score as RowScore, Squashing, ranking};
 use protocol::seed::{self, Purpose, Stream};
 use protocol::trajectory::Trajectory;
 use rand::RngExt;
@@ -46,7 +46,7 @@ impl Ranking {
 }
 
 impl Objective for Ranking {
-    const SQUASHED: bool = true;
+    const SQUASHING: Squashing = Squashing::MeanOfSigmoids;
 
     fn new(_config: &RewardConfig, demonstrations: &[Trajectory]) -> Self {
         let mut order = Ranking { starts: vec![0], pairs: Vec::new() };
@@ -115,10 +115,6 @@ impl Objective for Ranking {
             demonstrations: loss(&outputs[..within], own_gradients),
             agent: loss(&outputs[within..], agent_gradients),
         }
-    }
-
-    fn proximity(&self, row: &RowScore) -> f32 {
-        row.mean
     }
 
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
