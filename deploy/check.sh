@@ -22,9 +22,18 @@ documentation() {
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --locked --no-deps --document-private-items
 }
 
+# With what `deploy/test.sh` has installed.
+python_lints() {
+    local python=${GOALWARD_PYTHON:-$root/target/python/bin/python}
+    "$python" -m ruff check python && (cd python && "$python" -m mypy)
+}
+
 step "the form of the source (rustfmt)" cargo fmt --all --check
 step "lints (clippy)" cargo clippy --workspace --all-targets --locked -- -D warnings
 step "tests" deploy/test.sh
+if [ "${GOALWARD_PYTHON:-}" != none ]; then
+    step "lints of Python (ruff, mypy)" python_lints
+fi
 step "documentation (rustdoc)" documentation
 if command -v cargo-deny >/dev/null; then
     step "licences and sources of dependencies (cargo-deny)" cargo deny check licenses sources bans

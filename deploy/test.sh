@@ -3,9 +3,10 @@
 #
 #   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh --workspace --test ledger
 #
-# Some tests read a log with the public Python packages for MCAP, or act in environments of Gymnasium. The
-# packages go into an environment of their own in target/python; nothing of your Python is touched.
-# GOALWARD_PYTHON names another interpreter that has them; GOALWARD_PYTHON=none leaves those tests out.
+# Some tests read a log with the public Python packages for MCAP, or act in environments of Gymnasium; without
+# arguments the tests of the Python package follow. What they need goes into an environment of their own in
+# target/python; nothing of your Python is touched. GOALWARD_PYTHON names another interpreter that has
+# it; GOALWARD_PYTHON=none leaves those tests out.
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -33,11 +34,21 @@ if [ -z "${GOALWARD_PYTHON:-}" ]; then
     }
 fi
 
+# The tests of the Python package, which act with the actor that was just built.
+python_tests() {
+    local target
+    target=$(cargo metadata --format-version 1 --no-deps --locked |
+        sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
+    say "pytest python"
+    GOALWARD_ACTOR=$target/debug/goalward-actor "$GOALWARD_PYTHON" -m pytest -c python/pyproject.toml python
+}
+
 output=$root/target/test-output.txt
 mkdir -p "$root/target"
-[ $# -gt 0 ] || set -- --workspace
+everything=
+[ $# -gt 0 ] || { everything=yes; set -- --workspace; }
 say "cargo test --locked --no-fail-fast $*"
-say "the first time everything is built, which takes minutes; the tests take about six"
+say "the first time everything is built, which takes minutes; the tests take about fifteen"
 status=0
 cargo test --locked --no-fail-fast "$@" 2>&1 | tee "$output" || status=$?
 
@@ -47,5 +58,8 @@ awk '/^test result:/ { passed += $4; failed += $6; ignored += $8; targets++ }
 if [ "$status" -ne 0 ]; then
     sed -n 's/^test \(.*\) \.\.\. FAILED$/test: FAILED \1/p' "$output" >&2
     say "the whole output is in target/test-output.txt"
+fi
+if [ "$everything" ] && [ "$GOALWARD_PYTHON" != none ]; then
+    python_tests || status=$?
 fi
 exit "$status"

@@ -86,8 +86,6 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
                 "--set",
                 "reward.batch=8",
                 "--set",
-                "demonstrations.episodes=9",
-                "--set",
                 "evaluation.episodes=4",
             ],
             "policy sha256",
@@ -98,6 +96,30 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
     }
     let imitator = RunFolder::new(run.path("imitator")).config().unwrap();
     assert_eq!((imitator.demonstrations.episodes, imitator.task.name.as_str()), (9, "line"));
+}
+
+#[test]
+fn an_expert_of_python_demonstrates_for_a_run_or_into_a_file() {
+    if !has_python() {
+        return;
+    }
+    let run = with_environments();
+    let expert = "python_environments:expert";
+    let arguments = ["demonstrate", LINE, "--expert", expert, "--episodes", "9", "--out", "e.mcap"];
+    let (well, said) = run.goalward(&arguments);
+    assert!(well, "{said}");
+    let small = [&SMALL_PHYSICS[..], &["reward.batch=8"]].concat();
+    let small: Vec<&str> =
+        small.into_iter().filter(|setting| !setting.starts_with("demonstrations.")).collect();
+    let file = format!("demonstrations.file={}", run.path("e.mcap").display());
+    let by_file = run.train_task(LINE, &small, &[&file]).finish();
+    let other = with_environments();
+    let by_itself = format!("demonstrations.expert={expert}");
+    let by_itself = other.train_task(LINE, &small, &[&by_itself, "demonstrations.episodes=9"]);
+    assert_eq!(by_itself.finish().hashes(), by_file.hashes(), "the same seed, the same episodes");
+    let (well, said) = run.goalward(&["train", LINE, "--set", "demonstrations.expert=no:one"]);
+    assert!(!well && said.contains("ModuleNotFoundError: No module named 'no'"), "{said}");
+    assert!(!run.path("runs").exists(), "nothing is begun");
 }
 
 #[test]

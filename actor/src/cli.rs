@@ -96,6 +96,15 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Holds environments of a task for another program: frames of `actor/src/frame.rs` on standard input and
+    /// output.
+    Serve {
+        /// The task.
+        task: String,
+        /// What the environments are made with, as JSON.
+        #[arg(long, default_value = "{}")]
+        setting: String,
+    },
     /// Runs evaluation episodes with a run's newest checkpoint.
     Evaluate {
         /// Folder of the run.
@@ -196,6 +205,10 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
                  {failures} further episodes"
             );
             Ok(())
+        }
+        Command::Serve { task, setting } => {
+            let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
+            crate::serve::serve(&factory, &mut std::io::stdin(), &mut std::io::stdout())
         }
         Command::Evaluate { run, episodes } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");

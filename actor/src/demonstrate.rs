@@ -131,7 +131,7 @@ impl Demonstrator {
         loop {
             let ended = match &mut self.expert {
                 Expert::Script => {
-                    let scripted = self.lane.episode.expert_action(&mut self.action);
+                    let scripted = self.lane.episode.expert_action(&mut self.action)?;
                     ensure!(scripted, "{}: expected a scripted expert, found none", self.task);
                     self.lane.step(&self.action, None)?
                 }

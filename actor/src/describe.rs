@@ -22,12 +22,13 @@ pub fn describe(
     let (environment, deterministic) = python::purified(environment)?;
     let factory = Factory::new(tasks, name, environment)?;
     let agents = make(&factory, "environment")?;
-    let experts = make(&factory.with_setting(demonstrations), "demonstrations")?;
+    let recorded_in = Factory::new(tasks, name, demonstrations)?;
+    let experts = make(&recorded_in, "demonstrations")?;
     Ok(Description {
         task: Task { deterministic, ..factory.described(&*agents) },
         environment: agents.setting(),
         demonstrations: experts.setting(),
-        has_expert: !matches!(factory.task.expert, Expert::None),
+        has_expert: !matches!(recorded_in.task.expert, Expert::None),
     })
 }
 

@@ -98,8 +98,12 @@ impl Episode {
     }
 
     /// The action the task's scripted expert takes here; false where there is none.
-    pub fn expert_action(&mut self, action: &mut [u8]) -> bool {
-        self.environment.expert_action(action)
+    ///
+    /// # Errors
+    /// When the script fails; names lane, episode and step.
+    pub fn expert_action(&mut self, action: &mut [u8]) -> Result<bool> {
+        let acted = self.environment.expert_action(action);
+        acted.with_context(|| self.place())
     }
 
     /// Tells the environment of the action that [`Episode::step`] is to take next.

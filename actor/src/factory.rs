@@ -1,7 +1,8 @@
 //! Who makes environments: a task that the program has, with a setting.
 
 use anyhow::{Result, ensure};
-use environments::{Environment, Registration, Setting, find};
+use environments::{Environment, Expert, Registration, Setting, find};
+use protocol::setting::EXPERT;
 use protocol::task::{Spec, Task};
 use run::config::RunConfig;
 
@@ -24,14 +25,22 @@ pub struct Factory {
 /// A task whose environments are of Python; its setting says which.
 static OF_PYTHON: Registration = Registration::new("python", python::make);
 
+/// The same with an expert, of whom the setting says, too.
+static WITH_EXPERT: Registration =
+    Registration::new("python", python::make).with_expert(Expert::Scripted);
+
 impl Factory {
     /// That of the named task; of an environment of Python if its setting says what makes it.
     ///
     /// # Errors
     /// When the program does not have the task.
     pub fn new(tasks: Tasks, name: &str, setting: Setting) -> Result<Factory> {
-        let of_python = setting.0.contains_key(python::MAKE);
-        let task = if of_python { &OF_PYTHON } else { find(tasks, name)? };
+        let has = |key| setting.0.contains_key(key);
+        let task = match (has(python::MAKE), has(EXPERT)) {
+            (true, true) => &WITH_EXPERT,
+            (true, false) => &OF_PYTHON,
+            (false, _) => find(tasks, name)?,
+        };
         Ok(Factory { name: name.to_owned(), task, setting })
     }
 

@@ -182,6 +182,36 @@ fn a_process_that_is_gone_is_noticed() {
 }
 
 #[test]
+fn an_expert_of_python_acts_in_the_environment_it_is_made_for() {
+    if !has_python() {
+        return;
+    }
+    let with =
+        |expert: &str| own("line", &format!("expert = \"tests.python_environments:{expert}\""));
+    let mut environment = with("expert").unwrap();
+    let mut action = [0; 4];
+    assert_eq!(environment.expert_action(&mut action), Ok(false), "no episode runs");
+    let before: Vec<f32> = floats(&reset(&mut *environment, 0)).collect();
+    assert_eq!(environment.expert_action(&mut action), Ok(true));
+    assert_eq!(f32::from_le_bytes(action), 1.0, "the upper bound, 0.5, in the measure of a policy");
+    let (_, seen) = step(&mut *environment, &action).unwrap();
+    assert!((floats(&seen).last().unwrap() - before[2] - 0.35).abs() < 1e-6);
+    assert_eq!(own("line", "").unwrap().expert_action(&mut action), Ok(false), "there is none");
+    let scaled = "expert = \"tests.python_environments:expert\"\naction_scale = [0.25]";
+    let mut scaled = own("line", scaled).unwrap();
+    reset(&mut *scaled, 0);
+    assert_eq!(scaled.expert_action(&mut action), Ok(true));
+    assert_eq!(f32::from_le_bytes(action), 4.0, "which a quarter makes 1 of");
+    assert_eq!(step(&mut *scaled, &action).unwrap().1, seen);
+    let mut lost = with("lost_expert").unwrap();
+    reset(&mut *lost, 0);
+    let said = lost.expert_action(&mut action).unwrap_err().to_string();
+    assert!(said.contains("expert in Python: ValueError: action: expected shape (1,)"), "{said}");
+    let said = with("nobody").err().unwrap().to_string();
+    assert!(said.contains("nobody") && !said.contains('\n'), "{said}");
+}
+
+#[test]
 fn what_no_task_can_have_is_refused_in_one_line() {
     if !has_python() {
         return;

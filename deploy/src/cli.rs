@@ -5,7 +5,8 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, evaluate, experiment, export, log, replay, report, scale, status, task, train,
+    demonstrate, demonstrations, evaluate, experiment, export, log, replay, report, scale, status,
+    task, train,
 };
 use terminal::refusal::wrong_usage;
 
@@ -29,6 +30,9 @@ enum Verb {
     Task(task::Arguments),
     /// Let a task's expert record demonstrations.
     Demonstrate(demonstrate::Arguments),
+    /// Make files of demonstrations of data sets.
+    #[command(subcommand)]
+    Demonstrations(demonstrations::Verb),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
     /// Write a run's policy and its reward model as files that other programs read.
@@ -58,6 +62,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Scale(arguments) => scale::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
+        Verb::Demonstrations(verb) => demonstrations::run(&verb),
         Verb::Evaluate(arguments) => evaluate::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
         Verb::Experiment(arguments) => experiment::run(&arguments),
@@ -98,6 +103,9 @@ mod tests {
             "goalward scale r --actors 4",
             "goalward task gym:FetchPush-v4 --set environment.kwargs.x=3 --out t.toml --force",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
+            "goalward demonstrate gym:x --expert m:f --set environment.kwargs.x=3 --episodes 9 --out d.mcap",
+            "goalward demonstrations import d.npz --task gym:x --out d.mcap --keys a,b --success all",
+            "goalward demonstrations info d.mcap",
             "goalward evaluate r --episodes 100",
             "goalward export r --format safetensors --checkpoint 40 --out e --force",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",

@@ -35,9 +35,10 @@ pub(crate) fn complete_setting(
 ) -> Result<Setting> {
     let description = describe(task, setting, setting)?;
     if needs_expert && !description.has_expert {
-        return Err(wrong_usage(format!("{task} has no expert: expected a run as --policy")));
+        let expected = "expected a run as --policy, or of a task of Python a function as --expert";
+        return Err(wrong_usage(format!("{task} has no expert: {expected}")));
     }
-    Ok(description.demonstrations)
+    Ok(description.environment)
 }
 
 /// An environment of Python, made with a setting, as a task of this name.

@@ -91,7 +91,7 @@ fn answer(environment: &mut dyn Environment, request: Request) -> Result<Answer,
         }
         Request::Expert => {
             let mut action = vec![0; spec.action.bytes()];
-            let found = environment.expert_action(&mut action);
+            let found = environment.expert_action(&mut action)?;
             Answer::Expert { action: found.then(|| floats(&action).collect()) }
         }
         Request::Time(steps) => Answer::Time { thread_s: time_s(environment, steps)? },

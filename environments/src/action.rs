@@ -42,15 +42,18 @@ fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
 }
 
 /// What each number of a continuous action is multiplied with before it acts.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Scale {
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scale {
     /// One factor for each number, or none for a scale of one.
     factors: Vec<f32>,
 }
 
 impl Scale {
     /// The scale of an action of `len` numbers that a setting has.
-    pub(crate) fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
+    ///
+    /// # Errors
+    /// When there are more or fewer factors, though not none, or one is not above 0.
+    pub fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
         let found = factors.len();
         let expected = format!("empty or {len} numbers, as the action has");
         within(ACTION_SCALE, found == 0 || found == len, &expected, format!("{found} numbers"))?;
@@ -62,19 +65,20 @@ impl Scale {
     }
 
     /// The numbers of a checked action as they act: scaled, then clipped to [-1, 1].
-    pub(crate) fn clipped<const LEN: usize>(&self, action: &[u8]) -> [f32; LEN] {
-        let mut numbers = [0.0; LEN];
-        for (index, (number, found)) in numbers.iter_mut().zip(floats(action)).enumerate() {
-            *number = (found * self.factor(index)).clamp(-1.0, 1.0);
-        }
-        numbers
+    pub fn scaled<'a>(&'a self, action: &'a [u8]) -> impl Iterator<Item = f32> + 'a {
+        let numbers = floats(action).enumerate();
+        numbers.map(|(index, number)| (number * self.factor(index)).clamp(-1.0, 1.0))
     }
 
-    /// The action whose scaled numbers are these, but for the last bit of rounding.
-    pub(crate) fn inverse<const LEN: usize>(&self, mut numbers: [f32; LEN]) -> [f32; LEN] {
-        for (index, number) in numbers.iter_mut().enumerate() {
-            *number /= self.factor(index);
-        }
+    /// The numbers of the action whose scaled ones are these, but for the last bit of rounding.
+    pub fn unscaled(&self, numbers: impl Iterator<Item = f32>) -> impl Iterator<Item = f32> {
+        numbers.enumerate().map(|(index, number)| number / self.factor(index))
+    }
+
+    /// As many of the numbers of [`Scale::scaled`] as an array holds; zeros where there are no more.
+    pub(crate) fn clipped<const LEN: usize>(&self, action: &[u8]) -> [f32; LEN] {
+        let mut numbers = [0.0; LEN];
+        numbers.iter_mut().zip(self.scaled(action)).for_each(|(number, scaled)| *number = scaled);
         numbers
     }
 
@@ -117,10 +121,13 @@ mod tests {
 
     #[test]
     fn the_inverse_of_a_scale_undoes_it() {
-        assert_eq!(scale(&[]).inverse([0.5, -3.0, 1.5]), [0.5, -3.0, 1.5]);
+        let unscaled = |scale: &Scale, numbers: [f32; 3]| {
+            scale.unscaled(numbers.into_iter()).collect::<Vec<_>>()
+        };
+        assert_eq!(unscaled(&scale(&[]), [0.5, -3.0, 1.5]), [0.5, -3.0, 1.5]);
         let scale = scale(&[0.5, 0.25, 4.0]);
-        assert_eq!(scale.inverse([0.5, -1.0, 1.0]), [1.0, -4.0, 0.25]);
-        assert_eq!(scale.clipped(&bytes(scale.inverse([0.5, -1.0, 1.0]))), [0.5, -1.0, 1.0]);
+        assert_eq!(unscaled(&scale, [0.5, -1.0, 1.0]), [1.0, -4.0, 0.25]);
+        assert_eq!(scale.clipped(&bytes([1.0, -4.0, 0.25])), [0.5, -1.0, 1.0]);
     }
 
     fn check_floats(numbers: [f32; 3]) -> Result<(), EnvironmentError> {

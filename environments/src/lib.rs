@@ -16,7 +16,7 @@
 //! let mut action = vec![0; spec.action.bytes()];
 //! environment.reset(&mut stream(1, Purpose::Demonstration, 0, 0), &mut observation)?;
 //! let last = loop {
-//!     assert!(environment.expert_action(&mut action));
+//!     assert!(environment.expert_action(&mut action)?);
 //!     let step = environment.step(&action, &mut observation)?;
 //!     if step.ending.is_some() {
 //!         break step;
@@ -35,7 +35,7 @@ mod physics;
 mod registration;
 mod scene;
 
-pub use action::accept as check_action;
+pub use action::{Scale as ActionScale, accept as check_action};
 pub use error::EnvironmentError;
 pub use protocol::setting::Setting;
 pub use registration::{BUILT_IN, Expert, Registration, create, find};
@@ -103,10 +103,13 @@ pub trait Environment: Send {
     /// Returns false, and writes nothing, where there is no such action: the task has no scripted
     /// expert, or no episode is running.
     ///
+    /// # Errors
+    /// When the script fails; those of this crate never do.
+    ///
     /// # Panics
     /// When `action` is not exactly as long as the spec says.
-    fn expert_action(&mut self, _action: &mut [u8]) -> bool {
-        false
+    fn expert_action(&mut self, _action: &mut [u8]) -> Result<bool, EnvironmentError> {
+        Ok(false)
     }
 
     /// The xxh3 hash of the exact state: two environments with the same hash answer the same actions

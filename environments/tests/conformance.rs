@@ -115,7 +115,7 @@ fn a_reset_amid_an_episode_leaves_no_trace() {
         for steps_max in [0, 1, 5] {
             run(&mut *used, 3, steps_max);
             let mut action = vec![0; used.spec().action.bytes()];
-            used.expert_action(&mut action);
+            used.expert_action(&mut action).unwrap();
             assert_eq!(fresh, run(&mut *used, 7, 1_000), "{task} after {steps_max} steps");
         }
     }
@@ -170,12 +170,15 @@ fn steps_outside_an_episode_are_refused() {
         let refused = Err(EnvironmentError::NotRunning);
         assert_eq!(environment.step(&action, &mut observation), refused);
         assert!(
-            !environment.expert_action(&mut action),
+            !environment.expert_action(&mut action).unwrap(),
             "{task}: no expert before the first reset"
         );
         run(&mut *environment, 0, usize::MAX);
         assert_eq!(environment.step(&action, &mut observation), refused);
-        assert!(!environment.expert_action(&mut action), "{task}: no expert after the end");
+        assert!(
+            !environment.expert_action(&mut action).unwrap(),
+            "{task}: no expert after the end"
+        );
     }
 }
 
@@ -226,7 +229,7 @@ fn experts_hashes_poses_and_refusals_allocate_nothing() {
         environment.reset(&mut starts, &mut observation).expect("reset");
         loop {
             let allocated = allocation_counter::measure(|| {
-                environment.expert_action(&mut action);
+                environment.expert_action(&mut action).unwrap();
                 environment.state_hash();
                 environment.append_poses(&mut poses);
                 assert!(environment.step(&[], &mut observation).is_err());

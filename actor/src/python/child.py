@@ -1,6 +1,6 @@
 """Holds the environments of a Goalward actor, which talks to it over descriptor 0.
 
-A frame is a little-endian length, a kind and a body; `actor/src/python/frame.rs` has the other half.
+A frame is a little-endian length, a kind and a body; `actor/src/frame.rs` has the other half.
 Nothing is installed for this file: the actor hands its text to the interpreter.
 """
 
@@ -14,19 +14,16 @@ import socket
 import struct
 import sys
 import traceback
+import types
 from importlib import metadata
 
-HELLO, TURN, FAILED = 1, 2, 3
+SPACES = "goalward_spaces"  # the module that is handed over beside this text
+
+HELLO, TURN, FAILED, EXPERT = 1, 2, 3, 4
 RESET, REBUILD, STEP = 0, 1, 2
 TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
 
-MOST_NUMBERS = 4096  # of one observation; an image would fill the log
-MOST_CHOICES = 256  # of a discrete action, which is one byte
 PACKAGES = ("gymnasium", "numpy", "gymnasium-robotics", "mujoco", "minigrid", "box2d-py", "box2d", "pygame")
-
-
-class Refused(Exception):
-    """What the environment has that a task cannot have."""
 
 
 def take_link():
@@ -72,7 +69,14 @@ def imported(reference):
     return found
 
 
-def maker(reference, kwargs):
+def loaded(name, text):
+    """A module of this text."""
+    module = sys.modules[name] = types.ModuleType(name)
+    exec(compile(text, f"{name}.py", "exec"), module.__dict__)
+    return module
+
+
+def maker(reference, kwargs, refused):
     """What makes the environment that `gym:ID`, `gym:module:ID` or `python:module:function` names."""
     import gymnasium
 
@@ -82,177 +86,7 @@ def maker(reference, kwargs):
     if kind == "python":
         function = imported(name)
         return lambda: function(**kwargs)
-    raise Refused(f"expected gym:ID or python:module:function, found {reference}")
-
-
-def is_text(space):
-    """Whether a space that is none of Gymnasium's own gives texts."""
-    try:
-        return isinstance(space.sample(), str)
-    except Exception:
-        return False
-
-
-class Numbers:
-    """How an observation becomes numbers: its parts one after another."""
-
-    def __init__(self, np, spaces, space):
-        self.np, self.spaces = np, spaces
-        self.labels, self.dropped, self.parts = [], [], []
-        self.add(space, "", lambda observation: observation)
-        if len(self.labels) > MOST_NUMBERS:
-            raise Refused(
-                f"expected at most {MOST_NUMBERS} numbers in an observation, found {len(self.labels)}: "
-                "images are not supported; wrap the environment so that it gives a vector"
-            )
-        if not self.labels:
-            raise Refused(f"expected an observation of numbers, found {space}")
-
-    def add(self, space, path, of):
-        np, spaces = self.np, self.spaces
-        name = path or "observation"
-        if isinstance(space, spaces.Dict):
-            for key, inner in space.spaces.items():
-                self.add(inner, f"{path}/{key}" if path else str(key), lambda seen, of=of, key=key: of(seen)[key])
-        elif isinstance(space, spaces.Tuple):
-            for index, inner in enumerate(space.spaces):
-                self.add(inner, f"{path}/{index}" if path else str(index), lambda seen, of=of, index=index: of(seen)[index])
-        elif isinstance(space, (spaces.Box, spaces.MultiBinary)):
-            shape = tuple(space.shape)
-            count = int(np.prod(shape, dtype=np.int64))
-            self.label(name, count)
-
-            def write(seen, out, of=of, shape=shape, name=name):
-                value = np.asarray(of(seen))
-                if value.shape != shape:
-                    raise ValueError(f"{name}: expected shape {shape}, found {value.shape}")
-                out[:] = value.reshape(-1)
-
-            self.parts.append((count, write))
-        elif isinstance(space, spaces.Discrete):
-            self.one_hot(name, int(space.n), int(space.start), of)
-        elif isinstance(space, spaces.MultiDiscrete):
-            sizes = space.nvec.reshape(-1)
-            starts = np.asarray(getattr(space, "start", 0 * sizes)).reshape(-1)
-            for index, (size, start) in enumerate(zip(sizes, starts)):
-                element = lambda seen, of=of, index=index: np.asarray(of(seen)).reshape(-1)[index]
-                self.one_hot(f"{name}/{index}", int(size), int(start), element)
-        elif isinstance(space, spaces.Text) or is_text(space):
-            self.dropped.append(name)
-        else:
-            raise Refused(f"{name}: expected a space of numbers, found {space}")
-
-    def label(self, name, count):
-        if len(self.labels) + count > 16 * MOST_NUMBERS:
-            raise Refused(
-                f"{name}: expected at most {MOST_NUMBERS} numbers in an observation, found {count}: images "
-                "are not supported; wrap the environment so that it gives a vector"
-            )
-        self.labels += [name] if count == 1 else [f"{name}[{index}]" for index in range(count)]
-
-    def one_hot(self, name, count, start, of):
-        self.label(name, count)
-
-        def write(seen, out):
-            choice = int(of(seen)) - start
-            if not 0 <= choice < count:
-                raise ValueError(f"{name}: expected {start} to {start + count - 1}, found {choice + start}")
-            out[:] = 0.0
-            out[choice] = 1.0
-
-        self.parts.append((count, write))
-
-    def layout(self):
-        return {"vector": {"len": len(self.labels)}}, self.labels
-
-    def row(self):
-        return self.np.empty(len(self.labels), dtype="<f4")
-
-    def write(self, seen, out):
-        at = 0
-        for count, write in self.parts:
-            write(seen, out[at : at + count])
-            at += count
-
-
-class Cells:
-    """How an observation becomes a grid of cell classes."""
-
-    def __init__(self, np, space):
-        self.np, self.shape = np, tuple(space.shape)
-        self.classes = int(space.high.reshape(-1)[0]) + 1
-
-    @staticmethod
-    def fits(np, spaces, space):
-        """Whether a space is a grid of classes: two dimensions of integers from 0 up to the same number."""
-        if not isinstance(space, spaces.Box) or len(space.shape) != 2 or min(space.shape) < 3:
-            return False
-        if not np.issubdtype(space.dtype, np.integer) or (space.low != 0).any():
-            return False
-        high = space.high.reshape(-1)
-        return bool((high == high[0]).all()) and 1 <= int(high[0]) < 255
-
-    def layout(self):
-        height, width = self.shape
-        return {"cells": {"height": height, "width": width, "classes": self.classes}}, []
-
-    def row(self):
-        return self.np.empty(self.shape[0] * self.shape[1], dtype=self.np.uint8)
-
-    def write(self, seen, out):
-        value = self.np.asarray(seen)
-        if value.shape != self.shape:
-            raise ValueError(f"observation: expected shape {self.shape}, found {value.shape}")
-        if (value < 0).any() or (value >= self.classes).any():
-            raise ValueError(f"observation: expected classes below {self.classes}, found {value.min()} to {value.max()}")
-        out[:] = value.reshape(-1)
-
-
-class Actions:
-    """How the bytes of actions become what the environment takes."""
-
-    def __init__(self, np, spaces, space):
-        self.np = np
-        if isinstance(space, spaces.Box):
-            low, high = space.low.astype(np.float64), space.high.astype(np.float64)
-            if not (np.isfinite(low).all() and np.isfinite(high).all()):
-                raise Refused(f"expected bounded actions, found {space}; wrap it in gymnasium.wrappers.RescaleAction")
-            count = int(np.prod(space.shape, dtype=np.int64))
-            self.spec, self.bytes = {"continuous": {"len": count}}, 4 * count
-            half, middle = ((high - low) / 2).reshape(-1), ((high + low) / 2).reshape(-1)
-
-            def convert(raw):
-                numbers = np.clip(raw.view("<f4").astype(np.float64), -1.0, 1.0) * half + middle
-                numbers = numbers.astype(space.dtype).reshape(-1, *space.shape)
-                return np.clip(numbers, space.low, space.high)
-
-            self.convert = convert
-            return
-        if isinstance(space, spaces.Discrete):
-            sizes, start = [int(space.n)], int(space.start)
-            self.convert = lambda raw: [start + int(choice) for choice in raw[:, 0]]
-        elif isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)):
-            binary = isinstance(space, spaces.MultiBinary)
-            count = int(np.prod(space.shape, dtype=np.int64))
-            sizes = [2] * count if binary else [int(size) for size in space.nvec.reshape(-1)]
-
-            def convert(raw):
-                converted = []
-                for choice in raw[:, 0]:
-                    digits, rest = [], int(choice)
-                    for size in reversed(sizes):
-                        rest, digit = divmod(rest, size)
-                        digits.append(digit)
-                    converted.append(np.array(digits[::-1], dtype=space.dtype).reshape(space.shape))
-                return converted
-
-            self.convert = convert
-        else:
-            raise Refused(f"expected actions that are numbers or choices, found {space}")
-        choices = int(np.prod(sizes, dtype=object))
-        if choices > MOST_CHOICES:
-            raise Refused(f"expected at most {MOST_CHOICES} choices of an action, found {choices}")
-        self.spec, self.bytes = {"discrete": {"count": choices}}, 1
+    raise refused(f"expected gym:ID or python:module:function, found {reference}")
 
 
 def teller(rule):
@@ -269,20 +103,20 @@ def teller(rule):
 class Environments:
     """Environments by slot, made when a slot is first used."""
 
-    def __init__(self, options):
+    def __init__(self, options, conversion):
         import gymnasium
         import numpy as np
 
-        self.np, self.make = np, maker(options["environment"], options["kwargs"])
+        self.np, self.make = np, maker(options["environment"], options["kwargs"], conversion.Refused)
         self.slots = {}
         first = self.make()
         if not isinstance(first, gymnasium.Env):
-            raise Refused(f"expected a gymnasium.Env, found {type(first).__name__}")
-        spaces, space = gymnasium.spaces, first.observation_space
-        grid = Cells.fits(np, spaces, space)
-        self.observations = Cells(np, space) if grid else Numbers(np, spaces, space)
-        self.actions = Actions(np, spaces, first.action_space)
+            raise conversion.Refused(f"expected a gymnasium.Env, found {type(first).__name__}")
+        self.observations = conversion.observations_of(first.observation_space)
+        self.actions = conversion.actions_of(first.action_space)
         self.success, self.tells = self.find_success(options["success"])
+        self.expert = imported(options["expert"]) if options["expert"] else None
+        self.acting, self.seen = {}, {}
         limit = time_limit(first)
         observation, labels = self.observations.layout()
         self.hello = {
@@ -290,7 +124,7 @@ class Environments:
             "action": self.actions.spec,
             "horizon_steps": int(limit) if limit else None,
             "labels": labels,
-            "dropped": getattr(self.observations, "dropped", []),
+            "dropped": list(self.observations.dropped),
             "success": self.success,
             "versions": versions(),
         }
@@ -322,6 +156,8 @@ class Environments:
         random.seed(seed)
         self.np.random.seed(seed)
         observation, _ = self.slots[slot].reset(seed=seed)
+        self.seen[slot] = observation
+        self.acting.pop(slot, None)
         out = self.observations.row()
         self.observations.write(observation, out)
         return struct.pack("<HBBf", slot, 0, 0, 0.0) + out.tobytes()
@@ -331,6 +167,7 @@ class Environments:
         if len(result) != 5:
             raise ValueError(f"step: expected 5 values, found {len(result)}")
         observation, reward, terminated, truncated, info = result
+        self.seen[slot] = observation
         out = self.observations.row()
         self.observations.write(observation, out)
         reward = float(reward)
@@ -341,6 +178,12 @@ class Environments:
                 raise ValueError(f"success: expected true or false, found {success!r}")
             flags |= SUCCESS * bool(success)
         return struct.pack("<HBBf", slot, flags, 0, reward) + out.tobytes()
+
+    def expert_action(self, slot):
+        """The bytes of the action that the expert takes; it is made anew for every episode."""
+        if slot not in self.acting:
+            self.acting[slot] = self.expert(self.slots[slot])
+        return self.actions.encode(self.acting[slot](self.seen[slot]))
 
 
 def time_limit(environment):
@@ -368,7 +211,7 @@ def turn(environments, body):
     """Resets and steps the slots of a turn, in their order."""
     width = 16 + environments.actions.bytes
     raw = environments.np.frombuffer(body, dtype=environments.np.uint8).reshape(-1, width)
-    actions = environments.actions.convert(environments.np.ascontiguousarray(raw[:, 16:]))
+    actions = environments.actions.decode(environments.np.ascontiguousarray(raw[:, 16:]))
     answers = []
     for index, action in enumerate(actions):
         slot, op, _, _, seed = struct.unpack_from("<HBBIQ", body, index * width)
@@ -392,16 +235,29 @@ class Failed(Exception):
 
 
 def failure(slot, during, error):
-    words = str(error) if isinstance(error, Refused) else f"{type(error).__name__}: {error}"
+    refused = getattr(sys.modules.get(SPACES), "Refused", ())
+    words = str(error) if isinstance(error, refused) else f"{type(error).__name__}: {error}"
     frames = traceback.format_exception(type(error), error, error.__traceback__)
     body = {"slot": slot, "during": during, "error": words, "traceback": "".join(frames)[-8000:]}
     return json.dumps(body).encode()
 
 
+def answered(environments, kind, body):
+    """The body of the answer to a frame."""
+    if kind == TURN:
+        return turn(environments, body)
+    slot = struct.unpack("<H", body)[0]
+    try:
+        return environments.expert_action(slot)
+    except BaseException as error:
+        raise Failed(slot, "expert", error) from error
+
+
 def main():
     link = take_link()
     try:
-        environments = Environments(json.loads(sys.argv[1]))
+        spaces, options = sys.argv[1:]
+        environments = Environments(json.loads(options), loaded(SPACES, spaces))
     except BaseException as error:
         send(link, FAILED, failure(0, "start", error))
         return 1
@@ -409,14 +265,14 @@ def main():
     while (head := receive(link, 5)) is not None:
         length, kind = struct.unpack("<IB", head)
         body = receive(link, length)
-        if body is None or kind != TURN:
+        if body is None or kind not in (TURN, EXPERT):
             return 1
         try:
-            answer = turn(environments, body)
+            answer = answered(environments, kind, body)
         except Failed as failed:
             send(link, FAILED, failure(failed.slot, failed.during, failed.error))
             return 1
-        send(link, TURN, answer)
+        send(link, kind, answer)
     return 0
 
 

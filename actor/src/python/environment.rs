@@ -3,19 +3,19 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use environments::{Environment, EnvironmentError, Setting, Step};
+use environments::{ActionScale, Environment, EnvironmentError, Setting, Step};
 use protocol::ending::Ending;
 use protocol::error::within;
 use protocol::seed::Stream;
-use protocol::task::{ObservationSpec, Spec, floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, floats, write_floats};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use toml::Table;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::frame::{Answer, Hello, Request};
 use super::link::{Link, PATIENCE};
+use crate::frame::{Answer, Hello, Request};
 
 /// The key of a setting that says what makes the environment.
 pub const MAKE: &str = "make";
@@ -36,6 +36,14 @@ pub struct PythonSetting {
     /// Whether every episode has an environment of its own, because one leaves traces in the next.
     #[serde(default)]
     pub rebuild: bool,
+    /// What each number of a continuous action is multiplied with before it is clipped to [-1, 1] and acts;
+    /// empty leaves actions as they are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub action_scale: Vec<f64>,
+    /// `module:function` that demonstrates: called with the environment when an episode has begun, it gives
+    /// what makes actions of observations. Empty where nobody does.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub expert: String,
     /// Longest episode; 0 takes the environment's own.
     #[serde(default)]
     pub horizon_steps: u32,
@@ -59,8 +67,9 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl PythonSetting {
     /// What a process is started with.
     pub(super) fn options(&self) -> String {
-        let PythonSetting { make, kwargs, success, .. } = self;
-        json!({ "environment": make, "kwargs": kwargs, "success": success }).to_string()
+        let PythonSetting { make, kwargs, success, expert, .. } = self;
+        json!({ "environment": make, "kwargs": kwargs, "success": success, "expert": expert })
+            .to_string()
     }
 }
 
@@ -97,6 +106,7 @@ pub(super) struct Slot {
     number: u16,
     setting: PythonSetting,
     spec: Spec,
+    scale: ActionScale,
     labels: Vec<String>,
     steps: u32,
     success: bool,
@@ -131,12 +141,17 @@ impl Slot {
         let some = horizon_steps > 0;
         let expected = "the longest episode: the environment has no limit of its own";
         within("horizon_steps", some, expected, horizon_steps)?;
+        let scale = match action {
+            ActionSpec::Continuous { len } => ActionScale::new(&setting.action_scale, len)?,
+            ActionSpec::Discrete { .. } => ActionScale::new(&setting.action_scale, 0)?,
+        };
         let number = locked(&link).take_slot();
         Ok(Slot {
             link,
             number,
             setting: PythonSetting { success, versions, ..setting },
             spec: Spec { observation, action, horizon_steps },
+            scale,
             labels,
             steps: 0,
             success: false,
@@ -206,7 +221,11 @@ impl Environment for Slot {
 
     fn announce(&mut self, action: &[u8]) -> Result<(), EnvironmentError> {
         environments::check_action(&self.spec, self.is_running, action)?;
-        locked(&self.link).announce(self.number, Request::Step(action));
+        let mut scaled = action.to_vec();
+        if let ActionSpec::Continuous { .. } = self.spec.action {
+            write_floats(self.scale.scaled(action), &mut scaled);
+        }
+        locked(&self.link).announce(self.number, Request::Step(&scaled));
         Ok(())
     }
 
@@ -226,6 +245,19 @@ impl Environment for Slot {
         };
         self.is_running = ending.is_none();
         Ok(Step { reward: answer.reward, ending, success: self.success })
+    }
+
+    fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
+        if self.setting.expert.is_empty() || !self.is_running {
+            return Ok(false);
+        }
+        let found = locked(&self.link).expert_action(self.number)?;
+        environments::check_action(&self.spec, true, &found)?;
+        action.copy_from_slice(&found);
+        if let ActionSpec::Continuous { .. } = self.spec.action {
+            write_floats(self.scale.unscaled(floats(&found)), action);
+        }
+        Ok(true)
     }
 
     fn state_hash(&self) -> u64 {

@@ -9,10 +9,13 @@ use std::time::{Duration, Instant};
 
 use environments::EnvironmentError;
 
-use super::frame::{self, Answer, Failure, Hello, Kind, Request};
+use crate::frame::{self, Answer, Failure, Hello, Kind, Request};
 
 /// The text of the process.
 const CHILD: &str = include_str!("child.py");
+
+/// The text of the module that it converts observations and actions by.
+const SPACES: &str = include_str!("spaces.py");
 
 /// Names the interpreter.
 const INTERPRETER: &str = "GOALWARD_PYTHON";
@@ -121,6 +124,16 @@ impl Link {
         answer.ok_or_else(|| EnvironmentError::Other(format!("slot {slot}: no answer of Python")))
     }
 
+    /// The action that the expert of a slot takes.
+    ///
+    /// # Errors
+    /// As [`Link::answer`].
+    pub(super) fn expert_action(&mut self, slot: u16) -> Result<Vec<u8>, EnvironmentError> {
+        // A process that is gone is noticed by whoever reads.
+        frame::write(&mut self.python.stream, Kind::Expert, &slot.to_le_bytes()).ok();
+        self.python.receive(Kind::Expert)
+    }
+
     fn turn(&mut self) -> Result<(), EnvironmentError> {
         let body = std::mem::take(&mut self.pending);
         self.announced.clear();
@@ -141,7 +154,7 @@ impl Python {
         stream.set_read_timeout(Some(patience)).map_err(other_error)?;
         // Standard output is the actor's own.
         let child = Command::new(&interpreter)
-            .args(["-c", CHILD, options])
+            .args(["-c", CHILD, SPACES, options])
             .env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1)
             .stdin(Stdio::from(OwnedFd::from(other)))
             .stdout(Stdio::null())

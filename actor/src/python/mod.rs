@@ -6,14 +6,13 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `child.py` | the process of Python: spaces to bytes, bytes to actions |
-//! | `frame` | what the two say, byte by byte |
+//! | `child.py` | the process of Python |
+//! | `spaces.py` | observations to bytes, bytes to actions |
 //! | `link` | the process, its start and its end |
 //! | `environment` | an environment of a slot |
 //! | `purity` | whether episodes can be acted again |
 
 mod environment;
-mod frame;
 mod link;
 mod purity;
 

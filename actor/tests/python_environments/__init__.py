@@ -40,6 +40,16 @@ def line(start=0.0):
     return gymnasium.wrappers.TimeLimit(Line(start), 20)
 
 
+def expert(environment):
+    """Takes the longest steps there are."""
+    return lambda seen: environment.action_space.high
+
+
+def lost_expert(environment):
+    """Gives an action of another environment."""
+    return lambda seen: [seen["place"][0], 2.0]
+
+
 class Grid(gymnasium.Env):
     """A grid of three classes, and an action of two choices."""
 

@@ -6,7 +6,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use run::config::DEFAULT_PRESET;
+use protocol::setting::{EXPERT, Setting};
+use run::config::{DEFAULT_PRESET, RunConfig};
 use toml::Value;
 
 use crate::demonstrations::Recording;
@@ -18,7 +19,8 @@ use terminal::status_line::StatusLine;
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation, fetch-pick, fetch-push, ant-reach, or the path of a task's file.
+    /// Task: navigation, fetch-pick, fetch-push, ant-reach, the path of a task's file, or an environment of
+    /// Python such as gym:CartPole-v1.
     task: String,
     /// Episodes to record.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
@@ -33,6 +35,13 @@ pub(crate) struct Arguments {
     /// Run whose policy is the expert; without it the task's own expert is.
     #[arg(long, value_name = "RUN")]
     policy: Option<PathBuf>,
+    /// Who demonstrates in an environment of Python: called with the environment when an episode has begun,
+    /// it gives what makes actions of observations.
+    #[arg(long, value_name = "MODULE:FUNCTION", conflicts_with = "policy")]
+    expert: Option<String>,
+    /// A value of the environment, such as environment.kwargs.x=3; may be given more than once.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
     /// Seed of the starts and goals.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -46,18 +55,12 @@ pub(crate) struct Arguments {
 
 /// Records demonstrations; the exit code is that of the actor.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let &Arguments { ref task, episodes, coverage, noise, ref policy, seed, ref out, force } =
-        arguments;
+    let &Arguments { ref task, episodes, ref policy, seed, ref out, force, .. } = arguments;
     destination::file(out, force)?;
-    let config = tasks::configuration(task, DEFAULT_PRESET, &[])?;
+    let config = tasks::configuration(task, DEFAULT_PRESET, &arguments.settings)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
-    let mut setting = config.environment.clone();
-    // What the task's file varies are the flags here, and without one the environment's default.
-    config.demonstrations.environment.0.keys().for_each(|key| drop(setting.0.remove(key)));
-    for (key, value) in [("coverage", coverage), ("noise", noise)] {
-        setting.0.extend(value.map(|value| (key.to_owned(), Value::Float(value))));
-    }
+    let setting = setting(arguments, &config);
     let setting = description::complete_setting(task, &setting, policy.is_none())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out };
@@ -71,4 +74,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         Some(status) => programs::expect_success(status),
         None => Err(stopped()),
     }
+}
+
+/// What the flags make of the setting that a task's demonstrations are recorded in. Coverage and noise of
+/// the task's file are for its runs: without a flag they are the environment's own.
+fn setting(arguments: &Arguments, config: &RunConfig) -> Setting {
+    let Arguments { coverage, noise, expert, .. } = arguments;
+    let mut setting = config.demonstration_setting();
+    for (key, value) in
+        [("coverage", coverage.map(Value::Float)), ("noise", noise.map(Value::Float))]
+    {
+        setting.0.remove(key);
+        setting.0.extend(value.map(|value| (key.to_owned(), value)));
+    }
+    let expert = expert.clone().map(|expert| (EXPERT.to_owned(), Value::String(expert)));
+    setting.0.extend(expert);
+    setting
 }

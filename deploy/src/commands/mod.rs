@@ -1,6 +1,7 @@
 //! The verbs of `goalward`, one file each.
 
 pub(crate) mod demonstrate;
+pub(crate) mod demonstrations;
 pub(crate) mod evaluate;
 pub(crate) mod experiment;
 pub(crate) mod export;

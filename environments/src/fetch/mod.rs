@@ -211,10 +211,10 @@ impl Environment for Fetch {
         Ok(Step { reward: if success { 0.0 } else { -1.0 }, ending, success })
     }
 
-    fn expert_action(&mut self, action: &mut [u8]) -> bool {
+    fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
         assert_eq!(action.len(), self.spec().action.bytes(), "the caller sizes the action");
         if !self.running {
-            return false;
+            return Ok(false);
         }
         let numbers = self.expert.action(&View {
             grip: self.scene.grip(),
@@ -224,10 +224,10 @@ impl Environment for Fetch {
             goal: self.goal,
         });
         write_floats(
-            self.scale.inverse(numbers).into_iter().take(self.task.action_numbers()),
+            self.scale.unscaled(numbers.into_iter()).take(self.task.action_numbers()),
             action,
         );
-        true
+        Ok(true)
     }
 
     fn state_hash(&self) -> u64 {

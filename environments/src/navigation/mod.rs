@@ -159,16 +159,16 @@ impl Environment for Navigation {
         Ok(Step { reward, ending, success })
     }
 
-    fn expert_action(&mut self, action: &mut [u8]) -> bool {
+    fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
         assert_eq!(action.len(), self.spec().action.bytes(), "the caller sizes the action");
         if !self.running {
-            return false;
+            return Ok(false);
         }
         let (rooms, goal) = (&self.rooms, self.goal);
         let distances = self.distances.get_or_insert_with(|| Distances::search(rooms, goal));
         let toward_goal = distances.first_move(self.agent);
         action[0] = toward_goal.expect("a running episode keeps its agent off the goal");
-        true
+        Ok(true)
     }
 
     fn state_hash(&self) -> u64 {

@@ -7,7 +7,7 @@ use mcap_log::{Ending, FileReader, Kind, Record};
 use protocol::Error;
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
-use protocol::setting::{ACTION_SCALE, Setting, is_same};
+use protocol::setting::{ACTION_SCALE, EXPERT, Setting, is_same};
 use protocol::task::{Spec, Task, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use protocol::weights::to_bytes;
@@ -72,14 +72,20 @@ pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error
 
 /// A configuration whose demonstrations differ from the agent's environment as its file of them says,
 /// where `settings`, the user's own words, do not. A file that does not tell counts as recorded in the
-/// environment itself.
+/// environment itself. Of a file with fewer demonstrations than a task's runs have, all are learned from.
 ///
 /// # Errors
 /// [`Error::Demonstrations`] if the file cannot be read, or is of another task.
 pub fn adopt(mut config: RunConfig, settings: &[String]) -> Result<RunConfig, Error> {
     if let Some(file) = &config.demonstrations.file {
-        let recorded = setting(&open(file, &config.task)?, file)?.unwrap_or_default();
+        let reader = open(file, &config.task)?;
+        let recorded = setting(&reader, file)?.unwrap_or_default();
         let named = set_by_user(settings)?;
+        let held = reader.metadata().get("episodes").and_then(|count| count.parse::<u64>().ok());
+        if let Some(held) = held.filter(|_| !named.contains_key("demonstrations.episodes")) {
+            let wanted = &mut config.demonstrations.episodes;
+            *wanted = held.clamp(1, (*wanted).max(1));
+        }
         let own = &mut config.demonstrations.environment.0;
         let is_named = |key: &str| named.contains_key(&format!("demonstrations.{key}"));
         *own = std::mem::take(own)
@@ -132,10 +138,12 @@ fn setting(reader: &FileReader, file: &Path) -> Result<Option<Setting>, Error> {
 }
 
 /// Refuses demonstrations that were recorded in another setting than the configuration says. A scale
-/// of actions may be another one: actions are brought to the run's own.
+/// of actions may be another one: actions are brought to the run's own. So may who demonstrates.
 fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Result<(), Error> {
     let own = config.demonstration_setting();
-    for (key, found) in recorded.0.iter().filter(|(key, _)| *key != ACTION_SCALE) {
+    for (key, found) in
+        recorded.0.iter().filter(|(key, _)| ![ACTION_SCALE, EXPERT].contains(&key.as_str()))
+    {
         let expected = own.0.get(key);
         if !expected.is_some_and(|expected| is_same(expected, found)) {
             let expected = expected.map_or("nothing".to_owned(), Value::to_string);

@@ -8,10 +8,14 @@ use toml::{Table, Value};
 use crate::Error;
 use crate::dropped::shortened;
 use crate::error::MESSAGE_CHARS;
+use crate::table::merge;
 
 /// The key whose value every continuous action is multiplied with, number by number, before it is
 /// clipped to [-1, 1]; empty leaves actions as they are.
 pub const ACTION_SCALE: &str = "action_scale";
+
+/// The key that names who demonstrates in an environment of Python. It says nothing of the environment.
+pub const EXPERT: &str = "expert";
 
 /// What an environment is made with, by key. Which keys there are, what they mean and what they are
 /// by default is known to the environment alone; others compare settings and hand them on.
@@ -39,10 +43,10 @@ impl Setting {
         })
     }
 
-    /// This setting with `changes` laid over it, key by key.
+    /// This setting with `changes` laid over it, key by key, also in the tables of it.
     pub fn with(&self, changes: &Setting) -> Setting {
         let mut table = self.0.clone();
-        table.extend(changes.0.clone());
+        merge(&mut table, changes.0.clone());
         Setting(table)
     }
 

@@ -144,9 +144,9 @@ impl Environment for Reacher {
     }
 
     /// Turns the joints so that the tip moves straight toward the goal: damped least squares.
-    fn expert_action(&mut self, action: &mut [u8]) -> bool {
+    fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
         if !self.running {
-            return false;
+            return Ok(false);
         }
         let [shoulder, elbow] = self.angles;
         let outer = [-LINK * sin(shoulder + elbow), LINK * cos(shoulder + elbow)];
@@ -161,7 +161,7 @@ impl Environment for Reacher {
         let [x, y] = [(d * x - b * y) / determinant, (a * y - b * x) / determinant];
         let turns = [inner, outer].map(|column| 0.5 * (column[0] * x + column[1] * y) / TURN);
         write_floats(turns, action);
-        true
+        Ok(true)
     }
 
     fn state_hash(&self) -> u64 {

@@ -1,10 +1,11 @@
-//! Frames between an actor and its process of Python; `child.py` has the other half.
+//! Frames between who acts and the process that holds the environments: between an actor and its process of
+//! Python (`python/child.py` has the other half), and between any program and an actor that serves it a task.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
 
 use protocol::task::{ActionSpec, ObservationSpec};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// A frame is its length, its kind and its body.
 const HEAD_BYTES: usize = 5;
@@ -18,49 +19,60 @@ const REQUEST_BYTES: usize = 16;
 /// Bytes of a slot's answer before its observation.
 const ANSWER_BYTES: usize = 8;
 
+/// Begin an episode.
+const RESET: u8 = 0;
+
+/// Begin one in a new environment.
+const REBUILD: u8 = 1;
+
+/// Take an action.
+const STEP: u8 = 2;
+
 /// What a frame holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// What the environment is, in JSON.
     Hello = 1,
     /// Requests of slots, or their answers.
     Turn = 2,
     /// Why there is no answer, in JSON.
     Failed = 3,
+    /// A slot whose expert is asked, or the action that it takes.
+    Expert = 4,
 }
 
 /// What an environment is.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Hello {
-    pub(super) observation: ObservationSpec,
-    pub(super) action: ActionSpec,
+pub(crate) struct Hello {
+    pub(crate) observation: ObservationSpec,
+    pub(crate) action: ActionSpec,
     /// Longest episode, where the environment says.
-    pub(super) horizon_steps: Option<u32>,
+    pub(crate) horizon_steps: Option<u32>,
     /// What the numbers of an observation are; empty for cells.
-    pub(super) labels: Vec<String>,
+    pub(crate) labels: Vec<String>,
     /// Parts of the observation that are left out, because they are text.
-    pub(super) dropped: Vec<String>,
+    pub(crate) dropped: Vec<String>,
     /// What tells success.
-    pub(super) success: String,
+    pub(crate) success: String,
     /// Versions of Python and of the packages that decide what the environment does.
-    pub(super) versions: BTreeMap<String, String>,
+    pub(crate) versions: BTreeMap<String, String>,
 }
 
-/// Why the process of Python has ended itself.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// Why the process with the environments has ended itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Failure {
-    pub(super) slot: u16,
-    /// `start`, `reset` or `step`.
-    pub(super) during: String,
-    pub(super) error: String,
-    pub(super) traceback: String,
+pub(crate) struct Failure {
+    pub(crate) slot: u16,
+    /// `start`, `reset`, `step` or `expert`.
+    pub(crate) during: String,
+    pub(crate) error: String,
+    pub(crate) traceback: String,
 }
 
 /// What a slot is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Request<'a> {
+pub(crate) enum Request<'a> {
     /// Begin an episode with this seed; in a new environment if `rebuild`.
     Reset { seed: u32, rebuild: bool },
     /// Take an action.
@@ -69,19 +81,21 @@ pub(super) enum Request<'a> {
 
 /// What a slot did.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Answer {
-    pub(super) terminated: bool,
-    pub(super) truncated: bool,
-    pub(super) success: bool,
-    pub(super) reward: f32,
-    pub(super) observation: Vec<u8>,
+pub(crate) struct Answer {
+    pub(crate) terminated: bool,
+    pub(crate) truncated: bool,
+    pub(crate) success: bool,
+    pub(crate) reward: f32,
+    pub(crate) observation: Vec<u8>,
 }
 
 /// Appends a slot's request to the body of a turn.
-pub(super) fn append(slot: u16, request: Request<'_>, action_bytes: usize, body: &mut Vec<u8>) {
+pub(crate) fn append(slot: u16, request: Request<'_>, action_bytes: usize, body: &mut Vec<u8>) {
     let (op, seed, action): (u8, u64, &[u8]) = match request {
-        Request::Reset { seed, rebuild } => (u8::from(rebuild), u64::from(seed), &[]),
-        Request::Step(action) => (2, 0, action),
+        Request::Reset { seed, rebuild } => {
+            (if rebuild { REBUILD } else { RESET }, u64::from(seed), &[])
+        }
+        Request::Step(action) => (STEP, 0, action),
     };
     let end = body.len() + REQUEST_BYTES + action_bytes;
     body.extend(slot.to_le_bytes());
@@ -92,7 +106,7 @@ pub(super) fn append(slot: u16, request: Request<'_>, action_bytes: usize, body:
 }
 
 /// The answers of a turn's slots, in their order.
-pub(super) fn answers(
+pub(crate) fn answers(
     body: &[u8],
     observation_bytes: usize,
 ) -> impl Iterator<Item = (u16, Answer)> + '_ {
@@ -110,11 +124,37 @@ pub(super) fn answers(
     })
 }
 
+/// What the slots of a turn are to do, in their order.
+pub(crate) fn requests(
+    body: &[u8],
+    action_bytes: usize,
+) -> impl Iterator<Item = (u16, Request<'_>)> {
+    body.chunks_exact(REQUEST_BYTES + action_bytes).map(|bytes| {
+        let (head, action) = bytes.split_at(REQUEST_BYTES);
+        let seed = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
+        let request = match head[2] {
+            STEP => Request::Step(action),
+            op => Request::Reset { seed, rebuild: op == REBUILD },
+        };
+        (u16::from_le_bytes([head[0], head[1]]), request)
+    })
+}
+
+/// Appends a slot's answer to the body of a turn.
+pub(crate) fn append_answer(slot: u16, answer: &Answer, body: &mut Vec<u8>) {
+    let flags = [answer.terminated, answer.truncated, answer.success];
+    let flags = flags.iter().rev().fold(0, |flags, flag| 2 * flags + u8::from(*flag));
+    body.extend(slot.to_le_bytes());
+    body.extend([flags, 0]);
+    body.extend(answer.reward.to_le_bytes());
+    body.extend(&answer.observation);
+}
+
 /// Writes a frame.
 ///
 /// # Errors
 /// When the other end is gone.
-pub(super) fn write(link: &mut impl Write, kind: Kind, body: &[u8]) -> io::Result<()> {
+pub(crate) fn write(link: &mut impl Write, kind: Kind, body: &[u8]) -> io::Result<()> {
     let length = u32::try_from(body.len()).map_err(io::Error::other)?;
     let mut frame = Vec::with_capacity(HEAD_BYTES + body.len());
     frame.extend(length.to_le_bytes());
@@ -127,7 +167,7 @@ pub(super) fn write(link: &mut impl Write, kind: Kind, body: &[u8]) -> io::Resul
 ///
 /// # Errors
 /// When the other end is gone or silent, or what comes is no frame.
-pub(super) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
+pub(crate) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
     let mut head = [0; HEAD_BYTES];
     link.read_exact(&mut head)?;
     let length = u32::from_le_bytes([head[0], head[1], head[2], head[3]]) as usize;
@@ -135,6 +175,7 @@ pub(super) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
         1 => Kind::Hello,
         2 => Kind::Turn,
         3 => Kind::Failed,
+        4 => Kind::Expert,
         other => return Err(io::Error::other(format!("expected a frame, found kind {other}"))),
     };
     if length > LONGEST_BODY {
@@ -169,6 +210,9 @@ mod tests {
         assert_eq!(body[..12], [3, 0, 1, 0, 0, 0, 0, 0, 7, 0, 0, 0]);
         assert_eq!(body[20..23], [2, 1, 2]);
         assert_eq!(body[36..], [1, 2, 3, 4]);
+        let requests: Vec<_> = requests(&body, 4).collect();
+        let reset = Request::Reset { seed: 7, rebuild: true };
+        assert_eq!(requests, [(3, reset), (258, Request::Step(&[1, 2, 3, 4]))]);
         let bytes = [&[2, 1, 5, 0][..], &0.5_f32.to_le_bytes(), &[8, 9]].concat();
         let expected = Answer {
             terminated: true,
@@ -177,6 +221,9 @@ mod tests {
             reward: 0.5,
             observation: vec![8, 9],
         };
+        let mut appended = Vec::new();
+        append_answer(258, &expected, &mut appended);
+        assert_eq!(appended, bytes);
         assert_eq!(answers(&bytes, 2).collect::<Vec<_>>(), [(258, expected)]);
     }
 }
