@@ -1,0 +1,114 @@
+//! `goalward demonstrations`: files of demonstrations made of data sets, by the Python package `goalward`.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result};
+use run::config::DEFAULT_PRESET;
+
+use crate::{destination, programs, tasks};
+use terminal::refusal::wrong_usage;
+
+/// Names the interpreter that has the package, as that of environments of Python.
+const INTERPRETER: &str = "GOALWARD_PYTHON";
+
+/// The part of the package that reads and writes demonstrations.
+const MODULE: &str = "goalward.demonstrations";
+
+/// The verbs of `goalward demonstrations`.
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum Verb {
+    /// Make a file of demonstrations of a data set: npz, CSV, Minari, LeRobot, robomimic, MCAP or rosbag2.
+    Import(Import),
+    /// Say what a file of demonstrations holds.
+    Info {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+/// Flags of `goalward demonstrations import`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Import {
+    /// File or folder of the data set.
+    source: PathBuf,
+    /// Task: a name, the path of a task's file, or an environment of Python such as gym:FetchPush-v4.
+    #[arg(long)]
+    task: String,
+    /// A value of the task's environment, such as environment.kwargs.x=3; may be given more than once.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// MCAP file to write.
+    #[arg(long, value_name = "FILE.mcap")]
+    out: PathBuf,
+    /// Replaces a file that is there; never anything of a run.
+    #[arg(long)]
+    force: bool,
+    /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; found out unless it is given.
+    #[arg(long)]
+    format: Option<String>,
+    /// Observation keys of the data set, in the order of the task; all that fit unless they are given.
+    #[arg(long, value_name = "KEY,KEY")]
+    keys: Option<String>,
+    /// Which episodes reach the goal: `all`, each with its last observation, or the key that tells.
+    #[arg(long, value_name = "all|KEY")]
+    success: Option<String>,
+    /// Whether the keys have to be named as the task's labels are: match or ignore.
+    #[arg(long, value_name = "match|ignore")]
+    labels: Option<String>,
+    /// Takes so many episodes at most.
+    #[arg(long)]
+    episodes: Option<u64>,
+}
+
+impl Import {
+    /// What the package is told of the data set.
+    fn selection(&self) -> Vec<String> {
+        let Import { format, keys, success, labels, .. } = self;
+        let episodes = self.episodes.map(|count| count.to_string());
+        let flags = [
+            ("--format", format),
+            ("--keys", keys),
+            ("--success", success),
+            ("--labels", labels),
+            ("--episodes", &episodes),
+        ];
+        let given = flags.into_iter().filter_map(|(flag, value)| Some((flag, value.as_ref()?)));
+        given.flat_map(|(flag, value)| [flag.to_owned(), value.clone()]).collect()
+    }
+}
+
+/// Does what the verb says.
+pub(crate) fn run(verb: &Verb) -> Result<()> {
+    match verb {
+        Verb::Import(arguments) => import(arguments),
+        Verb::Info { file } => package("info", |package| package.arg(file)),
+    }
+}
+
+fn import(arguments: &Import) -> Result<()> {
+    let Import { source, task, settings, out, force, .. } = arguments;
+    destination::file(out, *force)?;
+    let config = tasks::configuration(task, DEFAULT_PRESET, settings)?;
+    let task = serde_json::to_string(&config.task).context("a task as JSON")?;
+    package("import", |package| {
+        package.arg(source).args(["--task-json", &task]).arg("--out").arg(out);
+        package.args(force.then_some("--overwrite")).args(arguments.selection())
+    })
+}
+
+/// Runs the package, which says itself what it did, or why it did not.
+fn package(verb: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Result<()> {
+    let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
+    let named = |what: &str| format!("expected {what} {interpreter}, or where {INTERPRETER} says");
+    let mut look = Command::new(&interpreter);
+    let found = look.args(["-c", &format!("import {MODULE}")]).output();
+    let found = found.map_err(|error| wrong_usage(format!("{}: {error}", named("Python as"))))?;
+    if !found.status.success() {
+        let missing = named("the Python package goalward in");
+        return Err(wrong_usage(format!("{missing}: `pip install ./python` installs it")));
+    }
+    let mut command = Command::new(&interpreter);
+    let status = with(command.args(["-m", MODULE, verb])).status().context("starting Python")?;
+    programs::expect_success(status)
+}

@@ -1,0 +1,114 @@
+"""The process of `goalward-actor serve` and the frames exchanged with it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import struct
+import subprocess
+from typing import Any
+
+from goalward.error import Error
+
+PROGRAM = "GOALWARD_ACTOR"
+"""The environment variable that says where the program is."""
+
+HELLO, TURN, FAILED, EXPERT = 1, 2, 3, 4
+RESET, STEP = 0, 2
+TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
+
+
+class Link:
+    """A process that holds one environment.
+
+    Attributes:
+        hello: what the environment is: shapes, labels, longest episode.
+    """
+
+    def __init__(self, task: str, setting: dict[str, Any]) -> None:
+        """Start the process.
+
+        Raises:
+            Error: if there is no such program, or it does not have the task or the setting.
+        """
+        arguments = ["serve", task, "--setting", json.dumps(setting)]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        self._process = subprocess.Popen([_program(), *arguments], **pipes)  # type: ignore[call-overload]
+        self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
+
+    def reset(self, seed: int) -> tuple[float, int, bytes]:
+        """Begin the episode of a seed below 2^31; as `step`."""
+        return self._turn(struct.pack("<HBBIQ", 0, RESET, 0, 0, seed) + bytes(self._action_bytes()))
+
+    def step(self, action: bytes) -> tuple[float, int, bytes]:
+        """Take an action.
+
+        Returns:
+            The reward, flags (`TERMINATED`, `TRUNCATED`, `SUCCESS`), and the bytes of the observation.
+
+        Raises:
+            Error: if the environment refuses it, such as before a reset.
+        """
+        return self._turn(struct.pack("<HBBIQ", 0, STEP, 0, 0, 0) + action)
+
+    def expert_action(self) -> bytes:
+        """The bytes of the action that the task's scripted expert takes.
+
+        Raises:
+            Error: if there is no such expert, or no episode runs.
+        """
+        self._send(EXPERT, struct.pack("<H", 0))
+        return self._receive(EXPERT)
+
+    def close(self) -> None:
+        """End the process."""
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+        self._process.wait()
+
+    def _action_bytes(self) -> int:
+        action = self.hello["action"]
+        return 4 * action["continuous"]["len"] if "continuous" in action else 1
+
+    def _turn(self, body: bytes) -> tuple[float, int, bytes]:
+        self._send(TURN, body)
+        answer = self._receive(TURN)
+        _, flags, _, reward = struct.unpack_from("<HBBf", answer)
+        return reward, flags, answer[8:]
+
+    def _send(self, kind: int, body: bytes) -> None:
+        pipe = self._process.stdin
+        if pipe is None or pipe.closed:
+            raise Error("expected an environment that is open, found one that was closed")
+        pipe.write(struct.pack("<IB", len(body), kind) + body)
+        pipe.flush()
+
+    def _receive(self, expected: int) -> bytes:
+        length, kind = struct.unpack("<IB", self._read(5))
+        body = self._read(length)
+        if kind == FAILED:
+            raise Error(json.loads(body)["error"])
+        if kind != expected:
+            raise Error(f"goalward-actor: expected a frame of kind {expected}, found {kind}")
+        return body
+
+    def _read(self, count: int) -> bytes:
+        pipe = self._process.stdout
+        data = b"" if pipe is None else pipe.read(count)
+        if len(data) == count:
+            return data
+        words = b"" if self._process.stderr is None else self._process.stderr.read()
+        last = words.decode(errors="replace").strip().splitlines()[-1:] or ["no word"]
+        raise Error(f"goalward-actor ended: {last[0]}")
+
+
+def _program() -> str:
+    named = os.environ.get(PROGRAM) or shutil.which("goalward-actor")
+    if named is None or not os.path.isfile(named):
+        raise Error(
+            f"expected the program goalward-actor in PATH, or where {PROGRAM} says, found {named or 'none'}: "
+            "`deploy/run_local.sh --only-build` builds it"
+        )
+    return named

@@ -1,0 +1,127 @@
+"""Policies that `goalward export` wrote, run by onnxruntime."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from goalward.error import Error, expecting
+from goalward.packages import optional
+from goalward.task import Discrete, Task
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+class Policy:
+    """A policy of the file `policy.onnx`.
+
+    Attributes:
+        path: where the file is.
+        task: the task it was trained in.
+        config: the configuration of its run.
+        metadata: everything that the file says of itself, by name.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Load a policy.
+
+        Raises:
+            Error: if onnxruntime is missing, or the file is none that `goalward export` wrote.
+        """
+        runtime = optional("onnxruntime", "policy")
+        self.path = Path(path)
+        with expecting(f"{path}: expected an exported policy", Exception):
+            options = {"providers": ["CPUExecutionProvider"]}
+            self._session = runtime.InferenceSession(str(path), **options)
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        names = [output.name for output in self._session.get_outputs()]
+        if "action" not in names or "spec" not in self.metadata:
+            raise Error(f"{path}: expected a policy with the output `action`, found {', '.join(names)}")
+        self.task = Task.from_json(self.metadata["spec"])
+        self.config = tomllib.loads(self.metadata["config"])
+
+    def act(self, observations: NDArray[Any], rng: np.random.Generator | None = None) -> NDArray[Any]:
+        """Choose actions.
+
+        Args:
+            observations: raw ones, `(rows, len)` or `(rows, height, width)`, or one of them without `rows`.
+            rng: draws the actions; without it the most probable ones are taken.
+
+        Returns:
+            `(rows,)` numbers of choices, int64, or `(rows, len)` numbers in [-1, 1], float32; without `rows`
+            for one observation.
+
+        Raises:
+            Error: if the shape is not that of the task's observations.
+        """
+        shape = self.task.observation.shape
+        kind = np.float32 if len(shape) == 1 else np.uint8
+        rows = np.asarray(observations, dtype=kind)
+        if rows.shape[-len(shape) :] != shape or rows.ndim - len(shape) not in (0, 1):
+            raise Error(f"observations: expected shape {shape} or rows of it, found {rows.shape}")
+        outputs = self._outputs(rows.reshape(-1, *shape))
+        actions = outputs["action"] if rng is None else self._sample(outputs, rng)
+        return actions[0] if rows.ndim == len(shape) else actions
+
+    def for_space(
+        self, observation_space: Any, action_space: Any, rng: np.random.Generator | None = None
+    ) -> Callable[[Any], Any]:
+        """Make a function from an environment's observations to its actions.
+
+        Args:
+            observation_space: of the environment, as Gymnasium has it.
+            action_space: of the environment.
+            rng: draws the actions; without it the most probable ones are taken.
+
+        Returns:
+            A function that takes one observation and gives one action, both in the environment's own form.
+
+        Raises:
+            Error: if Gymnasium is missing, or the spaces are not those the policy was trained in.
+        """
+        optional("gymnasium", "envs")
+        from goalward import spaces
+
+        observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
+        layout, labels = observations.layout()
+        expected, found = self._layout(), (layout, actions.spec, tuple(labels))
+        if expected != found:
+            raise Error(f"{self.path}: expected the spaces {expected}, found {found}")
+        row, shape = observations.row(), self.task.observation.shape
+
+        def act(observation: Any) -> Any:
+            observations.write(observation, row)
+            chosen = self.act(row.reshape(shape), rng)
+            kind = np.uint8 if isinstance(self.task.action, Discrete) else np.dtype("<f4")
+            raw = np.atleast_2d(np.asarray(chosen, dtype=kind)).view(np.uint8)
+            return actions.decode(raw)[0]
+
+        return act
+
+    def _layout(self) -> tuple[Any, Any, tuple[str, ...]]:
+        def table(shape: Any) -> dict[str, dict[str, int]]:
+            return {type(shape).__name__.lower(): dict(vars(shape))}
+
+        return table(self.task.observation), table(self.task.action), self.task.labels
+
+    def _outputs(self, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        names = [output.name for output in self._session.get_outputs()]
+        return dict(zip(names, self._session.run(None, {"observation": rows}), strict=True))
+
+    def _sample(self, outputs: dict[str, NDArray[Any]], rng: np.random.Generator) -> NDArray[Any]:
+        if "logits" in outputs:
+            return np.argmax(outputs["logits"] + rng.gumbel(size=outputs["logits"].shape), axis=1)
+        noise = rng.standard_normal(outputs["mean"].shape)
+        numbers = outputs["mean"] + np.exp(outputs["log_standard_deviation"]) * noise
+        if self.config["policy"]["distribution"] == "squashed-gaussian":
+            numbers = np.tanh(numbers)
+        scale = self.config["environment"].get("action_scale") or 1.0
+        return np.clip(numbers * np.asarray(scale), -1.0, 1.0).astype(np.float32)

@@ -1,0 +1,1 @@
+../../../actor/src/python/spaces.py

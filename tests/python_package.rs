@@ -1,0 +1,62 @@
+//! The Python package `goalward` beside the programs: it reads a run's log, its demonstrations and its
+//! exported policy, acts in our tasks, and makes demonstrations that train into the same bits.
+//!
+//! It needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none` leaves this out.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+use system_tests::{SMALL_PHYSICS, TestRun, programs};
+
+/// The package as it lies in the repository.
+const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/src");
+
+fn python() -> Option<String> {
+    std::env::var("GOALWARD_PYTHON").ok().filter(|python| python != "none")
+}
+
+fn with_package(mut command: Command) -> Vec<u8> {
+    let output = command.env("PYTHONPATH", PACKAGE).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output.stdout
+}
+
+#[test]
+fn the_package_and_the_programs_understand_each_other() {
+    let Some(python) = python() else { return };
+    let run = TestRun::new(programs!());
+    let summary = run.train_task("fetch-push", &SMALL_PHYSICS, &[]).finish();
+    let hashes = summary.hashes();
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    let [folder, export, dataset, imported] =
+        [run.folder().path(), &run.path("export"), &run.path("d.npz"), &run.path("d.mcap")]
+            .map(text);
+    let (well, said) = run.goalward(&["export", &folder, "--out", &export]);
+    assert!(well, "{said}");
+
+    let mut script = Command::new(&python);
+    script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/python_package.py"));
+    script
+        .args([&folder, &export, &dataset])
+        .env("GOALWARD_ACTOR", run.program("goalward-actor").get_program());
+    let found: Value = serde_json::from_slice(&with_package(script)).unwrap();
+    assert_eq!(found["episodes"].as_u64(), Some(summary.episodes), "{found}");
+    assert_eq!(found["steps"].as_u64(), Some(summary.env_steps), "{found}");
+    assert_eq!(found["observed"], found["steps"], "{found}");
+    assert_eq!(found["weights"].as_str(), Some(hashes.policy.as_str()), "{found}");
+    assert_eq!(found["exported"], found["weights"], "{found}");
+    assert!((1..=60).contains(&found["acted"].as_u64().unwrap()), "{found}");
+
+    let mut import = run.program("goalward");
+    import.args(["demonstrations", "import", &dataset, "--task", "fetch-push", "--out", &imported]);
+    import.args(["--success", "all"]);
+    with_package(import);
+    let other = TestRun::new(programs!());
+    let file = format!("demonstrations.file={imported}");
+    let small: Vec<&str> =
+        SMALL_PHYSICS.into_iter().filter(|it| !it.starts_with("demonstrations.")).collect();
+    let again = other.train_task("fetch-push", &small, &[&file]).finish();
+    assert_eq!(again.hashes(), hashes, "states alone, by way of a data set");
+}
