@@ -145,9 +145,10 @@ class Ant(gymnasium.Env):
         return self.goal - self.data.qpos[:2]
 
     def observation(self):
-        """Coordinates (20,), velocities (20,), contact forces (90,) and the way to the goal (2,)."""
+        """Coordinates (20,), velocities (20,), contact forces (90,), way to the goal (2,)."""
         forces = np.zeros((self.model.nbody, 6))
         if self.contact_forces:
             mujoco.mj_rnePostConstraint(self.model, self.data)
             forces = np.clip(self.data.cfrc_ext, -CONTACT_FORCE_MAX, CONTACT_FORCE_MAX)
-        return np.concatenate([self.data.qpos[2:], self.data.qvel, forces.ravel(), self.to_goal()])
+        coordinates, velocities = self.data.qpos[2:], self.data.qvel
+        return np.concatenate([coordinates, velocities, forces.ravel(), self.to_goal()])
