@@ -125,7 +125,7 @@ class Fetch(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        # The scene's own start and goal are the same every time, for they warm-start the solver.
+        # What the scene draws itself is overwritten; a seed keeps chance out of it all the same.
         self.scene.reset(seed=0)
         cube, goal = self.starts.draw(self.np_random)
         self.scene.data.joint("object0:joint").qpos[:2] = self.grip_start[:2] + cube
