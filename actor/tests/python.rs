@@ -168,6 +168,20 @@ fn what_an_environment_raises_is_said_and_would_be_raised_again() {
 }
 
 #[test]
+fn packages_that_do_not_go_together_are_named_with_what_to_install() {
+    if !has_python() {
+        return;
+    }
+    let mut environment = own("conflicting", "success = \"none\"").unwrap();
+    let mut observation = vec![0; 12];
+    let mut starts = stream(1, Purpose::TrainingEpisode, 0, 0);
+    let said = environment.reset(&mut starts, &mut observation).unwrap_err().to_string();
+    let advice =
+        "gymnasium-robotics 1.4.2 does not work with mujoco 4.0.0: pip install 'mujoco<3.12'";
+    assert!(said.ends_with(advice), "{said}");
+}
+
+#[test]
 fn a_process_that_is_gone_is_noticed() {
     if !has_python() {
         return;

@@ -207,6 +207,17 @@ def versions():
     return found
 
 
+def advice():
+    """What to install, where packages are there that are known not to go together."""
+    found = versions()
+    robotics, mujoco = found.get("gymnasium-robotics"), found.get("mujoco")
+    if "gymnasium_robotics" not in sys.modules or robotics is None or mujoco is None:
+        return ""
+    if tuple(int(part) for part in mujoco.split(".")[:2]) < (3, 12):
+        return ""
+    return f"; gymnasium-robotics {robotics} does not work with mujoco {mujoco}: pip install 'mujoco<3.12'"
+
+
 def turn(environments, body):
     """Resets and steps the slots of a turn, in their order."""
     width = 16 + environments.actions.bytes
@@ -237,6 +248,7 @@ class Failed(Exception):
 def failure(slot, during, error):
     refused = getattr(sys.modules.get(SPACES), "Refused", ())
     words = str(error) if isinstance(error, refused) else f"{type(error).__name__}: {error}"
+    words += advice()
     frames = traceback.format_exception(type(error), error, error.__traceback__)
     body = {"slot": slot, "during": during, "error": words, "traceback": "".join(frames)[-8000:]}
     return json.dumps(body).encode()

@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import sys
 import time
+from importlib import metadata
 
 import gymnasium
 import numpy as np
@@ -135,6 +137,15 @@ class Chance(Line):
 
 def chance():
     return gymnasium.wrappers.TimeLimit(Chance(), 20)
+
+
+def conflicting():
+    """Fails as an environment of gymnasium-robotics does with a version of mujoco that came later."""
+    found = {"gymnasium-robotics": "1.4.2", "mujoco": "4.0.0"}
+    installed = metadata.version
+    metadata.version = lambda package: found.get(package) or installed(package)
+    sys.modules["gymnasium_robotics"] = sys.modules[__name__]
+    return gymnasium.wrappers.TimeLimit(Bad("reset raises"), 20)
 
 
 class Picture(Line):
