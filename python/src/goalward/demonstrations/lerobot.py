@@ -1,0 +1,92 @@
+"""LeRobot data sets, formats v2.0, v2.1 and v3.0.
+
+A frame holds the state before an action; the state after the last action is not recorded. So an episode of
+T frames has T observations and T - 1 steps, and `next.success` of the last frame counts for its last
+observation. Videos and images are left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from goalward.demonstrations.recordings import Array, Recording, is_numeric, of_states
+from goalward.error import Error
+from goalward.packages import optional
+
+SUCCESS = ("next.success",)
+INFO = Path("meta", "info.json")
+VERSIONS = ("v2.0", "v2.1", "v3.0")
+OBSERVED, FOLLOWING = "observation.", "next."
+EPISODE, FRAME = "episode_index", "frame_index"
+_PICTURES = ("image", "video", "string")
+
+
+def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+    """Read the episodes of a data set.
+
+    Args:
+        source: its folder, which has `meta/info.json`.
+        keys: columns to read as observations; None for all `observation.*` that are numbers.
+
+    Raises:
+        Error: if the data set is damaged or of another version, or pyarrow is not installed.
+    """
+    parquet, arrow = optional("pyarrow.parquet", "lerobot"), optional("pyarrow", "lerobot")
+    features = _features(source)
+    numeric = [name for name, feature in features.items() if feature.get("dtype") not in _PICTURES]
+    observed = [name for name in numeric if (name in keys if keys else name.startswith(OBSERVED))]
+    signals = [name for name in numeric if name.startswith(FOLLOWING) or name in (keys or ())]
+    columns = list(dict.fromkeys([EPISODE, FRAME, *observed, *signals]))
+    for path in sorted(source.glob("data/*/*.parquet")):
+        try:
+            table = parquet.read_table(path, columns=columns)
+            arrays = {name: _rows(table.column(name)) for name in table.column_names}
+        except (OSError, ValueError, KeyError, arrow.ArrowException) as cause:
+            raise Error(f"{path}: expected rows of numbers, found {' '.join(str(cause).split())}") from cause
+        missing = next((name for name in columns if name not in arrays), None)
+        if missing is not None:
+            raise Error(f"{path}: expected the column `{missing}`, found {', '.join(arrays)}")
+        yield from _episodes(arrays, observed, signals)
+
+
+def _features(source: Path) -> Mapping[str, Mapping[str, Any]]:
+    try:
+        info = json.loads((source / INFO).read_text(encoding="utf-8"))
+        version, features = info["codebase_version"], info["features"]
+    except (OSError, ValueError, KeyError, TypeError) as cause:
+        raise Error(f"{source / INFO}: expected what LeRobot writes there, found {cause!r}") from cause
+    if version not in VERSIONS:
+        raise Error(f"{source / INFO}: expected version {', '.join(VERSIONS)}, found {version}")
+    if not isinstance(features, dict) or not all(isinstance(feature, dict) for feature in features.values()):
+        raise Error(f"{source / INFO}: expected features by name, found {type(features).__name__}")
+    return features
+
+
+def _rows(column: Any) -> Array:
+    """A column as (rows,) or (rows, n), whatever lists it is made of."""
+    array = column.combine_chunks()
+    rows, nested = len(array), False
+    while hasattr(array.type, "value_type"):
+        array, nested = array.flatten(), True
+    numbers = np.asarray(array.to_numpy(zero_copy_only=False))
+    if not is_numeric(numbers):
+        raise ValueError(f"values of type {array.type}")
+    return numbers.reshape(rows, -1) if nested and rows else numbers
+
+
+def _episodes(
+    arrays: Mapping[str, Array], observed: Sequence[str], signals: Sequence[str]
+) -> Iterator[Recording]:
+    episodes, frames = arrays[EPISODE], arrays[FRAME]
+    for episode in np.unique(episodes):
+        rows = np.flatnonzero(episodes == episode)
+        rows = rows[np.argsort(frames[rows], kind="stable")]
+        own = {name: arrays[name][rows] for name in observed}
+        told = {name: arrays[name][rows] for name in signals if arrays[name][:1].size <= 1}
+        shifted = {name: of_states(told[name]) if name.startswith(FOLLOWING) else told[name] for name in told}
+        yield Recording(str(episode), own, shifted)

@@ -1,0 +1,184 @@
+"""Recordings of robots: MCAP files, and folders of rosbag2 that hold such files.
+
+One bag is one episode. A key is a topic and a field behind it, such as `/joint_states.position`; a field that
+is a message stands for all its numbers. Messages are CDR of ROS 2, protobuf or JSON. There is one observation
+for each message of the first key's topic; of the other topics the newest message before it counts.
+Observations begin when every topic has been heard.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
+
+from goalward.demonstrations.recordings import Recording
+from goalward.error import Error
+from goalward.packages import optional
+from goalward.recorded import DAMAGE
+
+SUCCESS: tuple[str, ...] = ()
+BAG = "metadata.yaml"
+_DECODERS = {"cdr": "mcap_ros2.decoder", "protobuf": "mcap_protobuf.decoder"}
+
+Numbers = dict[str, list[float]]
+
+
+def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+    """Read bags, each as one episode.
+
+    Args:
+        source: an MCAP file; a bag's folder, which has `metadata.yaml`; or a folder of either.
+        keys: topics with fields, the first of them the one that sets the pace; None for every number of
+            every message.
+
+    Raises:
+        Error: if a file is damaged, lacks a key, or its messages cannot be decoded.
+    """
+    for name, files in _bags(source):
+        yield _recording(name, files, keys)
+
+
+def _bags(source: Path) -> list[tuple[str, list[Path]]]:
+    if source.is_file():
+        return [(source.stem, [source])]
+    if (source / BAG).exists():
+        return [(source.name, _files(source))]
+    folders = sorted((path.parent for path in source.glob(f"*/{BAG}")), key=_natural)
+    if folders:
+        return [(folder.name, _files(folder)) for folder in folders]
+    return [(path.stem, [path]) for path in _files(source)]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"), key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """A bag's files are numbered without zeros in front."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _recording(name: str, files: Sequence[Path], keys: Sequence[str] | None) -> Recording:
+    rows: dict[str, list[list[float]]] = {}
+    newest: dict[str, Numbers] = {}
+    pace: str | None = None
+    for topic, numbers in chain.from_iterable(_messages(path, keys) for path in files):
+        newest[topic] = numbers
+        pace = pace or (_topic(keys[0], newest) if keys else topic)
+        if topic == pace:
+            for key, values in _taken(newest, keys).items():
+                rows.setdefault(key, []).append(values)
+    missing = next((key for key in keys or () if key not in rows), None)
+    if missing is not None:
+        heard = ", ".join(key for numbers in newest.values() for key in numbers) or "none"
+        raise Error(f"episode {name}: keys: expected `{missing}`, found {heard}")
+    shortest = min(map(len, rows.values()), default=0)
+    arrays = {key: _array(name, key, values[-shortest:]) for key, values in rows.items()}
+    signals = {key: array[:, 0].copy() for key, array in arrays.items() if array.shape[1] == 1}
+    last = _taken(newest, keys)
+    for key, signal in signals.items():
+        # What is said behind the last observation is said of it.
+        signal[-1] = last[key][0]
+    return Recording(name, arrays, signals)
+
+
+def _messages(path: Path, keys: Sequence[str] | None) -> Iterator[tuple[str, Numbers]]:
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    try:
+        with path.open("rb") as file:
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+                if keys is not None and not any(_is_of(key, channel.topic) for key in keys):
+                    continue
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(path, channel, schema)
+                yield channel.topic, dict(_leaves(decoders[channel.id](message.data), channel.topic))
+    except Error:
+        raise
+    except (OSError, DecodeError, *DAMAGE) as cause:
+        words = " ".join(str(cause).split()) or type(cause).__name__
+        raise Error(f"{path}: expected a whole MCAP file, found {words}") from cause
+
+
+def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
+    encoding = channel.message_encoding
+    if encoding == "json":
+        return json.loads
+    if encoding not in _DECODERS:
+        found = f"{encoding} on {channel.topic}"
+        raise Error(f"{path}: expected messages of CDR, protobuf or JSON, found {found}")
+    factory = optional(_DECODERS[encoding], "rosbag").DecoderFactory()
+    decoder: Callable[[bytes], Any] | None = factory.decoder_for(encoding, schema)
+    if decoder is None:
+        found = schema.encoding if schema else "none"
+        raise Error(f"{path}: {channel.topic}: expected a schema of {encoding}, found {found}")
+    return decoder
+
+
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, list[float]]]:
+    """The numbers of a decoded message by the path of their fields, in the order of the fields."""
+    if isinstance(value, (bool, int, float)):
+        yield path, [float(value)]
+    elif isinstance(value, (str, bytes)) or value is None:
+        return
+    elif isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{path}.{key}")
+    elif hasattr(value, "DESCRIPTOR"):
+        for field in value.DESCRIPTOR.fields:
+            yield from _leaves(getattr(value, field.name), f"{path}.{field.name}")
+    elif hasattr(value, "__slots__") and not hasattr(value, "__len__"):
+        for name in value.__slots__:
+            yield from _leaves(getattr(value, name), f"{path}.{name}")
+    else:
+        yield from _elements(list(value), path)
+
+
+def _elements(values: list[Any], path: str) -> Iterator[tuple[str, list[float]]]:
+    if all(isinstance(value, (bool, int, float)) for value in values):
+        yield path, [float(value) for value in values]
+        return
+    for index, value in enumerate(values):
+        yield from _leaves(value, f"{path}.{index}")
+
+
+def _is_of(key: str, whole: str) -> bool:
+    """Whether a key names a topic or a field, or something within it."""
+    return key == whole or key.startswith(f"{whole}.")
+
+
+def _topic(key: str, newest: Mapping[str, Numbers]) -> str | None:
+    return next((topic for topic in newest if _is_of(key, topic)), None)
+
+
+def _values(newest: Mapping[str, Numbers], key: str) -> list[float] | None:
+    """The newest numbers of a key: those of its field, or of all fields within it."""
+    topic = _topic(key, newest)
+    if topic is None:
+        return None
+    fields = [values for field, values in newest[topic].items() if _is_of(field, key)]
+    return [number for values in fields for number in values] if fields else None
+
+
+def _taken(newest: Mapping[str, Numbers], keys: Sequence[str] | None) -> dict[str, list[float]]:
+    """The newest numbers of every key that has been heard."""
+    if keys is None:
+        return {field: values for numbers in newest.values() for field, values in numbers.items()}
+    taken = {key: _values(newest, key) for key in keys}
+    return {key: values for key, values in taken.items() if values is not None}
+
+
+def _array(name: str, key: str, rows: list[list[float]]) -> Any:
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        found = f"{lengths[0]} to {lengths[-1]}"
+        raise Error(f"episode {name}: {key}: expected as many numbers each time, found {found}")
+    return np.array(rows, np.float64)
