@@ -21,6 +21,7 @@ from goalward.task import Cells, Discrete, Task
 from goalward.version import __version__
 
 TOPIC = "/trajectory"
+LARGEST_SEED = (1 << 64) - 1
 MOST_BYTES = 1 << 30  # of all demonstrations, which is what Goalward takes
 
 
@@ -57,6 +58,8 @@ def write(
     """
     path = Path(path)
     require_absent(path, overwrite=overwrite)
+    if not 0 <= seed <= LARGEST_SEED:
+        raise Error(f"seed: expected a number from 0 to {LARGEST_SEED}, found {seed}")
     messages = list(_encoded(episodes, task, seed))
     if not messages:
         raise Error(f"{path}: expected at least one episode, found none")
