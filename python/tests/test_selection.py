@@ -110,7 +110,9 @@ def test_success_has_to_be_told() -> None:
 
 def test_a_signal_that_is_not_there_is_refused() -> None:
     words = refusal(Selection(REACH, None, "won"), recording([True]))
-    assert words == "episode 7: success: expected `all` or one of the keys that may tell (success), found `won`"
+    assert (
+        words == "episode 7: success: expected `all` or one of the keys that may tell (success), found `won`"
+    )
 
 
 def test_a_signal_of_other_numbers_is_refused() -> None:

@@ -109,7 +109,10 @@ def test_without_keys_every_column_of_numbers_but_success_is_taken(tmp_path: Pat
         (["x,y,z", "1,2,3"], "expected a column episode or episode_id or episode_index, found x, y, z"),
         (["episode,x,y,z", "0,1,2,3", "0,1,2"], "row 2: expected 4 columns, found 3"),
         (["episode,x,y,z"], "expected rows below the header, found none"),
-        (["episode,x,y,z", "0,1,2,3", "0,1,,3"], r"observations\[1, 1\]: expected a finite float32, found nan"),
+        (
+            ["episode,x,y,z", "0,1,2,3", "0,1,,3"],
+            r"observations\[1, 1\]: expected a finite float32, found nan",
+        ),
         (["episode,x,y", "0,1,2"], r"expected 3 numbers, the observation of reach, found x \(1\), y \(1\)"),
     ],
 )

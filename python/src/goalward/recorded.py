@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Header, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from goalward.error import Error
+from goalward.error import Error, expecting, one_line
 from goalward.task import Task
 
 RUN = "goalward.run"
@@ -97,11 +97,8 @@ class RecordedFile:
                 yield Recorded(topics[record.channel_id], record.data)
 
     def _records(self) -> Iterator[McapRecord]:
-        try:
-            with self.path.open("rb") as file:
-                yield from self._records_of(file)
-        except OSError as cause:
-            raise Error(f"{self.path}: expected a readable file, found {cause.strerror}") from cause
+        with expecting(f"{self.path}: expected a readable file", OSError), self.path.open("rb") as file:
+            yield from self._records_of(file)
 
     def _records_of(self, file: BinaryIO) -> Iterator[McapRecord]:
         stream = StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
@@ -116,7 +113,7 @@ class RecordedFile:
 
     def _broken(self, *, at_end: bool, whole: int, cause: Exception) -> Ending:
         if not at_end:
-            return Ending(False, f"damaged behind byte {whole}: {' '.join(str(cause).split())}")
+            return Ending(False, f"damaged behind byte {whole}: {one_line(cause)}")
         if self.path.suffix == ".active":
             return Ending(False, f"not sealed: read up to byte {whole}, the last whole record")
         return Ending(False, f"cut off: read up to byte {whole}, the last whole record")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from goalward.error import Error
+from goalward.error import Error, expecting
 
 
 @contextmanager
@@ -20,13 +20,12 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
     require_absent(path, overwrite=overwrite)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
-        with temporary.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as cause:
-        raise Error(f"{path}: expected to write the file, found {cause.strerror or cause}") from cause
+        with expecting(f"{path}: expected to write the file", OSError):
+            with temporary.open("xb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from goalward.error import Error
+from goalward.error import Error, expecting, one_line
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -132,10 +132,8 @@ class Task:
         Raises:
             Error: if the file cannot be read or is not that of a task.
         """
-        try:
+        with expecting(f"{path}: expected the file of a task", OSError, ValueError):
             document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as cause:
-            raise Error(f"{path}: expected the file of a task, found {_one_line(cause)}") from cause
         if not isinstance(document.get("task"), dict):
             raise Error(f"{path}: expected a table [task], found {', '.join(document) or 'nothing'}")
         return cls.from_table(document["task"])
@@ -147,10 +145,8 @@ class Task:
         Raises:
             Error: if the text is not that of a task.
         """
-        try:
+        with expecting("task: expected JSON", ValueError):
             table = json.loads(text)
-        except ValueError as cause:
-            raise Error(f"task: expected JSON, found {_one_line(cause)}") from cause
         if not isinstance(table, dict):
             raise Error(f"task: expected a JSON object, found {type(table).__name__}")
         return cls.from_table(table)
@@ -203,8 +199,4 @@ def _require_number(key: str, value: Any, least: int, most: int) -> None:
 
 def _require(holds: object, key: str, expected: str, found: object) -> None:
     if not holds:
-        raise Error(f"task.{key}: expected {expected}, found {_one_line(found)}")
-
-
-def _one_line(words: object) -> str:
-    return " ".join(str(words).split())
+        raise Error(f"task.{key}: expected {expected}, found {one_line(found)}")

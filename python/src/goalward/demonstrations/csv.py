@@ -12,20 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from goalward.demonstrations.recordings import Array, Recording
-from goalward.error import Error
+from goalward.demonstrations.recordings import Array, Recording, Wanted
+from goalward.error import Error, expecting
 
 SUCCESS = ("success", "is_success")
 EPISODE = ("episode", "episode_id", "episode_index")
 _WORDS = {"true": 1.0, "false": 0.0}
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the episodes of a file, in the order in which they begin.
 
     Args:
         source: the `.csv` file.
-        keys: not needed here: every column of numbers may be an observation.
+        wanted: not needed here: every column of numbers may be an observation.
 
     Raises:
         Error: if the file is not CSV, has no column of episodes, or a row of another length.
@@ -47,11 +47,11 @@ def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
 
 
 def _table(source: Path) -> tuple[list[str], list[list[str]]]:
-    try:
-        with source.open(newline="", encoding="utf-8-sig") as file:
-            names, *rows = list(csv.reader(file)) or [[]]
-    except (OSError, ValueError, csv.Error) as cause:
-        raise Error(f"{source}: expected a CSV file, found {' '.join(str(cause).split())}") from cause
+    with (
+        expecting(f"{source}: expected a CSV file", OSError, ValueError, csv.Error),
+        source.open(newline="", encoding="utf-8-sig") as file,
+    ):
+        names, *rows = list(csv.reader(file)) or [[]]
     rows = [row for row in rows if row]
     for number, row in enumerate(rows):
         if len(row) != len(names):

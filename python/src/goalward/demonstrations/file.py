@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from goalward import recorded, schema
 from goalward.demonstrations.episode import Episode
-from goalward.error import Error
+from goalward.error import Error, expecting
 from goalward.recorded import RecordedFile
 from goalward.replacing import new_file, require_absent
 from goalward.task import Cells, Discrete, Task
@@ -91,10 +91,8 @@ def read(path: str | Path) -> Demonstrations:
     data = [message.data for message in file.messages() if message.topic == TOPIC]
     if not file.ending.complete:
         raise Error(f"{path}: expected a whole file, found it {file.ending.words}")
-    try:
+    with expecting(f"{path}: expected trajectories", DecodeError):
         episodes = [_decoded(one, task, number) for number, one in enumerate(data)]
-    except DecodeError as cause:
-        raise Error(f"{path}: expected trajectories, found bytes that are none") from cause
     return Demonstrations(task, episodes, dict(file.metadata))
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from goalward.demonstrations import csv, lerobot, mcap, minari, npz, robomimic
 from goalward.demonstrations.episode import Episode
-from goalward.demonstrations.recordings import Recording
+from goalward.demonstrations.recordings import Recording, Wanted
 from goalward.demonstrations.selection import ALL, Selection
 from goalward.error import Error
 from goalward.task import Task
@@ -22,12 +22,12 @@ class Format:
     """A source format.
 
     Attributes:
-        recordings: reads the episodes of a path; is given the keys that are asked for.
+        recordings: reads the episodes of a path; is given what is asked for.
         is_at: whether a path that exists looks like this format.
         success: the keys that tell success by the format's convention.
     """
 
-    recordings: Callable[[Path, Sequence[str] | None], Iterator[Recording]]
+    recordings: Callable[[Path, Wanted], Iterator[Recording]]
     is_at: Callable[[Path], bool]
     success: tuple[str, ...]
 
@@ -96,10 +96,11 @@ def load(
     """
     source = Path(source)
     chosen = _format(source, format)
+    wanted = Wanted(keys, None if success == ALL else success)
     selection = Selection(task, keys, success, chosen.success, labels)
     taken: list[Episode] = []
     left_out = 0
-    for episode in selection.episodes(chosen.recordings(source, _asked(keys, success))):
+    for episode in selection.episodes(chosen.recordings(source, wanted)):
         if episode is None:
             left_out += 1
             continue
@@ -110,13 +111,6 @@ def load(
         found = f"none that reaches it ({left_out} left out)" if left_out else "no episode"
         raise Error(f"{source}: expected at least one episode that reaches the goal, found {found}")
     return Loaded(taken, left_out)
-
-
-def _asked(keys: Sequence[str] | None, success: str | None) -> Sequence[str] | None:
-    """The keys to read: those of the observation, and the one that tells success."""
-    if keys is None or success is None or success in (ALL, *keys):
-        return keys
-    return [*keys, success]
 
 
 def _format(source: Path, name: str) -> Format:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from goalward.demonstrations.recordings import Array, Recording, is_numeric, of_states
-from goalward.error import Error
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric, of_states
+from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("next.success",)
@@ -26,40 +26,43 @@ EPISODE, FRAME = "episode_index", "frame_index"
 _PICTURES = ("image", "video", "string")
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the episodes of a data set.
 
     Args:
         source: its folder, which has `meta/info.json`.
-        keys: columns to read as observations; None for all `observation.*` that are numbers.
+        wanted: the columns to read; without keys, all `observation.*` that are numbers.
 
     Raises:
         Error: if the data set is damaged or of another version, or pyarrow is not installed.
     """
-    parquet, arrow = optional("pyarrow.parquet", "lerobot"), optional("pyarrow", "lerobot")
     features = _features(source)
     numeric = [name for name, feature in features.items() if feature.get("dtype") not in _PICTURES]
-    observed = [name for name in numeric if (name in keys if keys else name.startswith(OBSERVED))]
-    signals = [name for name in numeric if name.startswith(FOLLOWING) or name in (keys or ())]
+    observed = [
+        name for name in numeric if (name in wanted.keys if wanted.keys else name.startswith(OBSERVED))
+    ]
+    signals = [name for name in numeric if name.startswith(FOLLOWING) or name == wanted.signal]
     columns = list(dict.fromkeys([EPISODE, FRAME, *observed, *signals]))
     for path in sorted(source.glob("data/*/*.parquet")):
-        try:
-            table = parquet.read_table(path, columns=columns)
-            arrays = {name: _rows(table.column(name)) for name in table.column_names}
-        except (OSError, ValueError, KeyError, arrow.ArrowException) as cause:
-            raise Error(f"{path}: expected rows of numbers, found {' '.join(str(cause).split())}") from cause
-        missing = next((name for name in columns if name not in arrays), None)
+        yield from _episodes(_columns(path, columns), observed, signals)
+
+
+def _columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
+    arrow, parquet = optional("pyarrow", "lerobot"), optional("pyarrow.parquet", "lerobot")
+    with expecting(f"{path}: expected rows of numbers", OSError, ValueError, arrow.ArrowException):
+        found = parquet.read_schema(path).names
+        missing = next((name for name in names if name not in found), None)
         if missing is not None:
-            raise Error(f"{path}: expected the column `{missing}`, found {', '.join(arrays)}")
-        yield from _episodes(arrays, observed, signals)
+            raise Error(f"{path}: expected the column `{missing}`, found {', '.join(found)}")
+        table = parquet.read_table(path, columns=names)
+        return {name: _rows(table.column(name)) for name in names}
 
 
 def _features(source: Path) -> Mapping[str, Mapping[str, Any]]:
-    try:
+    causes = (OSError, ValueError, KeyError, TypeError)
+    with expecting(f"{source / INFO}: expected what LeRobot writes there", *causes):
         info = json.loads((source / INFO).read_text(encoding="utf-8"))
         version, features = info["codebase_version"], info["features"]
-    except (OSError, ValueError, KeyError, TypeError) as cause:
-        raise Error(f"{source / INFO}: expected what LeRobot writes there, found {cause!r}") from cause
     if version not in VERSIONS:
         raise Error(f"{source / INFO}: expected version {', '.join(VERSIONS)}, found {version}")
     if not isinstance(features, dict) or not all(isinstance(feature, dict) for feature in features.values()):

@@ -20,8 +20,8 @@ from google.protobuf.message import DecodeError
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 
-from goalward.demonstrations.recordings import Recording
-from goalward.error import Error
+from goalward.demonstrations.recordings import Recording, Wanted
+from goalward.error import Error, expecting
 from goalward.packages import optional
 from goalward.recorded import DAMAGE
 
@@ -32,19 +32,19 @@ _DECODERS = {"cdr": "mcap_ros2.decoder", "protobuf": "mcap_protobuf.decoder"}
 Numbers = dict[str, list[float]]
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read bags, each as one episode.
 
     Args:
         source: an MCAP file; a bag's folder, which has `metadata.yaml`; or a folder of either.
-        keys: topics with fields, the first of them the one that sets the pace; None for every number of
-            every message.
+        wanted: topics with fields, the first of them the one that sets the pace; without keys, every number
+            of every message. A signal is 0 until it is heard.
 
     Raises:
         Error: if a file is damaged, lacks a key, or its messages cannot be decoded.
     """
     for name, files in _bags(source):
-        yield _recording(name, files, keys)
+        yield _recording(name, files, wanted)
 
 
 def _bags(source: Path) -> list[tuple[str, list[Path]]]:
@@ -67,45 +67,47 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
-def _recording(name: str, files: Sequence[Path], keys: Sequence[str] | None) -> Recording:
+def _recording(name: str, files: Sequence[Path], wanted: Wanted) -> Recording:
     rows: dict[str, list[list[float]]] = {}
+    told: list[float] = []
     newest: dict[str, Numbers] = {}
     pace: str | None = None
-    for topic, numbers in chain.from_iterable(_messages(path, keys) for path in files):
+    for topic, numbers in chain.from_iterable(_messages(path, wanted) for path in files):
         newest[topic] = numbers
-        pace = pace or (_topic(keys[0], newest) if keys else topic)
+        pace = pace or (_topic(wanted.keys[0], newest) if wanted.keys else topic)
         if topic == pace:
-            for key, values in _taken(newest, keys).items():
+            told.append(_told(newest, wanted))
+            for key, values in _taken(newest, wanted).items():
                 rows.setdefault(key, []).append(values)
-    missing = next((key for key in keys or () if key not in rows), None)
+    missing = next((key for key in wanted.keys or () if key not in rows), None)
     if missing is not None:
         heard = ", ".join(key for numbers in newest.values() for key in numbers) or "none"
         raise Error(f"episode {name}: keys: expected `{missing}`, found {heard}")
     shortest = min(map(len, rows.values()), default=0)
     arrays = {key: _array(name, key, values[-shortest:]) for key, values in rows.items()}
-    signals = {key: array[:, 0].copy() for key, array in arrays.items() if array.shape[1] == 1}
-    last = _taken(newest, keys)
-    for key, signal in signals.items():
+    signals = {key: array[:, 0] for key, array in arrays.items() if array.shape[1] == 1}
+    if wanted.signal and _values(newest, wanted.signal):
         # What is said behind the last observation is said of it.
-        signal[-1] = last[key][0]
+        signals[wanted.signal] = np.array([*told[-shortest:-1], _told(newest, wanted)])
     return Recording(name, arrays, signals)
 
 
-def _messages(path: Path, keys: Sequence[str] | None) -> Iterator[tuple[str, Numbers]]:
+def _messages(path: Path, wanted: Wanted) -> Iterator[tuple[str, Numbers]]:
     decoders: dict[int, Callable[[bytes], Any]] = {}
-    try:
-        with path.open("rb") as file:
-            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-                if keys is not None and not any(_is_of(key, channel.topic) for key in keys):
-                    continue
-                if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(path, channel, schema)
-                yield channel.topic, dict(_leaves(decoders[channel.id](message.data), channel.topic))
-    except Error:
-        raise
-    except (OSError, DecodeError, *DAMAGE) as cause:
-        words = " ".join(str(cause).split()) or type(cause).__name__
-        raise Error(f"{path}: expected a whole MCAP file, found {words}") from cause
+    damage = expecting(f"{path}: expected a whole MCAP file", OSError, DecodeError, *DAMAGE)
+    with damage, path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            if not _is_wanted(channel.topic, wanted):
+                continue
+            if channel.id not in decoders:
+                decoders[channel.id] = _decoder(path, channel, schema)
+            yield channel.topic, dict(_leaves(decoders[channel.id](message.data), channel.topic))
+
+
+def _is_wanted(topic: str, wanted: Wanted) -> bool:
+    if wanted.keys is None:
+        return True
+    return any(_is_of(key, topic) for key in (*wanted.keys, wanted.signal or ""))
 
 
 def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
@@ -168,12 +170,19 @@ def _values(newest: Mapping[str, Numbers], key: str) -> list[float] | None:
     return [number for values in fields for number in values] if fields else None
 
 
-def _taken(newest: Mapping[str, Numbers], keys: Sequence[str] | None) -> dict[str, list[float]]:
+def _taken(newest: Mapping[str, Numbers], wanted: Wanted) -> Numbers:
     """The newest numbers of every key that has been heard."""
-    if keys is None:
-        return {field: values for numbers in newest.values() for field, values in numbers.items()}
-    taken = {key: _values(newest, key) for key in keys}
+    if wanted.keys is None:
+        every = (item for numbers in newest.values() for item in numbers.items())
+        return {field: values for field, values in every if field != wanted.signal}
+    taken = {key: _values(newest, key) for key in wanted.keys}
     return {key: values for key, values in taken.items() if values is not None}
+
+
+def _told(newest: Mapping[str, Numbers], wanted: Wanted) -> float:
+    """The newest number of the signal; 0 before it is heard."""
+    values = _values(newest, wanted.signal) if wanted.signal else None
+    return values[0] if values else 0.0
 
 
 def _array(name: str, key: str, rows: list[list[float]]) -> Any:

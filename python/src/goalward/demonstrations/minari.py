@@ -7,42 +7,37 @@ observation becomes one-hot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from goalward.demonstrations.recordings import Array, Recording, is_numeric
-from goalward.error import Error
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric
+from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("infos/success", "infos/is_success")
 WHOLE = "observation"
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the episodes of a data set.
 
     Args:
         source: the folder of the data set, such as `~/.minari/datasets/D4RL/door/human-v2`, or its `data`.
-        keys: not needed here: the observation space says what the keys are.
+        wanted: not needed here: the observation space says what the keys are.
 
     Raises:
         Error: if the data set is damaged, or minari is not installed.
     """
     minari = optional("minari", "minari")
-    try:
+    storage = "expected the packages of Minari's storage (pip install 'goalward[minari]')"
+    damage = (OSError, ValueError, KeyError, AssertionError)
+    with expecting(storage, ImportError), expecting(f"{source}: expected a Minari data set", *damage):
         data = minari.MinariDataset(source / "data" if (source / "data").is_dir() else source)
         for episode in data.iterate_episodes():
             yield _recording(episode, data.observation_space)
-    except (OSError, ValueError, KeyError, AssertionError) as cause:
-        if isinstance(cause, Error):
-            raise
-        raise Error(f"{source}: expected a Minari data set, found {' '.join(str(cause).split())}") from cause
-    except ImportError as missing:
-        words = f"expected the packages of Minari's storage, found that {missing}"
-        raise Error(f"{words}: pip install 'goalward[minari]'") from missing
 
 
 def _recording(episode: Any, space: Any) -> Recording:

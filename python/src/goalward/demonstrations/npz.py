@@ -8,25 +8,25 @@ diffusion policies.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
-from goalward.demonstrations.recordings import Array, Recording, is_numeric
-from goalward.error import Error
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric
+from goalward.error import Error, expecting
 
 SUCCESS = ("success",)
 ENDS, LENGTHS = "episode_ends", "lengths"
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the episodes of an archive.
 
     Args:
         source: the `.npz` file.
-        keys: not needed here: which arrays are observations is seen by their shapes.
+        wanted: not needed here: which arrays are observations is seen by their shapes.
 
     Raises:
         Error: if the file is damaged, or its arrays do not fit together.
@@ -38,11 +38,12 @@ def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
 
 
 def _arrays(source: Path) -> dict[str, Array]:
-    try:
-        with np.load(source, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, BadZipFile, EOFError) as cause:
-        raise Error(f"{source}: expected a NumPy archive, found {' '.join(str(cause).split())}") from cause
+    with (
+        expecting(f"{source}: expected a NumPy archive", OSError, ValueError, BadZipFile, EOFError),
+        source.open("rb") as file,
+        np.load(file, allow_pickle=False) as archive,
+    ):
+        arrays = {name: archive[name] for name in archive.files}
     return {name: array for name, array in arrays.items() if is_numeric(array)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked for of a data set, for formats that read no more than that, or have to know it.
+
+    Attributes:
+        keys: observation keys; None for all.
+        signal: the key that tells success; None if none was named.
+    """
+
+    keys: Sequence[str] | None = None
+    signal: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,38 +8,36 @@ sets also have it at the end of a demonstration that failed.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from goalward.demonstrations.recordings import Array, Recording, is_numeric, of_states
-from goalward.error import Error
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric, of_states
+from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("rewards",)
 MOST_DIMENSIONS = 2  # rows of numbers; images have more
 
 
-def recordings(source: Path, keys: Sequence[str] | None) -> Iterator[Recording]:
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the demonstrations of a file, in the order of their numbers.
 
     Args:
         source: the `.hdf5` file.
-        keys: observation keys to read; None for all that are rows of numbers.
+        wanted: the observation keys to read; without any, all that are rows of numbers.
 
     Raises:
         Error: if the file is damaged or is not one of robomimic, or h5py is not installed.
     """
     h5py = optional("h5py", "robomimic")
-    try:
-        with h5py.File(source, "r") as file:
-            demonstrations = file.get("data", {})
-            for name in sorted(demonstrations, key=_number):
-                yield _recording(name, demonstrations[name], keys)
-    except OSError as cause:
-        raise Error(f"{source}: expected an HDF5 file, found {' '.join(str(cause).split())}") from cause
+    causes = (OSError, KeyError, RuntimeError)  # h5py raises each of them for damage
+    with expecting(f"{source}: expected an HDF5 file", *causes), h5py.File(source, "r") as file:
+        demonstrations = file.get("data", {})
+        for name in sorted(demonstrations, key=_number):
+            yield _recording(name, demonstrations[name], wanted)
 
 
 def _number(name: str) -> tuple[int, str]:
@@ -47,12 +45,12 @@ def _number(name: str) -> tuple[int, str]:
     return (int(digits[0]) if digits else 0, name)
 
 
-def _recording(name: str, group: Any, keys: Sequence[str] | None) -> Recording:
+def _recording(name: str, group: Any, wanted: Wanted) -> Recording:
     if "obs" not in group:
         raise Error(f"episode {name}: expected a group `obs`, found {', '.join(group)}")
     observed, following = group["obs"], group.get("next_obs", {})
-    wanted = [key for key in observed if keys is None or key in keys]
-    rows = [key for key in wanted if observed[key].ndim <= MOST_DIMENSIONS and is_numeric(observed[key])]
+    asked = [key for key in observed if wanted.keys is None or key in wanted.keys]
+    rows = [key for key in asked if observed[key].ndim <= MOST_DIMENSIONS and is_numeric(observed[key])]
     has_last = all(key in following for key in rows)
     observations = {key: _with_last(observed[key], following[key] if has_last else None) for key in rows}
     signals = {key: group[key][()] for key in ("rewards", "dones") if key in group}
