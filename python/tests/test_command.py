@@ -97,7 +97,7 @@ def test_a_file_that_is_there_is_kept_unless_it_may_be_replaced(
     out.write_text("mine")
     words = ["import", str(source), "--task", str(task), "--out", str(out)]
     assert main(words) == 2
-    assert "expected no such file, found one" in capsys.readouterr().err
+    assert "expected no such file or folder, found one" in capsys.readouterr().err
     assert out.read_text() == "mine"
     assert main([*words, "--overwrite"]) == 0
     assert len(read(out).episodes) == 3

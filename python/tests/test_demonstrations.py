@@ -174,7 +174,7 @@ def test_a_file_that_is_there_is_replaced_only_when_asked(tmp_path: Path) -> Non
     file = tmp_path / "file.mcap"
     write(file, [Episode(walk(5, 0))], REACH)
     before = file.read_bytes()
-    with pytest.raises(Error, match="expected no such file, found one"):
+    with pytest.raises(Error, match="expected no such file or folder, found one"):
         write(file, [Episode(walk(6, 1))], REACH)
     assert file.read_bytes() == before
     write(file, [Episode(walk(6, 1))], REACH, overwrite=True)
