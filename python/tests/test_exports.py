@@ -13,7 +13,7 @@ import pytest
 from logs import trajectory, write
 from walks import REACH, ROOMS, rooms, walk
 
-from goalward import Error, schema
+from goalward import Cells, Discrete, Error, Task, schema
 from goalward.demonstrations import load
 from goalward.log import Log, lerobot, write_lerobot, write_minari
 
@@ -54,11 +54,26 @@ def test_minari_loads_the_episodes(log: Log) -> None:
     assert endings == [(True, False), (False, True), (True, False)]
 
 
-def test_minari_loads_grids_and_choices(grid_log: Log) -> None:
-    write_minari(grid_log, "goalward/rooms-v0")
+@pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
+def test_minari_loads_grids_and_choices(grid_log: Log, data_format: str) -> None:
+    write_minari(grid_log, "goalward/rooms-v0", data_format=data_format)
     [episode] = minari.load_dataset("goalward/rooms-v0").iterate_episodes()
     np.testing.assert_array_equal(episode.observations, rooms(2, 0))
     assert episode.actions.tolist() == [3, 1]
+
+
+def test_large_grids_of_256_classes_lose_nothing(tmp_path: Path, grid_log: Log) -> None:
+    task = Task("map", Cells(32, 32, 256), Discrete(4), horizon_steps=20)
+    cells = np.random.default_rng(0).integers(0, 256, (3, 32, 32)).astype(np.uint8)
+    changes = {"values": [], "continuous_actions": [], "discrete_actions": bytes([3, 1])}
+    write(
+        tmp_path / "map" / FILE,
+        [("/trajectory", trajectory(0, 0, 0, 2, cells=cells.tobytes(), **changes))],
+        task,
+    )
+    write_minari(Log(tmp_path / "map"), "goalward/map-v0")
+    [episode] = minari.load_dataset("goalward/map-v0").iterate_episodes()
+    np.testing.assert_array_equal(episode.observations, cells)
 
 
 def test_a_minari_data_set_becomes_demonstrations_again(log: Log, tmp_path: Path) -> None:

@@ -136,6 +136,13 @@ def test_a_bag_that_lost_its_end_is_refused(tmp_path: Path, keep: float) -> None
     assert "\n" not in str(refusal.value)
 
 
+def test_a_bag_of_another_storage_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    (tmp_path / "bag_0.db3").write_text("")
+    with pytest.raises(Error, match="expected MCAP files, found none; `ros2 bag convert`"):
+        load(tmp_path, REACH, keys=KEYS, success="all", format="mcap")
+
+
 def test_messages_of_another_encoding_are_refused(tmp_path: Path) -> None:
     with (tmp_path / "one.mcap").open("wb") as file:
         writer = Writer(file)

@@ -66,12 +66,13 @@ def test_parts_are_called_and_ordered_as_by_gymnasium(data_format: str) -> None:
         np.testing.assert_array_equal(episode.observations, states)
 
 
+@pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
 @pytest.mark.parametrize("key", ["success", "is_success"])
-def test_infos_tell_success(key: str) -> None:
-    won = {key: np.array([False, False, False, True, True, True])}
-    lost = {key: np.array([False] * 6)}
+def test_infos_tell_success(key: str, data_format: str) -> None:
+    won = {key: [False, False, False, True, True, True]}
+    lost = {key: [False] * 6}
     walks = [parts(walk(5, 0)), parts(walk(5, 1))]
-    source = stored([buffer(0, walks[0], 5, won), buffer(1, walks[1], 5, lost)], PARTS)
+    source = stored([buffer(0, walks[0], 5, won), buffer(1, walks[1], 5, lost)], PARTS, data_format)
     loaded = load(source, REACH, keys=["goal", "observation"])
     [episode] = loaded.episodes
     np.testing.assert_array_equal(episode.observations, walk(5, 0)[:4])

@@ -44,6 +44,13 @@ def test_without_keys_the_data_set_says_the_order() -> None:
     np.testing.assert_array_equal(episode.observations, walk(5, 0)[:, [2, 0, 1]])
 
 
+def test_without_keys_what_tells_success_is_no_observation() -> None:
+    states = walk(5, 0)
+    table = {"states": states, "success": np.array([0, 0, 0, 1, 1, 1])}
+    selection = Selection(REACH, None, "all", known_success=("success",))
+    assert lengths(selection, Recording("7", table, table)) == [5]
+
+
 def test_a_grid_may_come_row_by_row() -> None:
     flat = Recording("0", {"grid": rooms(3, 0).reshape(4, 20)})
     [episode] = Selection(ROOMS, None, "all").episodes([flat])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -83,8 +84,8 @@ def _import(options: argparse.Namespace) -> str:
     write(options.out, loaded.episodes, task, overwrite=options.overwrite)
     count = len(loaded.episodes)
     counts = f"{count} episodes with {_steps(loaded.episodes)} steps, {loaded.left_out} left out"
-    named = options.task or task.name
-    command = f"goalward train {named} --demonstrations {options.out} --set demonstrations.episodes={count}"
+    words = ["goalward", "train", str(options.task or task.name), "--demonstrations", str(options.out)]
+    command = shlex.join([*words, "--set", f"demonstrations.episodes={count}"])
     return f"{options.out}: {counts}; next: {command}"
 
 

@@ -85,10 +85,9 @@ def _rows(column: Any) -> Array:
 def _episodes(
     arrays: Mapping[str, Array], observed: Sequence[str], signals: Sequence[str]
 ) -> Iterator[Recording]:
-    episodes, frames = arrays[EPISODE], arrays[FRAME]
-    for episode in np.unique(episodes):
-        rows = np.flatnonzero(episodes == episode)
-        rows = rows[np.argsort(frames[rows], kind="stable")]
+    order = np.lexsort((arrays[FRAME], arrays[EPISODE]))
+    episodes, firsts = np.unique(arrays[EPISODE][order], return_index=True)
+    for episode, rows in zip(episodes, np.split(order, firsts[1:]), strict=True):
         own = {name: arrays[name][rows] for name in observed}
         told = {name: arrays[name][rows] for name in signals if arrays[name][:1].size <= 1}
         shifted = {name: of_states(told[name]) if name.startswith(FOLLOWING) else told[name] for name in told}

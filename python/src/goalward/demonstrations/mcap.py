@@ -59,7 +59,12 @@ def _bags(source: Path) -> list[tuple[str, list[Path]]]:
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.mcap"), key=_natural)
+    files = sorted(folder.glob("*.mcap"), key=_natural)
+    if not files:
+        raise Error(
+            f"{folder}: expected MCAP files, found none; `ros2 bag convert` makes them of other storage"
+        )
+    return files
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -78,7 +78,7 @@ class Selection:
 
     def _keys(self, recording: Recording, success: str) -> Sequence[str]:
         found = recording.observations
-        keys = self.keys or [key for key in found if key != success]
+        keys = self.keys or [key for key in found if key not in (success, *self.known_success)]
         missing = next((key for key in keys if key not in found), None)
         where = f"episode {recording.name}: keys"
         if missing is not None:

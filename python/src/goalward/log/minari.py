@@ -36,17 +36,17 @@ def write_minari(
     """
     minari, buffers = optional("minari", "minari"), optional("minari.data_collector", "minari")
     chosen = log.trajectories() if trajectories is None else trajectories
-    stored = [_buffer(buffers, number, trajectory) for number, trajectory in enumerate(chosen)]
+    observation_space, action_space = _spaces(log.task)
+    dtype = observation_space.dtype
+    stored = [_buffer(buffers, number, trajectory, dtype) for number, trajectory in enumerate(chosen)]
     if not stored:
         raise Error(f"{dataset_id}: expected at least one trajectory, found none")
-    observation_space, action_space = _spaces(log.task)
     with expecting(f"{dataset_id}: expected the name of a new data set", ValueError, OSError):
         return minari.create_dataset_from_buffers(
             dataset_id,
             stored,
             observation_space=observation_space,
             action_space=action_space,
-            jpeg_encoding=False,
             **{"algorithm_name": str(log.config.get("method", "")), **about},
         )
 
@@ -55,7 +55,9 @@ def _spaces(task: Task) -> tuple[Any, Any]:
     spaces = optional("gymnasium", "minari").spaces
     shape = task.observation.shape
     if isinstance(task.observation, Cells):
-        observations = spaces.Box(0, task.observation.classes - 1, shape, np.uint8)
+        # Minari takes large grids of 256 classes in uint8 for pictures, and stores pictures with loss.
+        dtype = np.uint8 if task.observation.classes < 256 else np.int16
+        observations = spaces.Box(0, task.observation.classes - 1, shape, dtype)
     else:
         observations = spaces.Box(-np.inf, np.inf, shape, np.float32)
     if isinstance(task.action, Discrete):
@@ -63,18 +65,18 @@ def _spaces(task: Task) -> tuple[Any, Any]:
     return observations, spaces.Box(-1.0, 1.0, (task.action.len,), np.float32)
 
 
-def _buffer(buffers: Any, number: int, trajectory: Trajectory) -> Any:
+def _buffer(buffers: Any, number: int, trajectory: Trajectory, dtype: Any) -> Any:
     at_end = np.arange(1, trajectory.steps + 1) == trajectory.steps
     truncated = trajectory.ending == "truncated"
     discrete = trajectory.actions.ndim == 1
     reached = np.arange(trajectory.steps + 1) >= trajectory.steps_to_goal
     return buffers.EpisodeBuffer(
         id=number,
-        observations=trajectory.observations,
+        observations=trajectory.observations.astype(dtype),
         # The environment clipped them, too.
         actions=trajectory.actions.astype(np.int64) if discrete else np.clip(trajectory.actions, -1, 1),
         rewards=list(trajectory.rewards),
         terminations=list(at_end & (not truncated)),
         truncations=list(at_end & truncated),
-        infos={"success": reached & trajectory.success},
+        infos={"success": (reached & trajectory.success).tolist()},
     )
