@@ -19,7 +19,7 @@ def write_minari(
 ) -> Any:
     """Store trajectories where Minari keeps its data sets.
 
-    Observations are a Box; actions a Box of [-1, 1], the measure in which they were recorded, or Discrete.
+    Observations are a Box, of int16 for grids; actions a Box of [-1, 1], the measure in which they were recorded, or Discrete.
     `infos["success"]` says of each observation whether the goal had been reached.
 
     Args:
@@ -55,9 +55,8 @@ def _spaces(task: Task) -> tuple[Any, Any]:
     spaces = optional("gymnasium", "minari").spaces
     shape = task.observation.shape
     if isinstance(task.observation, Cells):
-        # Minari takes large grids of 256 classes in uint8 for pictures, and stores pictures with loss.
-        dtype = np.uint8 if task.observation.classes < 256 else np.int16
-        observations = spaces.Box(0, task.observation.classes - 1, shape, dtype)
+        # Minari may take grids of uint8 for pictures, which it stores with loss.
+        observations = spaces.Box(0, task.observation.classes - 1, shape, np.int16)
     else:
         observations = spaces.Box(-np.inf, np.inf, shape, np.float32)
     if isinstance(task.action, Discrete):
