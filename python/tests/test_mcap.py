@@ -136,6 +136,18 @@ def test_a_bag_that_lost_its_end_is_refused(tmp_path: Path, keep: float) -> None
     assert "\n" not in str(refusal.value)
 
 
+def test_messages_that_cannot_be_decoded_are_refused(tmp_path: Path) -> None:
+    with (tmp_path / "one.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("test/Joints", "ros2msg", b"float64[] 9position")
+        channel = writer.register_channel(JOINTS, "cdr", schema)
+        writer.add_message(channel, 0, b"", 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(Error, match="expected messages of /joints that can be decoded, found .*9position"):
+        load(tmp_path / "one.mcap", REACH, keys=KEYS, success="all")
+
+
 def test_a_bag_of_another_storage_is_refused_with_the_remedy(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
     (tmp_path / "bag_0.db3").write_text("")

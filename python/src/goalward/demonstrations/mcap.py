@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from google.protobuf.message import DecodeError
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 
@@ -99,14 +98,17 @@ def _recording(name: str, files: Sequence[Path], wanted: Wanted) -> Recording:
 
 def _messages(path: Path, wanted: Wanted) -> Iterator[tuple[str, Numbers]]:
     decoders: dict[int, Callable[[bytes], Any]] = {}
-    damage = expecting(f"{path}: expected a whole MCAP file", OSError, DecodeError, *DAMAGE)
+    damage = expecting(f"{path}: expected a whole MCAP file", OSError, KeyError, *DAMAGE)
     with damage, path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             if not _is_wanted(channel.topic, wanted):
                 continue
-            if channel.id not in decoders:
-                decoders[channel.id] = _decoder(path, channel, schema)
-            yield channel.topic, dict(_leaves(decoders[channel.id](message.data), channel.topic))
+            # What a decoder raises for a damaged schema or message is anything.
+            with expecting(f"{path}: expected messages of {channel.topic} that can be decoded", Exception):
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(path, channel, schema)
+                decoded = decoders[channel.id](message.data)
+            yield channel.topic, dict(_leaves(decoded, channel.topic))
 
 
 def _is_wanted(topic: str, wanted: Wanted) -> bool:

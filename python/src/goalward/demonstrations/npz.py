@@ -8,6 +8,7 @@ diffusion policies.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from zipfile import BadZipFile
@@ -38,8 +39,9 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
 
 def _arrays(source: Path) -> dict[str, Array]:
+    damage = (OSError, ValueError, EOFError, BadZipFile, NotImplementedError, zlib.error)
     with (
-        expecting(f"{source}: expected a NumPy archive", OSError, ValueError, BadZipFile, EOFError),
+        expecting(f"{source}: expected a NumPy archive", *damage),
         source.open("rb") as file,
         np.load(file, allow_pickle=False) as archive,
     ):

@@ -19,8 +19,8 @@ def write_minari(
 ) -> Any:
     """Store trajectories where Minari keeps its data sets.
 
-    Observations are a Box, of int16 for grids. Actions are Discrete, or a Box of [-1, 1], the measure in which
-    they were recorded.
+    Observations are a Box, of int16 for grids. Actions are Discrete, or a Box of [-1, 1], the measure in
+    which they were recorded.
     `infos["success"]` says of each observation whether the goal had been reached.
 
     Args:
