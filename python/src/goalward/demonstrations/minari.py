@@ -31,13 +31,20 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     Raises:
         Error: if the data set is damaged, or minari is not installed.
     """
+    for episode, space in _episodes(source):
+        yield _recording(episode, space)
+
+
+def _episodes(source: Path) -> Iterator[tuple[Any, Any]]:
+    """The package's episodes, each with the observation space."""
     minari = optional("minari", "minari")
     storage = "expected the packages of Minari's storage (pip install 'goalward[minari]')"
-    damage = (OSError, ValueError, KeyError, AssertionError)
-    with expecting(storage, ImportError), expecting(f"{source}: expected a Minari data set", *damage):
+    # What Minari raises for damage is whatever the packages of its storage raise.
+    damage = expecting(f"{source}: expected a Minari data set", Exception)
+    with damage, expecting(storage, ImportError):
         data = minari.MinariDataset(source / "data" if (source / "data").is_dir() else source)
         for episode in data.iterate_episodes():
-            yield _recording(episode, data.observation_space)
+            yield episode, data.observation_space
 
 
 def _recording(episode: Any, space: Any) -> Recording:
