@@ -12,6 +12,7 @@ from walks import REACH, ROOMS, rooms, walk
 
 from goalward import Cells, Discrete, Error, Task, Vector, recorded, schema
 from goalward.demonstrations import Episode, read, write
+from goalward.demonstrations import file as file_of_demonstrations
 
 
 def test_numbers_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -162,6 +163,22 @@ def test_choices_that_the_task_lacks_are_refused(tmp_path: Path) -> None:
 def test_no_demonstration_at_all_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Error, match="expected at least one episode, found none"):
         write(tmp_path / "file.mcap", [], REACH)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_demonstration_that_is_too_large_is_refused(tmp_path: Path) -> None:
+    task = Task("wide", Vector(200_000), Discrete(2), 60)
+    long = Episode(np.zeros((51, 200_000), np.float32))
+    with pytest.raises(Error, match="episode 0: expected up to 33554432 bytes, found 408"):
+        write(tmp_path / "file.mcap", [long], task)
+
+
+def test_demonstrations_that_are_too_large_together_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_of_demonstrations, "MOST_BYTES", 2000)
+    with pytest.raises(Error, match="episode 2: expected up to 2000 bytes with those before, found 2"):
+        write(tmp_path / "file.mcap", [Episode(walk(20, number)) for number in range(9)], REACH)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -67,7 +67,7 @@ def checked_observations(found: ArrayLike, task: Task, where: str) -> NDArray[An
     spec = task.observation
     if isinstance(spec, Cells) and array.ndim == 2 and array.shape[1] == spec.height * spec.width:
         array = array.reshape(-1, *spec.shape)
-    steps = len(array) - 1 if array.ndim else 0
+    steps = max(len(array) - 1, 0) if array.ndim else 0
     horizon = task.horizon_steps
     _require(1 <= steps <= horizon, where, "steps", f"1 to {horizon}, the horizon of {task.name}", steps)
     if isinstance(spec, Cells):

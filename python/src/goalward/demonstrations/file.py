@@ -22,7 +22,11 @@ from goalward.version import __version__
 
 TOPIC = "/trajectory"
 LARGEST_SEED = (1 << 64) - 1
-MOST_BYTES = 1 << 30  # of all demonstrations, which is what Goalward takes
+
+# What Goalward takes: bytes of one demonstration, and of all with what it needs to hold each.
+LONGEST_MESSAGE = recorded.LONGEST_RECORD // 2
+MOST_BYTES = 1 << 30
+HELD_BYTES = 512
 
 
 @dataclass(frozen=True)
@@ -107,10 +111,16 @@ def _encoded(episodes: Iterable[Episode], task: Task, seed: int) -> Iterator[byt
             raise Error(f"episode {episode.name or number}: expected {expected} as before, found {found}")
         with_actions = has_actions
         message = _message(checked, task, number, seed).SerializeToString()
-        held += len(message)
-        if held > MOST_BYTES:
-            raise Error(f"episode {episode.name or number}: expected up to {MOST_BYTES >> 20} MiB in all")
+        held += len(message) + HELD_BYTES
+        _require_room(f"episode {episode.name or number}", len(message), held)
         yield message
+
+
+def _require_room(where: str, length: int, held: int) -> None:
+    if length > LONGEST_MESSAGE:
+        raise Error(f"{where}: expected up to {LONGEST_MESSAGE} bytes, found {length}")
+    if held > MOST_BYTES:
+        raise Error(f"{where}: expected up to {MOST_BYTES} bytes with those before, found {held}")
 
 
 def _message(episode: Episode, task: Task, number: int, seed: int) -> Any:
