@@ -108,6 +108,7 @@ def test_without_keys_every_column_of_numbers_but_success_is_taken(tmp_path: Pat
     [
         (["x,y,z", "1,2,3"], "expected a column episode or episode_id or episode_index, found x, y, z"),
         (["episode,x,y,z", "0,1,2,3", "0,1,2"], "row 2: expected 4 columns, found 3"),
+        (["episode,x,x,z", "0,1,2,3"], "expected columns of differing names, found episode, x, x, z"),
         (["episode,x,y,z"], "expected rows below the header, found none"),
         (
             ["episode,x,y,z", "0,1,2,3", "0,1,,3"],

@@ -52,6 +52,8 @@ def _table(source: Path) -> tuple[list[str], list[list[str]]]:
         source.open(newline="", encoding="utf-8-sig") as file,
     ):
         names, *rows = list(csv.reader(file)) or [[]]
+    if len(set(names)) < len(names):
+        raise Error(f"{source}: expected columns of differing names, found {', '.join(names)}")
     rows = [row for row in rows if row]
     for number, row in enumerate(rows):
         if len(row) != len(names):

@@ -23,7 +23,7 @@ INFO = Path("meta", "info.json")
 VERSIONS = ("v2.0", "v2.1", "v3.0")
 OBSERVED, FOLLOWING = "observation.", "next."
 EPISODE, FRAME = "episode_index", "frame_index"
-_PICTURES = ("image", "video", "string")
+_NO_NUMBERS = ("image", "video", "string")
 
 
 def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
@@ -37,7 +37,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
         Error: if the data set is damaged or of another version, or pyarrow is not installed.
     """
     features = _features(source)
-    numeric = [name for name, feature in features.items() if feature.get("dtype") not in _PICTURES]
+    numeric = [name for name, feature in features.items() if feature.get("dtype") not in _NO_NUMBERS]
     observed = [
         name for name in numeric if (name in wanted.keys if wanted.keys else name.startswith(OBSERVED))
     ]
@@ -72,9 +72,10 @@ def _features(source: Path) -> Mapping[str, Mapping[str, Any]]:
 
 def _rows(column: Any) -> Array:
     """A column as (rows,) or (rows, n), whatever lists it is made of."""
+    arrow = optional("pyarrow", "lerobot")
     array = column.combine_chunks()
     rows, nested = len(array), False
-    while hasattr(array.type, "value_type"):
+    while isinstance(array, (arrow.ListArray, arrow.LargeListArray, arrow.FixedSizeListArray)):
         array, nested = array.flatten(), True
     numbers = np.asarray(array.to_numpy(zero_copy_only=False))
     if not is_numeric(numbers):

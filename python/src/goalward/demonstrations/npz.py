@@ -50,7 +50,7 @@ def _arrays(source: Path) -> dict[str, Array]:
 
 
 def _joined(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
-    ends = arrays[ENDS].reshape(-1)
+    ends = arrays[ENDS].reshape(-1).astype(np.int64)
     rows = int(ends[-1]) if len(ends) else 0
     if (np.diff(ends, prepend=0) <= 0).any():
         raise Error(f"{source}: {ENDS}: expected rows that grow, found {ends.tolist()[:10]}")
@@ -70,7 +70,7 @@ def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
     if not stacks:
         raise Error(f"{source}: expected arrays (episodes, observations, ...) or `{ENDS}`, found neither")
     episodes, rows = max((array.shape[:2] for array in stacks.values()), key=lambda shape: shape[1])
-    lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1)
+    lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
     if len(lengths) != episodes or (lengths > rows).any() or (lengths < 0).any():
         found = lengths.tolist()[:10]
         raise Error(f"{source}: {LENGTHS}: expected {episodes} numbers up to {rows}, found {found}")
@@ -79,7 +79,7 @@ def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
         own = {name: array[number] for name, array in stacks.items() if len(array) == episodes}
         observed = {name: array[:length] for name, array in own.items() if len(array) == rows}
         # An array with one row fewer has a value for each step.
-        steps = {name: array[: length - 1] for name, array in own.items() if len(array) == rows - 1}
+        steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
         ended = {name: array[number] for name, array in of_episodes.items()}
         yield Recording(str(number), observed, _flat(observed) | _flat(steps) | ended)
 
