@@ -39,9 +39,11 @@ def test_the_state_behind_the_last_step_is_the_last_one(tmp_path: Path) -> None:
 
 
 def test_without_it_the_state_before_the_last_step_is(tmp_path: Path) -> None:
-    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])], following=False)
-    [episode] = load(source, REACH, keys=["hand", "cube"]).episodes
-    np.testing.assert_array_equal(episode.observations, walk(4, 0)[:-1])
+    demonstrations: list[tuple[Any, list[float]]] = [(walk(4, 0), [0, 0, 0, 1]), (walk(4, 1), [0, 1, 1, 1])]
+    source = stored(tmp_path / "demo.hdf5", demonstrations, following=False)
+    late, early = (episode.observations for episode in load(source, REACH, keys=["hand", "cube"]).episodes)
+    np.testing.assert_array_equal(late, walk(4, 0)[:-1])
+    np.testing.assert_array_equal(early, walk(4, 1)[:3])
 
 
 def test_a_demonstration_ends_at_the_first_reward(tmp_path: Path) -> None:
