@@ -1,0 +1,126 @@
+"""The source formats: how each is told from the others, and how a data set becomes demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from goalward.demonstrations import csv, lerobot, mcap, minari, npz, robomimic
+from goalward.demonstrations.episode import Episode
+from goalward.demonstrations.recordings import Recording, Wanted
+from goalward.demonstrations.selection import ALL, Selection
+from goalward.error import Error
+from goalward.task import Task
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Format:
+    """A source format.
+
+    Attributes:
+        recordings: reads the episodes of a path; is given what is asked for.
+        is_at: whether a path that exists looks like this format.
+        success: the keys that tell success by the format's convention.
+    """
+
+    recordings: Callable[[Path, Wanted], Iterator[Recording]]
+    is_at: Callable[[Path], bool]
+    success: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What became of a data set.
+
+    Attributes:
+        episodes: the demonstrations.
+        left_out: episodes that did not reach the goal, or began there.
+    """
+
+    episodes: list[Episode]
+    left_out: int
+
+
+def _ends(*endings: str) -> Callable[[Path], bool]:
+    return lambda path: path.is_file() and path.suffix in endings
+
+
+def _is_minari(path: Path) -> bool:
+    folders = (path, path / "data")
+    return any((folder / "metadata.json").is_file() for folder in folders)
+
+
+def _is_bag(path: Path) -> bool:
+    patterns = ("*.mcap", f"*/{mcap.BAG}")
+    return _ends(".mcap")(path) or any(any(path.glob(pattern)) for pattern in patterns)
+
+
+FORMATS = {
+    "npz": Format(npz.recordings, _ends(".npz"), npz.SUCCESS),
+    "csv": Format(csv.recordings, _ends(".csv"), csv.SUCCESS),
+    "lerobot": Format(lerobot.recordings, lambda path: (path / lerobot.INFO).is_file(), lerobot.SUCCESS),
+    "minari": Format(minari.recordings, _is_minari, minari.SUCCESS),
+    "robomimic": Format(robomimic.recordings, _ends(".hdf5", ".h5"), robomimic.SUCCESS),
+    "mcap": Format(mcap.recordings, _is_bag, mcap.SUCCESS),
+}
+
+
+def load(
+    source: str | Path,
+    task: Task,
+    *,
+    format: str = AUTO,  # noqa: A002
+    keys: Sequence[str] | None = None,
+    success: str | None = None,
+    labels: Literal["match", "ignore"] = "match",
+    episodes: int | None = None,
+) -> Loaded:
+    """Make demonstrations of a data set: states only, each up to where it first reached the goal.
+
+    Args:
+        source: the file or folder of the data set.
+        task: the task whose observations they have to fit.
+        format: one of `FORMATS`, or `auto` to tell it from the path.
+        keys: observation keys, in the order of the task's observation; None for all, if they fit.
+        success: `all` if every episode reaches the goal at its last observation; the key of a signal that
+            tells it, with which episodes that did not reach it are left out; None for the format's own key.
+        labels: `match` to refuse keys that differ from the parts named in the task's labels; `ignore` not to.
+        episodes: how many demonstrations to take at most, from the beginning; None for all.
+
+    Raises:
+        Error: if the data set cannot be read or does not fit; one line with the episode and the key.
+    """
+    source = Path(source)
+    chosen = _format(source, format)
+    wanted = Wanted(keys, None if success == ALL else success)
+    selection = Selection(task, keys, success, chosen.success, labels)
+    taken: list[Episode] = []
+    left_out = 0
+    for episode in selection.episodes(chosen.recordings(source, wanted)):
+        if episode is None:
+            left_out += 1
+            continue
+        taken.append(episode)
+        if len(taken) == episodes:
+            break
+    if not taken:
+        found = f"none that reaches it ({left_out} left out)" if left_out else "no episode"
+        raise Error(f"{source}: expected at least one episode that reaches the goal, found {found}")
+    return Loaded(taken, left_out)
+
+
+def _format(source: Path, name: str) -> Format:
+    if name != AUTO and name not in FORMATS:
+        raise Error(f"format: expected {AUTO}, {', '.join(FORMATS)}, found {name}")
+    if not source.exists():
+        raise Error(f"{source}: expected a file or a folder, found none")
+    if name != AUTO:
+        return FORMATS[name]
+    found = next((candidate for candidate in FORMATS.values() if candidate.is_at(source)), None)
+    if found is None:
+        raise Error(f"{source}: expected a data set of {', '.join(FORMATS)}, found none of them; say which")
+    return found

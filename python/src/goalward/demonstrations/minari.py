@@ -1,0 +1,91 @@
+"""Minari data sets, in HDF5 and in Arrow.
+
+Keys are called as Goalward calls the parts of a Gymnasium observation: `observation` for a space that is none
+of parts, `achieved_goal` or `arm/joints` for the entries of a Dict, `0` for those of a Tuple. A Discrete
+observation becomes one-hot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric
+from goalward.error import Error, expecting
+from goalward.packages import optional
+
+SUCCESS = ("infos/success", "infos/is_success")
+WHOLE = "observation"
+
+
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
+    """Read the episodes of a data set.
+
+    Args:
+        source: the folder of the data set, such as `~/.minari/datasets/D4RL/door/human-v2`, or its `data`.
+        wanted: not needed here: the observation space says what the keys are.
+
+    Raises:
+        Error: if the data set is damaged, or minari is not installed.
+    """
+    for episode, space in _episodes(source):
+        yield _recording(episode, space)
+
+
+def _episodes(source: Path) -> Iterator[tuple[Any, Any]]:
+    """The package's episodes, each with the observation space."""
+    minari = optional("minari", "minari")
+    storage = "expected the packages of Minari's storage (pip install 'goalward[minari]')"
+    # What Minari raises for damage is whatever the packages of its storage raise.
+    damage = expecting(f"{source}: expected a Minari data set", Exception)
+    with damage, expecting(storage, ImportError):
+        data = minari.MinariDataset(source / "data" if (source / "data").is_dir() else source)
+        for episode in data.iterate_episodes():
+            yield episode, data.observation_space
+
+
+def _recording(episode: Any, space: Any) -> Recording:
+    signals = {f"infos/{key}": array for key, array in _leaves(episode.infos or {})}
+    signals |= {"terminations": episode.terminations, "rewards": episode.rewards}
+    numeric = {key: np.asarray(array) for key, array in signals.items() if is_numeric(np.asarray(array))}
+    observations = dict(_parts(space, episode.observations, ""))
+    return Recording(str(episode.id), observations, numeric)
+
+
+def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{path}{key}/")
+        else:
+            yield f"{path}{key}", value
+
+
+def _parts(space: Any, values: Any, path: str) -> Iterator[tuple[str, Array]]:
+    """The parts of observations by name, in the order of their space."""
+    spaces = optional("gymnasium", "minari").spaces
+    name = path or WHOLE
+    if isinstance(space, (spaces.Dict, spaces.Tuple)):
+        entries = space.spaces.items() if isinstance(space, spaces.Dict) else enumerate(space.spaces)
+        for key, inner in entries:
+            yield from _parts(inner, values[key], f"{path}/{key}" if path else str(key))
+    elif isinstance(space, (spaces.Box, spaces.MultiBinary)):
+        yield name, np.asarray(values)
+    elif isinstance(space, spaces.Discrete):
+        yield name, _one_hot(values, int(space.n), int(space.start), name)
+    elif isinstance(space, spaces.MultiDiscrete):
+        columns = np.asarray(values).reshape(-1, space.nvec.size)
+        starts = space.start.reshape(-1)
+        for index, (count, start) in enumerate(zip(space.nvec.reshape(-1), starts, strict=True)):
+            yield f"{name}/{index}", _one_hot(columns[:, index], int(count), int(start), f"{name}/{index}")
+
+
+def _one_hot(values: Any, count: int, start: int, name: str) -> Array:
+    choices = np.asarray(values).reshape(-1) - start
+    if ((choices < 0) | (choices >= count)).any():
+        found = f"{choices.min() + start} to {choices.max() + start}"
+        raise Error(f"{name}: expected {start} to {start + count - 1}, found {found}")
+    hot: Array = np.eye(count, dtype=np.float32)[choices]
+    return hot

@@ -1,0 +1,93 @@
+"""NumPy archives: arrays with all episodes, stacked or one behind another.
+
+Stacked arrays have the shape (episodes, N, ...). Episodes of differing lengths are padded at the end, and
+`lengths` holds the number of observations of each. Arrays with one episode behind another have the shape
+(rows, ...), and `episode_ends` holds the row behind the last one of each episode, as in replay buffers of
+diffusion policies.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric
+from goalward.error import Error, expecting
+
+SUCCESS = ("success",)
+ENDS, LENGTHS = "episode_ends", "lengths"
+
+
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
+    """Read the episodes of an archive.
+
+    Args:
+        source: the `.npz` file.
+        wanted: not needed here: which arrays are observations is seen by their shapes.
+
+    Raises:
+        Error: if the file is damaged, or its arrays do not fit together.
+    """
+    arrays = _arrays(source)
+    if not arrays:
+        raise Error(f"{source}: expected arrays of numbers, found none")
+    yield from _joined(source, arrays) if ENDS in arrays else _stacked(source, arrays)
+
+
+def _arrays(source: Path) -> dict[str, Array]:
+    damage = (OSError, ValueError, EOFError, BadZipFile, NotImplementedError, zlib.error)
+    with (
+        expecting(f"{source}: expected a NumPy archive", *damage),
+        source.open("rb") as file,
+        np.load(file, allow_pickle=False) as archive,
+    ):
+        arrays = {name: archive[name] for name in archive.files}
+    return {name: array for name, array in arrays.items() if is_numeric(array)}
+
+
+def _joined(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
+    ends = arrays[ENDS].reshape(-1).astype(np.int64)
+    rows = int(ends[-1]) if len(ends) else 0
+    if (np.diff(ends, prepend=0) <= 0).any():
+        raise Error(f"{source}: {ENDS}: expected rows that grow, found {ends.tolist()[:10]}")
+    of_rows = {name: array for name, array in arrays.items() if array.ndim and len(array) == rows}
+    if not of_rows:
+        raise Error(f"{source}: expected arrays of {rows} rows, the last of `{ENDS}`, found none")
+    of_episodes = _signals_of_episodes(arrays, len(ends))
+    starts = np.concatenate([[0], ends[:-1]])
+    for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        own = {name: array[start:end] for name, array in of_rows.items() if name not in (ENDS, *of_episodes)}
+        ended = {name: array[number] for name, array in of_episodes.items()}
+        yield Recording(str(number), own, _flat(own) | ended)
+
+
+def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
+    stacks = {name: array for name, array in arrays.items() if array.ndim > 1}
+    if not stacks:
+        raise Error(f"{source}: expected arrays (episodes, observations, ...) or `{ENDS}`, found neither")
+    episodes, rows = max((array.shape[:2] for array in stacks.values()), key=lambda shape: shape[1])
+    lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
+    if len(lengths) != episodes or (lengths > rows).any() or (lengths < 0).any():
+        found = lengths.tolist()[:10]
+        raise Error(f"{source}: {LENGTHS}: expected {episodes} numbers up to {rows}, found {found}")
+    of_episodes = _signals_of_episodes(arrays, episodes)
+    for number, length in enumerate(lengths):
+        own = {name: array[number] for name, array in stacks.items() if len(array) == episodes}
+        observed = {name: array[:length] for name, array in own.items() if len(array) == rows}
+        # An array with one row fewer has a value for each step.
+        steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
+        ended = {name: array[number] for name, array in of_episodes.items()}
+        yield Recording(str(number), observed, _flat(observed) | _flat(steps) | ended)
+
+
+def _signals_of_episodes(arrays: Mapping[str, Array], episodes: int) -> dict[str, Array]:
+    own = {name: array for name, array in arrays.items() if name not in (ENDS, LENGTHS)}
+    return {name: array for name, array in own.items() if array.shape in ((episodes,), (episodes, 1))}
+
+
+def _flat(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: array for name, array in arrays.items() if array.size == len(array)}

@@ -1,0 +1,63 @@
+"""robomimic data sets: an HDF5 file with a group for each demonstration.
+
+`obs/<key>` has the state before each step, and the last row of `next_obs/<key>`, where it is there, the state
+after the last one. By default success is where the sparse reward is 1. `dones` does not tell it: most data
+sets also have it at the end of a demonstration that failed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric, of_states
+from goalward.error import Error, expecting
+from goalward.packages import optional
+
+SUCCESS = ("rewards",)
+MOST_DIMENSIONS = 2  # rows of numbers; images have more
+
+
+def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
+    """Read the demonstrations of a file, in the order of their numbers.
+
+    Args:
+        source: the `.hdf5` file.
+        wanted: the observation keys to read; without any, all that are rows of numbers.
+
+    Raises:
+        Error: if the file is damaged or is not one of robomimic, or h5py is not installed.
+    """
+    h5py = optional("h5py", "robomimic")
+    causes = (OSError, KeyError, RuntimeError)  # h5py raises each of them for damage
+    with expecting(f"{source}: expected an HDF5 file", *causes), h5py.File(source, "r") as file:
+        demonstrations = file.get("data", {})
+        for name in sorted(demonstrations, key=_number):
+            yield _recording(name, demonstrations[name], wanted)
+
+
+def _number(name: str) -> tuple[int, str]:
+    digits = re.search(r"\d+$", name)
+    return (int(digits[0]) if digits else 0, name)
+
+
+def _recording(name: str, group: Any, wanted: Wanted) -> Recording:
+    if "obs" not in group:
+        raise Error(f"episode {name}: expected a group `obs`, found {', '.join(group)}")
+    observed, following = group["obs"], group.get("next_obs", {})
+    asked = [key for key in observed if wanted.keys is None or key in wanted.keys]
+    rows = [key for key in asked if observed[key].ndim <= MOST_DIMENSIONS and is_numeric(observed[key])]
+    has_last = all(key in following for key in rows)
+    observations = {key: _with_last(observed[key], following[key] if has_last else None) for key in rows}
+    signals = {key: group[key][()] for key in ("rewards", "dones") if key in group}
+    if not has_last:
+        signals = {key: of_states(signal) for key, signal in signals.items()}
+    return Recording(name, observations, signals)
+
+
+def _with_last(observed: Any, following: Any) -> Array:
+    return observed[()] if following is None else np.concatenate([observed[()], following[-1:]])

@@ -1,0 +1,141 @@
+"""What of a recording becomes a demonstration: which keys, how far, and whether it reached the goal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby, zip_longest
+from typing import Literal
+
+import numpy as np
+
+from goalward.demonstrations.episode import Episode, checked_observations
+from goalward.demonstrations.recordings import Array, Recording
+from goalward.error import Error
+from goalward.task import Cells, Task
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What is taken of every recording of a data set.
+
+    Attributes:
+        task: the task that the demonstrations are of.
+        keys: observation keys in the order of the task's observation; None for all of the data set.
+        success: `all`, or the key of the signal that tells success; None for the first key of
+            `known_success` that the data set has.
+        known_success: the keys that tell success by the convention of the format.
+        labels: whether the parts of the observation have to match the task's labels.
+    """
+
+    task: Task
+    keys: Sequence[str] | None = None
+    success: str | None = None
+    known_success: Sequence[str] = ()
+    labels: Literal["match", "ignore"] = "match"
+
+    def episodes(self, recordings: Iterable[Recording]) -> Iterator[Episode | None]:
+        """Make a demonstration of every recording.
+
+        Yields:
+            An episode that ends where it first reached the goal; None for a recording that did not reach
+            it, or that began there.
+
+        Raises:
+            Error: if a recording lacks a key or does not fit the task; names the recording.
+        """
+        for recording in recordings:
+            success = self._success_key(recording)
+            keys = self._keys(recording, success)
+            yield self._episode(recording, keys, success)
+
+    def _episode(self, recording: Recording, keys: Sequence[str], success: str) -> Episode | None:
+        observations = self._joined(recording, keys)
+        if success != ALL:
+            reached = _reached(recording, success, len(observations))
+            if not reached.any() or reached[0]:
+                return None
+            observations = observations[: int(np.argmax(reached)) + 1]
+        checked = checked_observations(observations, self.task, f"episode {recording.name}")
+        return Episode(checked, name=recording.name)
+
+    def _success_key(self, recording: Recording) -> str:
+        if self.success is None:
+            found = next((key for key in self.known_success if key in recording.signals), None)
+            if found is None:
+                keys = ", ".join(recording.signals) or "none"
+                expected = f"`{ALL}` (each episode reaches the goal at its last observation) or a key"
+                raise Error(f"success: expected {expected}, found neither; keys that may tell: {keys}")
+            return found
+        if self.success != ALL and self.success not in recording.signals:
+            keys = ", ".join(recording.signals) or "none"
+            expected = f"`{ALL}` or one of the keys that may tell ({keys})"
+            raise Error(f"episode {recording.name}: success: expected {expected}, found `{self.success}`")
+        return self.success
+
+    def _keys(self, recording: Recording, success: str) -> Sequence[str]:
+        found = recording.observations
+        keys = self.keys or [key for key in found if key not in (success, *self.known_success)]
+        missing = next((key for key in keys if key not in found), None)
+        where = f"episode {recording.name}: keys"
+        if missing is not None:
+            raise Error(f"{where}: expected `{missing}`, found {_listed(found)}")
+        expected = int(np.prod(self.task.observation.shape))
+        if sum(_width(found[key]) for key in keys) != expected:
+            own = {key: found[key] for key in keys}
+            wanted = f"{expected} numbers, the observation of {self.task.name}"
+            raise Error(f"{where}: expected {wanted}, found {_listed(own)}")
+        if self.labels == "match" and len(keys) > 1 and self.task.labels:
+            _require_labels(self.task.labels, [(key, _width(found[key])) for key in keys])
+        return keys
+
+    def _joined(self, recording: Recording, keys: Sequence[str]) -> Array:
+        arrays = [recording.observations[key] for key in keys]
+        rows = {key: len(array) for key, array in zip(keys, arrays, strict=True)}
+        if len(set(rows.values())) > 1:
+            found = ", ".join(f"{key} ({count})" for key, count in rows.items())
+            raise Error(f"episode {recording.name}: expected keys with as many rows, found {found}")
+        if isinstance(self.task.observation, Cells) and len(arrays) == 1:
+            return arrays[0].reshape(len(arrays[0]), *self.task.observation.shape)
+        return np.concatenate([array.reshape(len(array), _width(array)) for array in arrays], axis=1)
+
+
+def _reached(recording: Recording, key: str, observations: int) -> Array:
+    """Whether the goal is reached, for each observation."""
+    signal = np.asarray(recording.signals[key]).reshape(-1)
+    where = f"episode {recording.name}: {key}"
+    told = np.isin(signal, (0, 1))
+    if not told.all():
+        found = signal[~told][0]
+        raise Error(f"{where}: expected 0 and 1, found {found}; choose another key of success or `{ALL}`")
+    reached = signal.astype(bool)
+    if len(reached) == observations:
+        return reached
+    if len(reached) == observations - 1:
+        return np.concatenate([[False], reached])
+    if len(reached) == 1:
+        return np.repeat([False, bool(reached[0])], [observations - 1, 1])
+    expected = f"{observations} values, one for each observation, one fewer, or a single one"
+    raise Error(f"{where}: expected {expected}, found {len(reached)}")
+
+
+def _require_labels(labels: Sequence[str], parts: Sequence[tuple[str, int]]) -> None:
+    """Refuse parts that differ in name, length or order from those that the task's labels name."""
+    names = (re.sub(r"\[\d+\]$", "", label) for label in labels)
+    expected = [(name, len(list(group))) for name, group in groupby(names)]
+    for number, (wanted, found) in enumerate(zip_longest(expected, parts), 1):
+        if wanted != found:
+            words = [f"{part[0]} ({part[1]})" if part else "none" for part in (wanted, found)]
+            remedy = "other keys, or labels=ignore"
+            raise Error(f"labels: part {number}: expected {words[0]}, found {words[1]}; choose {remedy}")
+
+
+def _width(array: Array) -> int:
+    return int(np.prod(array.shape[1:]))
+
+
+def _listed(arrays: Mapping[str, Array]) -> str:
+    return ", ".join(f"{key} ({_width(array)})" for key, array in arrays.items()) or "none"

@@ -1,0 +1,82 @@
+"""Trajectories of a log as a Minari data set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from goalward.error import Error, expecting
+from goalward.log.run import Log
+from goalward.log.trajectory import Trajectory
+from goalward.packages import optional
+from goalward.task import Cells, Discrete, Task
+
+
+def write_minari(
+    log: Log, dataset_id: str, trajectories: Iterable[Trajectory] | None = None, **about: Any
+) -> Any:
+    """Store trajectories where Minari keeps its data sets.
+
+    Observations are a Box, of int16 for grids. Actions are Discrete, or a Box of [-1, 1], the measure in
+    which they were recorded.
+    `infos["success"]` says of each observation whether the goal had been reached.
+
+    Args:
+        log: the log of the run, which tells the task.
+        dataset_id: the data set's name, such as `reach/goal-proximity-v0`.
+        trajectories: what to store; None for all training episodes.
+        about: passed on to `minari.create_dataset_from_buffers`, such as `description` or `author`.
+
+    Returns:
+        The `minari.MinariDataset`.
+
+    Raises:
+        Error: if there is no trajectory or such a data set is there, or minari is not installed.
+    """
+    minari, buffers = optional("minari", "minari"), optional("minari.data_collector", "minari")
+    chosen = log.trajectories() if trajectories is None else trajectories
+    observation_space, action_space = _spaces(log.task)
+    dtype = observation_space.dtype
+    stored = [_buffer(buffers, number, trajectory, dtype) for number, trajectory in enumerate(chosen)]
+    if not stored:
+        raise Error(f"{dataset_id}: expected at least one trajectory, found none")
+    with expecting(f"{dataset_id}: expected the name of a new data set", ValueError, OSError):
+        return minari.create_dataset_from_buffers(
+            dataset_id,
+            stored,
+            observation_space=observation_space,
+            action_space=action_space,
+            **{"algorithm_name": str(log.config.get("method", "")), **about},
+        )
+
+
+def _spaces(task: Task) -> tuple[Any, Any]:
+    spaces = optional("gymnasium", "minari").spaces
+    shape = task.observation.shape
+    if isinstance(task.observation, Cells):
+        # Minari may take grids of uint8 for pictures, which it stores with loss.
+        observations = spaces.Box(0, task.observation.classes - 1, shape, np.int16)
+    else:
+        observations = spaces.Box(-np.inf, np.inf, shape, np.float32)
+    if isinstance(task.action, Discrete):
+        return observations, spaces.Discrete(task.action.count)
+    return observations, spaces.Box(-1.0, 1.0, (task.action.len,), np.float32)
+
+
+def _buffer(buffers: Any, number: int, trajectory: Trajectory, dtype: Any) -> Any:
+    at_end = np.arange(1, trajectory.steps + 1) == trajectory.steps
+    truncated = trajectory.ending == "truncated"
+    discrete = trajectory.actions.ndim == 1
+    reached = np.arange(trajectory.steps + 1) >= trajectory.steps_to_goal
+    return buffers.EpisodeBuffer(
+        id=number,
+        observations=trajectory.observations.astype(dtype),
+        # The environment clipped them, too.
+        actions=trajectory.actions.astype(np.int64) if discrete else np.clip(trajectory.actions, -1, 1),
+        rewards=list(trajectory.rewards),
+        terminations=list(at_end & (not truncated)),
+        truncations=list(at_end & truncated),
+        infos={"success": (reached & trajectory.success).tolist()},
+    )

@@ -1,0 +1,226 @@
+"""`Log`: what a run recorded, each thing once, read while the run goes on or after it."""
+
+from __future__ import annotations
+
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from google.protobuf.message import DecodeError
+
+from goalward import recorded, schema
+from goalward.error import Error, expecting
+from goalward.log import tables
+from goalward.log.tables import Columns
+from goalward.log.trajectory import Trajectory, decoded
+from goalward.recorded import Ending, RecordedFile
+from goalward.task import Task
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Source = Literal["training", "evaluation"]
+
+ACTIVE = ".active"
+
+
+class IncompleteLog(UserWarning):
+    """A file of a log ends before its seal: it is being written, or a crash or a bad disk left it."""
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A topic: the files that have it, its message, and the fields that name one."""
+
+    name: str
+    files: str
+    kind: Any
+    fields: tuple[str, ...]
+
+    def key(self, message: Any) -> tuple[int, ...]:
+        return tuple(getattr(message, field) for field in self.fields)
+
+
+_EPISODE = ("iteration", "lane", "episode")
+_SOURCES: dict[Source, _Topic] = {
+    "training": _Topic("/trajectory", "trajectories", schema.Trajectory, _EPISODE),
+    "evaluation": _Topic("/evaluation/trajectory", "trajectories", schema.Trajectory, _EPISODE),
+}
+_SCORES = _Topic("/proximity/score", "trajectories", schema.Score, _EPISODE)
+_UPDATES = _Topic("/policy/update", "updates", schema.PolicyUpdate, ("iteration",))
+_REWARD_UPDATES = _Topic("/proximity/update", "updates", schema.RewardUpdate, ("iteration", "model_version"))
+
+
+class Log:
+    """The log of a run. Every call reads what is in the files by then.
+
+    A run that went back to a checkpoint has recorded some iterations twice; the later record counts. Reading
+    stops at the last whole record of a file that has lost its end or is being written, warns with
+    `IncompleteLog`, and goes on with the next file.
+
+    Attributes:
+        folder: the folder of the files, `log` within that of the run.
+        metadata: what the first file says of the run, by name.
+        task: the task of the run.
+        endings: how each file ended that has been read, by path.
+    """
+
+    def __init__(self, run: str | Path) -> None:
+        """Open the log of a run.
+
+        Args:
+            run: the folder of the run.
+
+        Raises:
+            Error: if the folder has no log, or its files are not those of one run.
+        """
+        self.folder = Path(run) / "log"
+        self.endings: dict[Path, Ending] = {}
+        files = [*self._files("trajectories"), *self._files("updates")]
+        if not files:
+            raise Error(f"{self.folder}: expected files such as trajectories-00000.mcap, found none")
+        self.metadata = dict(files[0].metadata)
+        for file in files:
+            self._require_same_run(file)
+        self.task: Task = files[0].task()
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The effective configuration of the run, every key.
+
+        Raises:
+            Error: if the log does not have one.
+        """
+        with expecting(
+            f"{self.folder}: expected metadata `config` in TOML", KeyError, tomllib.TOMLDecodeError
+        ):
+            return tomllib.loads(self.metadata["config"])
+
+    def trajectories(self, source: Source = "training") -> Iterator[Trajectory]:
+        """The episodes in the order in which they were recorded.
+
+        Args:
+            source: `training`, or `evaluation` for those on evaluation seeds.
+
+        Raises:
+            Error: if the observations were left out of the log, or a message is damaged.
+        """
+        return (decoded(message, self.task) for message in self._messages(_topic(source)))
+
+    def episodes(self, source: Source = "training") -> Columns:
+        """A row for each episode.
+
+        Returns:
+            Columns `iteration`, `lane`, `episode`, `policy_version`, `steps`, `success`, `steps_to_goal`,
+            `ending` and `environment_return`, the sum of the environment's own rewards.
+
+        Raises:
+            Error: if a message is damaged.
+        """
+        return tables.of_episodes(self._messages(_topic(source)))
+
+    def steps(self, source: Source = "training") -> Columns:
+        """A row for each step.
+
+        Returns:
+            Columns `iteration`, `lane`, `episode`; `step`, from 1 in each episode; `action`, or `action[0]`
+            and so on; the environment's `reward`; and `log_prob`.
+
+        Raises:
+            Error: if a message is damaged.
+        """
+        return tables.of_steps(self._messages(_topic(source)), self.task)
+
+    def scores(self) -> Columns:
+        """What the reward model said of training episodes: a row for each observation.
+
+        Returns:
+            Columns `iteration`, `lane`, `episode`, `model_version`; `step`, the steps before the observation;
+            `reward` of the step that led to it, NaN for the first; `proximity` and `uncertainty`, NaN for the
+            first if the model speaks of steps.
+
+        Raises:
+            Error: if a message is damaged.
+        """
+        return tables.of_scores(self._messages(_SCORES))
+
+    def updates(self) -> Columns:
+        """A row for each update of the policy, a column for each field of `PolicyUpdate` but `consumed`.
+
+        Raises:
+            Error: if a message is damaged.
+        """
+        return tables.of_updates(self._messages(_UPDATES), schema.PolicyUpdate)
+
+    def reward_updates(self) -> Columns:
+        """A row for each update of the reward model, a column for each field of `RewardUpdate`.
+
+        Raises:
+            Error: if a message is damaged.
+        """
+        return tables.of_updates(self._messages(_REWARD_UPDATES), schema.RewardUpdate)
+
+    def _require_same_run(self, file: RecordedFile) -> None:
+        if file.kind != recorded.RUN:
+            raise Error(f"{file.path}: expected the log of a run, found {file.kind}")
+        for key in ("task", "seed"):
+            expected, found = self.metadata.get(key), file.metadata.get(key)
+            if expected != found:
+                where = f"{file.path}: expected {key} {expected} as in the run's first file"
+                raise Error(f"{where}, found {found}")
+
+    def _messages(self, topic: _Topic) -> Iterator[Any]:
+        """The messages of a topic, of those with the same name the last."""
+        files = self._files(topic.files)
+        last = {topic.key(message): place for place, message in self._all(files, topic)}
+        for place, message in self._all(files, topic):
+            if last.get(topic.key(message)) == place:
+                yield message
+
+    def _all(self, files: list[RecordedFile], topic: _Topic) -> Iterator[tuple[tuple[int, int], Any]]:
+        for number, file in enumerate(files):
+            own = (message.data for message in file.messages() if message.topic == topic.name)
+            for place, data in enumerate(own):
+                with expecting(f"{file.path}: expected messages of {topic.name}", DecodeError):
+                    message = topic.kind.FromString(data)
+                yield (number, place), message
+            self._note(file.path, file.ending)
+
+    def _files(self, contents: str) -> list[RecordedFile]:
+        """The files of these contents, oldest first."""
+        pattern = re.compile(rf"{contents}-(\d+)\.mcap({re.escape(ACTIVE)})?")
+        with expecting(f"{self.folder}: expected the folder of a log", OSError):
+            found = [(pattern.fullmatch(path.name), path) for path in self.folder.iterdir()]
+        numbered = sorted((int(match[1]), path) for match, path in found if match)
+        opened = (self._opened(path) for _, path in numbered)
+        return [file for file in opened if file is not None]
+
+    def _opened(self, path: Path) -> RecordedFile | None:
+        """A file, or its sealed successor; none of one that is not begun yet."""
+        sealed = path.with_suffix("")
+        if path.suffix == ACTIVE and not path.exists() and sealed.exists():
+            return RecordedFile(sealed)
+        try:
+            return RecordedFile(path)
+        except Error as error:
+            if path.suffix != ACTIVE:
+                raise
+            self._note(path, Ending(False, str(error)))
+            return None
+
+    def _note(self, path: Path, ending: Ending) -> None:
+        if not ending.complete and path not in self.endings:
+            warnings.warn(f"{path}: {ending.words}", IncompleteLog, stacklevel=2)
+        self.endings[path] = ending
+
+
+def _topic(source: Source) -> _Topic:
+    if source not in _SOURCES:
+        raise Error(f"source: expected {' or '.join(_SOURCES)}, found {source}")
+    return _SOURCES[source]

@@ -1,0 +1,123 @@
+"""Tables of what a run recorded, as columns: NumPy arrays of equal length by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from goalward import schema
+from goalward.log.trajectory import ENDINGS, actions
+from goalward.packages import optional
+from goalward.task import Discrete, Task
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+Columns = dict[str, NDArray[Any]]
+
+_NAMES = ("iteration", "lane", "episode")
+_OF_EPISODES = (*_NAMES, "policy_version", "steps", "success", "steps_to_goal")
+
+
+def to_polars(columns: Mapping[str, NDArray[Any]]) -> polars.DataFrame:
+    """The same table in Polars.
+
+    Raises:
+        Error: if polars is not installed.
+    """
+    frame: polars.DataFrame = optional("polars", "polars").DataFrame(dict(columns))
+    return frame
+
+
+def to_pandas(columns: Mapping[str, NDArray[Any]]) -> pandas.DataFrame:
+    """The same table in pandas.
+
+    Raises:
+        Error: if pandas is not installed.
+    """
+    frame: pandas.DataFrame = optional("pandas", "pandas").DataFrame(dict(columns))
+    return frame
+
+
+def of_updates(messages: Iterable[Any], kind: Any) -> Columns:
+    """A row for each update, with every field of its message that is a single value."""
+    default = kind()
+    names = [field.name for field in kind.DESCRIPTOR.fields]
+    single = [name for name in names if isinstance(getattr(default, name), (bool, int, float, str))]
+    rows = ([getattr(message, name) for name in single] for message in messages)
+    return _of_rows(rows, {name: _type(kind, name) for name in single})
+
+
+def of_episodes(messages: Iterable[Any]) -> Columns:
+    """A row for each trajectory: its names, length and ending, and the sum of the environment's rewards."""
+    types: dict[str, Any] = {name: _type(schema.Trajectory, name) for name in _OF_EPISODES}
+    types |= {"ending": np.str_, "environment_return": np.float64}
+    return _of_rows(map(_episode, messages), types)
+
+
+def _episode(message: Any) -> list[Any]:
+    values = [getattr(message, name) for name in _OF_EPISODES]
+    return [*values, ENDINGS[message.ending], sum(message.environment_rewards)]
+
+
+def of_steps(messages: Iterable[Any], task: Task) -> Columns:
+    """A row for each step: 1 for the first of its episode, its action, reward and log-probability."""
+    none = _steps(schema.Trajectory(), task)
+    return _joined([none, *(_steps(message, task) for message in messages)])
+
+
+def of_scores(messages: Iterable[Any]) -> Columns:
+    """A row for each observation: 0 for the first of its episode, NaN where the model says nothing of it."""
+    return _joined([_scores(schema.Score()), *map(_scores, messages)])
+
+
+def _steps(message: Any, task: Task) -> Columns:
+    columns = _repeated(message, message.steps, _NAMES)
+    columns["step"] = np.arange(1, message.steps + 1)
+    taken = actions(message, task)
+    if isinstance(task.action, Discrete):
+        columns["action"] = taken
+    else:
+        columns |= {f"action[{index}]": taken[:, index] for index in range(task.action.len)}
+    columns["reward"] = np.array(message.environment_rewards, np.float32)
+    columns["log_prob"] = np.array(message.log_probs, np.float32)
+    return columns
+
+
+def _scores(message: Any) -> Columns:
+    rows = len(message.rewards) + 1 if message.rewards else 0
+    columns = _repeated(message, rows, (*_NAMES, "model_version"))
+    columns["step"] = np.arange(rows)
+    for column, field in (("reward", "rewards"), ("proximity", "proximity"), ("uncertainty", "uncertainty")):
+        columns[column] = _behind(np.array(getattr(message, field), np.float32), rows)
+    return columns
+
+
+def _behind(values: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+    """Values of steps stand in the rows of the observations behind them."""
+    column = np.full(rows, np.nan, np.float32)
+    column[rows - len(values) :] = values
+    return column
+
+
+def _repeated(message: Any, rows: int, names: Iterable[str]) -> Columns:
+    return {name: np.full(rows, getattr(message, name), np.int64) for name in names}
+
+
+def _joined(parts: list[Columns]) -> Columns:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _of_rows(rows: Iterable[list[Any]], types: Mapping[str, Any]) -> Columns:
+    columns = list(zip(*rows, strict=True)) or [()] * len(types)
+    return {name: np.array(column, types[name]) for name, column in zip(types, columns, strict=True)}
+
+
+def _type(kind: Any, name: str) -> Any:
+    field = kind.DESCRIPTOR.fields_by_name[name]
+    types = {field.CPPTYPE_DOUBLE: np.float64, field.CPPTYPE_STRING: np.str_, field.CPPTYPE_BOOL: np.bool_}
+    return types.get(field.cpp_type, np.int64)

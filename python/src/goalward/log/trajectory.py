@@ -1,0 +1,105 @@
+"""`Trajectory`: one recorded episode in arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from goalward.error import Error
+from goalward.task import Cells, Discrete, Task
+
+Ending = Literal["goal_reached", "truncated", "failed"]
+ENDINGS: tuple[Ending, ...] = ("goal_reached", "truncated", "failed")
+"""The endings by their numbers in the schema."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One episode of T steps.
+
+    Attributes:
+        observations: (T + 1, len) float32 numbers, or (T + 1, height, width) uint8 classes of cells.
+        actions: (T, len) float32 numbers, which the environment clipped to [-1, 1], or (T,) uint8 choices.
+        rewards: (T,) float32, the environment's own.
+        log_probs: (T,) float32, of the actions under the policy that acted.
+        ending: by the task at the goal, by the horizon, or by the task elsewhere.
+        success: whether the goal was reached at some step.
+        steps_to_goal: steps after which the goal was first reached; 0 if it was not.
+        iteration: the rollout that the episode belongs to.
+        lane: the stream of episodes that it belongs to.
+        episode: its number within the lane.
+        policy_version: updates that the policy had had when it acted.
+    """
+
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    rewards: NDArray[np.float32]
+    log_probs: NDArray[np.float32]
+    ending: Ending
+    success: bool
+    steps_to_goal: int
+    iteration: int
+    lane: int
+    episode: int
+    policy_version: int
+
+    @property
+    def steps(self) -> int:
+        """The number of steps, T."""
+        return len(self.rewards)
+
+
+def decoded(message: Any, task: Task) -> Trajectory:
+    """Make a trajectory of its message.
+
+    Args:
+        message: a `goalward.v1.Trajectory`.
+        task: the task of the run.
+
+    Raises:
+        Error: if the observations were left out of the log, or an array does not have the task's length.
+    """
+    if message.full_hash:
+        expected = f"{_place(message)}: expected observations, found that they were left out of the log"
+        raise Error(f"{expected}; `goalward log restore RUN --out DIR` makes the full log of it again")
+    steps = (message.steps,)
+    field = "cells" if isinstance(task.observation, Cells) else "values"
+    return Trajectory(
+        observations=_array(message, field, (message.steps + 1, *task.observation.shape)),
+        actions=actions(message, task),
+        rewards=_array(message, "environment_rewards", steps),
+        log_probs=_array(message, "log_probs", steps),
+        ending=ENDINGS[message.ending],
+        success=message.success,
+        steps_to_goal=message.steps_to_goal,
+        iteration=message.iteration,
+        lane=message.lane,
+        episode=message.episode,
+        policy_version=message.policy_version,
+    )
+
+
+def actions(message: Any, task: Task) -> NDArray[Any]:
+    """The actions of a trajectory's message: (T,) uint8 choices, or (T, len) float32 numbers.
+
+    Raises:
+        Error: if there are more or fewer than the task says.
+    """
+    if isinstance(task.action, Discrete):
+        return _array(message, "discrete_actions", (message.steps,))
+    return _array(message, "continuous_actions", (message.steps, task.action.len))
+
+
+def _array(message: Any, field: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    value = getattr(message, field)
+    flat = np.frombuffer(value, np.uint8).copy() if isinstance(value, bytes) else np.array(value, np.float32)
+    if flat.size != np.prod(shape):
+        raise Error(f"{_place(message)}: {field}: expected shape {shape}, found {flat.size} values")
+    return flat.reshape(shape)
+
+
+def _place(message: Any) -> str:
+    return f"iteration {message.iteration}, lane {message.lane}, episode {message.episode}"

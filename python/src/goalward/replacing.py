@@ -1,0 +1,63 @@
+"""Files and folders that are there as a whole or not at all."""
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from goalward.error import Error, expecting
+
+
+@contextmanager
+def new_file(path: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
+    """Write to a temporary file beside `path`, which gets its name when the block ends without an error.
+
+    Raises:
+        Error: if `path` exists and `overwrite` is false, or the disk refuses; nothing is left then.
+    """
+    require_absent(path, overwrite=overwrite)
+    temporary = _beside(path)
+    try:
+        with expecting(f"{path}: expected to write the file", OSError):
+            with temporary.open("xb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Fill a temporary folder beside `path`, which gets its name when the block ends without an error.
+
+    Raises:
+        Error: if `path` exists, or the disk refuses; nothing is left then.
+    """
+    require_absent(path, overwrite=False)
+    temporary = _beside(path)
+    try:
+        with expecting(f"{path}: expected to write the folder", OSError):
+            temporary.mkdir()
+            yield temporary
+            temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def require_absent(path: Path, *, overwrite: bool) -> None:
+    """Refuse a path that exists, unless it may be overwritten.
+
+    Raises:
+        Error: if it exists and `overwrite` is false.
+    """
+    if path.exists() and not overwrite:
+        raise Error(f"{path}: expected no such file or folder, found one; overwrite replaces a file")
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}")

@@ -1,0 +1,120 @@
+"""Minari data sets, made and stored by the real package."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import minari
+import numpy as np
+import pytest
+from gymnasium import spaces
+from minari.data_collector import EpisodeBuffer
+from walks import REACH, walk
+
+from goalward import Error, Task, Vector
+from goalward.demonstrations import load
+
+PARTS = spaces.Dict(
+    {
+        "observation": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+        "goal": spaces.Box(-np.inf, np.inf, (1,), np.float32),
+    }
+)
+MOVES = spaces.Box(-1, 1, (2,), np.float32)
+LABELS = ("goal", "observation[0]", "observation[1]")
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+
+
+def buffer(number: int, observations: Any, steps: int, infos: dict[str, Any] | None = None) -> EpisodeBuffer:
+    return EpisodeBuffer(
+        id=number,
+        observations=observations,
+        actions=np.zeros((steps, 2), np.float32),
+        rewards=[0.0] * steps,
+        terminations=[False] * steps,
+        truncations=[False] * (steps - 1) + [True],
+        infos=infos,
+    )
+
+
+def parts(states: Any) -> dict[str, Any]:
+    return {"observation": states[:, 1:], "goal": states[:, :1]}
+
+
+def stored(buffers: list[EpisodeBuffer], space: spaces.Space[Any], data_format: str = "hdf5") -> Path:
+    data = minari.create_dataset_from_buffers(
+        "goalward/walks-v0",
+        buffers,
+        observation_space=space,
+        action_space=MOVES,
+        data_format=data_format,
+    )
+    return Path(str(data.storage.data_path)).parent
+
+
+@pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
+def test_parts_are_called_and_ordered_as_by_gymnasium(data_format: str) -> None:
+    walks = [walk(steps, steps) for steps in (5, 9)]
+    buffers = [buffer(number, parts(states), len(states) - 1) for number, states in enumerate(walks)]
+    source = stored(buffers, PARTS, data_format)
+    loaded = load(source, replace(REACH, labels=LABELS), success="all")
+    for episode, states in zip(loaded.episodes, walks, strict=True):
+        np.testing.assert_array_equal(episode.observations, states)
+
+
+@pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
+@pytest.mark.parametrize("key", ["success", "is_success"])
+def test_infos_tell_success(key: str, data_format: str) -> None:
+    won = {key: [False, False, False, True, True, True]}
+    lost = {key: [False] * 6}
+    walks = [parts(walk(5, 0)), parts(walk(5, 1))]
+    source = stored([buffer(0, walks[0], 5, won), buffer(1, walks[1], 5, lost)], PARTS, data_format)
+    loaded = load(source, REACH, keys=["goal", "observation"])
+    [episode] = loaded.episodes
+    np.testing.assert_array_equal(episode.observations, walk(5, 0)[:4])
+    assert loaded.left_out == 1
+
+
+def test_a_choice_becomes_one_hot() -> None:
+    space = spaces.Dict({"room": spaces.Discrete(3, start=1), "at": spaces.Box(-9, 9, (1,), np.float32)})
+    seen = {"room": np.array([1, 3, 2]), "at": np.array([[5], [6], [7]], np.float32)}
+    source = stored([buffer(0, seen, 2)], space)
+    task = Task("rooms", Vector(4), REACH.action, 5, labels=("room[0]", "room[1]", "room[2]", "at"))
+    [episode] = load(source, task, keys=["room", "at"], success="all").episodes
+    assert np.asarray(episode.observations).tolist() == [[1, 0, 0, 5], [0, 0, 1, 6], [0, 1, 0, 7]]
+
+
+def test_nested_parts_have_paths() -> None:
+    inner = spaces.Dict({"joints": spaces.Box(-9, 9, (2,), np.float32)})
+    space = spaces.Dict({"arm": inner, "goal": spaces.Box(-9, 9, (1,), np.float32)})
+    states = walk(3, 0)
+    seen = {"arm": {"joints": states[:, :2]}, "goal": states[:, 2:]}
+    task = replace(REACH, labels=("arm/joints[0]", "arm/joints[1]", "goal"))
+    [episode] = load(stored([buffer(0, seen, 3)], space), task, success="all").episodes
+    np.testing.assert_array_equal(episode.observations, states)
+
+
+def test_a_space_without_parts_is_called_observation() -> None:
+    space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    source = stored([buffer(0, walk(4, 0), 4)], space)
+    [episode] = load(source, REACH, keys=["observation"], success="all").episodes
+    np.testing.assert_array_equal(episode.observations, walk(4, 0))
+
+
+def test_success_is_asked_for_where_infos_do_not_tell() -> None:
+    source = stored([buffer(0, parts(walk(4, 0)), 4)], PARTS)
+    with pytest.raises(Error, match="success: expected `all`.*terminations, rewards"):
+        load(source, REACH)
+
+
+def test_a_damaged_data_set_is_refused() -> None:
+    source = stored([buffer(0, parts(walk(4, 0)), 4)], PARTS)
+    file = source / "data" / "main_data.hdf5"
+    file.write_bytes(file.read_bytes()[:300])
+    with pytest.raises(Error, match="expected a Minari data set") as refusal:
+        load(source, REACH, success="all")
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,83 @@
+"""robomimic data sets, written with h5py as its documentation lays them out."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from walks import REACH, walk
+
+from goalward import Error
+from goalward.demonstrations import load
+
+
+def stored(path: Path, demonstrations: list[tuple[Any, list[float]]], *, following: bool = True) -> Path:
+    """A file of demonstrations: the states of each, one more than rewards, and its rewards."""
+    with h5py.File(path, "w") as file:
+        data = file.create_group("data")
+        for number, (states, rewards) in enumerate(demonstrations):
+            group = data.create_group(f"demo_{number}")
+            group.attrs["num_samples"] = len(rewards)
+            group["rewards"] = rewards
+            group["dones"] = [0] * (len(rewards) - 1) + [1]
+            group["actions"] = np.zeros((len(rewards), 2))
+            for name, rows in (("obs", states[:-1]), ("next_obs", states[1:])):
+                if name == "obs" or following:
+                    group[f"{name}/hand"] = rows[:, :2]
+                    group[f"{name}/cube"] = rows[:, 2:]
+                    group[f"{name}/camera_image"] = np.zeros((len(rows), 8, 8, 3), np.uint8)
+    return path
+
+
+def test_the_state_behind_the_last_step_is_the_last_one(tmp_path: Path) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, number), [0, 0, 0, 1]) for number in range(12)])
+    loaded = load(source, REACH, keys=["hand", "cube"])
+    assert [episode.name for episode in loaded.episodes] == [f"demo_{number}" for number in range(12)]
+    for number, episode in enumerate(loaded.episodes):
+        np.testing.assert_array_equal(episode.observations, walk(4, number))
+
+
+def test_without_it_the_state_before_the_last_step_is(tmp_path: Path) -> None:
+    demonstrations: list[tuple[Any, list[float]]] = [(walk(4, 0), [0, 0, 0, 1]), (walk(4, 1), [0, 1, 1, 1])]
+    source = stored(tmp_path / "demo.hdf5", demonstrations, following=False)
+    late, early = (episode.observations for episode in load(source, REACH, keys=["hand", "cube"]).episodes)
+    np.testing.assert_array_equal(late, walk(4, 0)[:-1])
+    np.testing.assert_array_equal(early, walk(4, 1)[:3])
+
+
+def test_a_demonstration_ends_at_the_first_reward(tmp_path: Path) -> None:
+    demonstrations = [(walk(4, 0), [0.0, 1, 1, 1]), (walk(4, 1), [0.0, 0, 0, 0])]
+    loaded = load(stored(tmp_path / "demo.hdf5", demonstrations), REACH, keys=["hand", "cube"])
+    [episode] = loaded.episodes
+    np.testing.assert_array_equal(episode.observations, walk(4, 0)[:3])
+    assert loaded.left_out == 1
+
+
+def test_a_dense_reward_does_not_tell_success(tmp_path: Path) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0.1, 0.4, 0.9, 1])])
+    with pytest.raises(Error, match="episode demo_0: rewards: expected 0 and 1, found 0.1"):
+        load(source, REACH, keys=["hand", "cube"])
+    assert len(load(source, REACH, keys=["hand", "cube"], success="dones").episodes) == 1
+
+
+def test_images_are_no_keys(tmp_path: Path) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])])
+    with pytest.raises(Error, match=r"expected `camera_image`, found"):
+        load(source, REACH, keys=["camera_image"])
+    assert len(load(source, REACH).episodes) == 1
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.9])
+def test_a_damaged_file_is_refused(tmp_path: Path, keep: float) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])])
+    data = source.read_bytes()
+    source.write_bytes(data[: int(keep * len(data))])
+    with pytest.raises(Error, match="demo.hdf5: expected an HDF5 file") as refusal:
+        load(source, REACH)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_without_demonstrations_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Error, match="expected at least one episode that reaches the goal, found no episode"):
+        load(stored(tmp_path / "demo.hdf5", []), REACH)
