@@ -116,7 +116,7 @@ class Environments:
         self.actions = conversion.actions_of(first.action_space)
         self.success, self.tells = self.find_success(options["success"])
         self.expert = imported(options["expert"]) if options["expert"] else None
-        self.acting, self.seen = {}, {}
+        self.acting, self.seen, self.buffers = {}, {}, {}
         limit = time_limit(first)
         observation, labels = self.observations.layout()
         self.hello = {
@@ -148,7 +148,8 @@ class Environments:
         made, self.spare = self.spare or self.make(), None
         return made
 
-    def reset(self, slot, seed, rebuild):
+    def reset(self, slot, seed, rebuild, out):
+        """Begins an episode and writes its first observation; reward and flags."""
         if rebuild and slot in self.slots:
             self.slots.pop(slot).close()
         if slot not in self.slots:
@@ -158,17 +159,16 @@ class Environments:
         observation, _ = self.slots[slot].reset(seed=seed)
         self.seen[slot] = observation
         self.acting.pop(slot, None)
-        out = self.observations.row()
         self.observations.write(observation, out)
-        return struct.pack("<HBBf", slot, 0, 0, 0.0) + out.tobytes()
+        return 0.0, 0
 
-    def step(self, slot, action):
+    def step(self, slot, action, out):
+        """Takes a step and writes the observation it leads to; reward and flags."""
         result = self.slots[slot].step(action)
         if len(result) != 5:
             raise ValueError(f"step: expected 5 values, found {len(result)}")
         observation, reward, terminated, truncated, info = result
         self.seen[slot] = observation
-        out = self.observations.row()
         self.observations.write(observation, out)
         reward = float(reward)
         flags = TERMINATED * bool(terminated) | TRUNCATED * bool(truncated)
@@ -177,7 +177,16 @@ class Environments:
             if not isinstance(success, (bool, self.np.bool_)) and success not in (0, 1):
                 raise ValueError(f"success: expected true or false, found {success!r}")
             flags |= SUCCESS * bool(success)
-        return struct.pack("<HBBf", slot, flags, 0, reward) + out.tobytes()
+        return reward, flags
+
+    def answers(self, count):
+        """So many answers, and the observations in them, which are to be written."""
+        if count not in self.buffers:
+            row = self.observations.row()
+            layout = [("slot", "<u2"), ("flags", "u1"), ("", "u1"), ("reward", "<f4"), ("row", row.dtype, row.shape)]
+            buffer = self.np.zeros(count, dtype=layout)
+            self.buffers[count] = buffer, list(buffer["row"])
+        return self.buffers[count]
 
     def expert_action(self, slot):
         """The bytes of the action that the expert takes; it is made anew for every episode."""
@@ -219,22 +228,25 @@ def advice():
 
 
 def turn(environments, body):
-    """Resets and steps the slots of a turn, in their order."""
-    width = 16 + environments.actions.bytes
-    raw = environments.np.frombuffer(body, dtype=environments.np.uint8).reshape(-1, width)
-    actions = environments.actions.decode(environments.np.ascontiguousarray(raw[:, 16:]))
-    answers = []
-    for index, action in enumerate(actions):
-        slot, op, _, _, seed = struct.unpack_from("<HBBIQ", body, index * width)
-        during = "step" if op == STEP else "reset"
+    """Resets and steps the slots of a turn, in their order; the answers, one after another."""
+    np = environments.np
+    requests = np.frombuffer(body, dtype=np.uint8).reshape(-1, 16 + environments.actions.bytes)
+    actions = environments.actions.decode(np.ascontiguousarray(requests[:, 16:]))
+    slots = requests[:, :2].copy().view("<u2")[:, 0].tolist()
+    answers, rows = environments.answers(len(requests))
+    done = []
+    for index, (slot, op) in enumerate(zip(slots, requests[:, 2].tolist())):
         try:
             if op == STEP:
-                answers.append(environments.step(slot, action))
+                done.append(environments.step(slot, actions[index], rows[index]))
             else:
-                answers.append(environments.reset(slot, seed, op == REBUILD))
+                seed = int.from_bytes(requests[index, 8:16].tobytes(), "little")
+                done.append(environments.reset(slot, seed, op == REBUILD, rows[index]))
         except BaseException as error:
-            raise Failed(slot, during, error) from error
-    return b"".join(answers)
+            raise Failed(slot, "step" if op == STEP else "reset", error) from error
+    rewards, flags = zip(*done)
+    answers["slot"], answers["reward"], answers["flags"] = slots, rewards, flags
+    return answers.tobytes()
 
 
 class Failed(Exception):

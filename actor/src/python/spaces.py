@@ -35,6 +35,7 @@ class Numbers:
             )
         if not self.labels:
             raise Refused(f"expected an observation of numbers, found {space}")
+        self.write = self.parts[0][1] if len(self.parts) == 1 else self.write_parts
 
     def add(self, space, path, of):
         name = path or "observation"
@@ -49,11 +50,13 @@ class Numbers:
             count = int(np.prod(shape, dtype=np.int64))
             self.label(name, count)
 
-            def write(seen, out, of=of, shape=shape, name=name):
-                value = np.asarray(of(seen))
+            def write(seen, out):
+                value = of(seen)
+                if getattr(value, "shape", None) != shape:
+                    value = np.asarray(value)
                 if value.shape != shape:
                     raise ValueError(f"{name}: expected shape {shape}, found {value.shape}")
-                out[:] = value.reshape(-1)
+                out[:] = value if len(shape) == 1 else value.ravel()
 
             self.parts.append((count, write))
         elif isinstance(space, spaces.Discrete):
@@ -95,7 +98,7 @@ class Numbers:
     def row(self):
         return np.empty(len(self.labels), dtype="<f4")
 
-    def write(self, seen, out):
+    def write_parts(self, seen, out):
         at = 0
         for count, write in self.parts:
             write(seen, out[at : at + count])
@@ -156,9 +159,9 @@ class Numbered:
 
     def decode(self, raw):
         """Actions of the environment, of rows of bytes."""
-        numbers = np.clip(raw.view("<f4").astype(np.float64), -1.0, 1.0) * self.half + self.middle
-        numbers = numbers.astype(self.space.dtype).reshape(-1, *self.space.shape)
-        return np.clip(numbers, self.space.low, self.space.high)
+        numbers = (raw.view("<f4") * self.half + self.middle).astype(self.space.dtype)
+        numbers = numbers.reshape(-1, *self.space.shape)
+        return np.minimum(np.maximum(numbers, self.space.low), self.space.high)
 
     def encode(self, action):
         """The bytes of an action of the environment."""
