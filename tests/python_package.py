@@ -20,8 +20,9 @@ log = Log(run)
 episodes = log.episodes()
 trajectories = list(log.trajectories())
 
-demonstrations = read(run / "demonstrations.mcap").episodes
-np.savez(dataset, *[episode.observations for episode in demonstrations])
+states = [episode.observations for episode in read(run / "demonstrations.mcap").episodes]
+ends = np.cumsum([len(own) for own in states])
+np.savez(dataset, observation=np.concatenate(states), episode_ends=ends)
 
 environment = gymnasium.make("goalward.envs:goalward/FetchPush-v0")
 policy = Policy(export / "policy.onnx")

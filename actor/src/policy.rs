@@ -72,7 +72,7 @@ impl Policy {
     /// Makes weights ready to act.
     ///
     /// # Errors
-    /// As [`Policy::checked`].
+    /// When they are not finite, or not as many as this policy has.
     pub fn version(&self, weights: &Weights) -> Result<Version> {
         let (parameters, normalizer) = self.checked(weights)?;
         let prepared = self.network.prepare(&parameters);
@@ -82,7 +82,7 @@ impl Policy {
     /// A version of this policy as a graph, whose actions have the run's scale behind them.
     ///
     /// # Errors
-    /// As [`Policy::checked`].
+    /// As [`Policy::version`].
     pub fn graph(&self, weights: &Weights, scale: &[f32]) -> Result<Graph> {
         let (parameters, normalizer) = self.checked(weights)?;
         Ok(export::policy(&self.network, &parameters, &normalizer, scale))
@@ -91,7 +91,7 @@ impl Policy {
     /// The parameters of weights, and what they normalize observations by.
     ///
     /// # Errors
-    /// When they are not finite, or not as many as this policy has.
+    /// As [`Policy::version`].
     fn checked(&self, weights: &Weights) -> Result<(Vec<f32>, RunningNormalizer)> {
         let parameters = weights.parameter_numbers();
         let (expected, found) = (self.network.parameter_count(), parameters.len());

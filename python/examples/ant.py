@@ -33,9 +33,7 @@ TO_GOAL = slice(130, 132)
 
 # Coordinates of an episode's start without noise: torso, joints, and the marker, whose x and y are
 # the goal's. Both quaternions are normalized at the reset.
-START = np.array(
-    [0, 0, 0.55, 1, 0, 0, 0] + [0, 1, 0, -1, 0, -1, 0, 1] + [0, 0, 0.15, 1, 1, 0, 0], np.float64
-)
+START = np.array([0, 0, 0.55, 1, 0, 0, 0] + [0, 1, 0, -1, 0, -1, 0, 1] + [0, 0, 0.15, 1, 1, 0, 0], np.float64)
 QUATERNIONS = (slice(3, 7), slice(18, 22))
 MARKER_XY = slice(15, 17)
 

@@ -6,10 +6,9 @@ Usage: measure.py [--episodes 200]
 import argparse
 import time
 
-import numpy as np
-
 import ant
 import fetch
+import numpy as np
 
 EXPERTS = {
     "Pick": (fetch.pick, fetch.pick_expert),

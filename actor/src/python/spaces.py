@@ -3,6 +3,8 @@
 An actor hands this text to its process of Python; the package `goalward` has it, too.
 """
 
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
 
@@ -41,10 +43,16 @@ class Numbers:
         name = path or "observation"
         if isinstance(space, spaces.Dict):
             for key, inner in space.spaces.items():
-                self.add(inner, f"{path}/{key}" if path else str(key), lambda seen, of=of, key=key: of(seen)[key])
+                self.add(
+                    inner, f"{path}/{key}" if path else str(key), lambda seen, of=of, key=key: of(seen)[key]
+                )
         elif isinstance(space, spaces.Tuple):
             for index, inner in enumerate(space.spaces):
-                self.add(inner, f"{path}/{index}" if path else str(index), lambda seen, of=of, index=index: of(seen)[index])
+                self.add(
+                    inner,
+                    f"{path}/{index}" if path else str(index),
+                    lambda seen, of=of, index=index: of(seen)[index],
+                )
         elif isinstance(space, (spaces.Box, spaces.MultiBinary)):
             shape = tuple(space.shape)
             count = int(np.prod(shape, dtype=np.int64))
@@ -136,11 +144,13 @@ class Cells:
         if value.shape != self.shape:
             raise ValueError(f"observation: expected shape {self.shape}, found {value.shape}")
         if (value < 0).any() or (value >= self.classes).any():
-            raise ValueError(f"observation: expected classes below {self.classes}, found {value.min()} to {value.max()}")
+            raise ValueError(
+                f"observation: expected classes below {self.classes}, found {value.min()} to {value.max()}"
+            )
         out[:] = value.reshape(-1)
 
 
-def observations_of(space):
+def observations_of(space: Any) -> Any:
     """How observations of a space become bytes."""
     return Cells(space) if Cells.fits(space) else Numbers(space)
 
@@ -152,7 +162,9 @@ class Numbered:
         self.space = space
         low, high = space.low.astype(np.float64), space.high.astype(np.float64)
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
-            raise Refused(f"expected bounded actions, found {space}; wrap it in gymnasium.wrappers.RescaleAction")
+            raise Refused(
+                f"expected bounded actions, found {space}; wrap it in gymnasium.wrappers.RescaleAction"
+            )
         count = int(np.prod(space.shape, dtype=np.int64))
         self.spec, self.bytes = {"continuous": {"len": count}}, 4 * count
         self.half, self.middle = (high - low).reshape(-1) / 2, (high + low).reshape(-1) / 2
@@ -200,13 +212,15 @@ class Chosen:
     def encode(self, action):
         """The byte of an action of the environment."""
         digits = np.asarray(action).reshape(-1) - self.start
-        within = len(digits) == len(self.sizes) and all(0 <= digit < size for digit, size in zip(digits, self.sizes))
+        within = len(digits) == len(self.sizes) and all(
+            0 <= digit < size for digit, size in zip(digits, self.sizes)
+        )
         if not within:
             raise ValueError(f"action: expected one of {self.space}, found {action!r}")
         return bytes([int(np.ravel_multi_index(tuple(int(digit) for digit in digits), self.sizes))])
 
 
-def actions_of(space):
+def actions_of(space: Any) -> Any:
     """How bytes become actions of a space, and actions bytes."""
     if isinstance(space, spaces.Box):
         return Numbered(space)

@@ -92,6 +92,7 @@ class Policy:
 
         observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
         layout, labels = observations.layout()
+        labels = labels if self.task.labels else ()  # a task need not have any
         expected, found = self._layout(), (layout, actions.spec, tuple(labels))
         if expected != found:
             raise Error(f"{self.path}: expected the spaces {expected}, found {found}")
@@ -118,10 +119,11 @@ class Policy:
 
     def _sample(self, outputs: dict[str, NDArray[Any]], rng: np.random.Generator) -> NDArray[Any]:
         if "logits" in outputs:
-            return np.argmax(outputs["logits"] + rng.gumbel(size=outputs["logits"].shape), axis=1)
+            logits = outputs["logits"]
+            return np.asarray(np.argmax(logits + rng.gumbel(size=logits.shape), axis=1))
         noise = rng.standard_normal(outputs["mean"].shape)
         numbers = outputs["mean"] + np.exp(outputs["log_standard_deviation"]) * noise
         if self.config["policy"]["distribution"] == "squashed-gaussian":
             numbers = np.tanh(numbers)
         scale = self.config["environment"].get("action_scale") or 1.0
-        return np.clip(numbers * np.asarray(scale), -1.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(numbers * np.asarray(scale), -1.0, 1.0), dtype=np.float32)

@@ -7,6 +7,7 @@ import os
 import shutil
 import struct
 import subprocess
+import tempfile
 from typing import Any
 
 from goalward.error import Error
@@ -33,9 +34,17 @@ class Link:
             Error: if there is no such program, or it does not have the task or the setting.
         """
         arguments = ["serve", task, "--setting", json.dumps(setting)]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        self._process = subprocess.Popen([_program(), *arguments], **pipes)  # type: ignore[call-overload]
-        self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
+        program = _program()
+        # A file, because nobody reads it while the environment is at work.
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [program, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._words
+        )
+        try:
+            self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
+        except Error:
+            self.close()
+            raise
 
     def reset(self, seed: int) -> tuple[float, int, bytes]:
         """Begin the episode of a seed below 2^31; as `step`."""
@@ -63,9 +72,9 @@ class Link:
 
     def close(self) -> None:
         """End the process."""
-        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if pipe is not None:
-                pipe.close()
+        for file in (self._process.stdin, self._process.stdout, self._words):
+            if file is not None:
+                file.close()
         self._process.wait()
 
     def _action_bytes(self) -> int:
@@ -99,8 +108,10 @@ class Link:
         data = b"" if pipe is None else pipe.read(count)
         if len(data) == count:
             return data
-        words = b"" if self._process.stderr is None else self._process.stderr.read()
-        last = words.decode(errors="replace").strip().splitlines()[-1:] or ["no word"]
+        self._process.wait()
+        self._words.seek(0)
+        words = self._words.read().decode(errors="replace")
+        last = words.strip().splitlines()[-1:] or ["no word"]
         raise Error(f"goalward-actor ended: {last[0]}")
 
 

@@ -14,15 +14,13 @@ import pytest
 pytest.importorskip("mujoco")
 pytest.importorskip("gymnasium_robotics")
 
+import ant
+import fetch
 import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
-EXAMPLES = pathlib.Path(__file__).resolve().parents[1] / "examples"
-sys.path.insert(0, str(EXAMPLES))
-
-import ant
-import fetch
+EXAMPLES = pathlib.Path(__file__).resolve().parent
 
 # What makes it, numbers of its observation and of its action, longest episode.
 TASKS = [(fetch.pick, 16, 4, 50), (fetch.push, 16, 3, 60), (ant.reach, 132, 8, 50)]
@@ -57,9 +55,7 @@ def starts(environment, resets=RESETS):
 
 
 @pytest.mark.parametrize("make, observation_len, action_len, horizon_steps", TASKS)
-def test_spaces_and_horizon_are_those_of_the_paper(
-    make, observation_len, action_len, horizon_steps
-):
+def test_spaces_and_horizon_are_those_of_the_paper(make, observation_len, action_len, horizon_steps):
     environment = make()
     assert environment.observation_space.shape == (observation_len,)
     assert environment.action_space == gymnasium.spaces.Box(-1, 1, (action_len,), np.float32)
