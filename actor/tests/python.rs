@@ -168,6 +168,31 @@ fn what_an_environment_raises_is_said_and_would_be_raised_again() {
 }
 
 #[test]
+fn success_is_told_as_the_setting_says() {
+    if !has_python() {
+        return;
+    }
+    for (rule, reached, tells) in [
+        ("is_success", true, true),
+        ("terminated", true, true),
+        ("reward", false, true),
+        ("none", false, false),
+        ("tests.python_environments:is_far", true, true),
+    ] {
+        let mut environment = own("line", &format!("success = \"{rule}\"")).unwrap();
+        assert_eq!(environment.tells_success(), tells, "{rule}");
+        reset(&mut *environment, 0);
+        let last = loop {
+            let (step, _) = step(&mut *environment, &1.0_f32.to_le_bytes()).unwrap();
+            if step.ending.is_some() {
+                break step;
+            }
+        };
+        assert_eq!(last.success, reached, "{rule}");
+    }
+}
+
+#[test]
 fn packages_that_do_not_go_together_are_named_with_what_to_install() {
     if !has_python() {
         return;

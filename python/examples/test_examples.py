@@ -17,7 +17,9 @@ pytest.importorskip("gymnasium_robotics")
 import ant
 import fetch
 import gymnasium
+import gymnasium_robotics
 import numpy as np
+import scripts
 from gymnasium.utils.env_checker import check_env
 
 EXAMPLES = pathlib.Path(__file__).resolve().parent
@@ -253,3 +255,33 @@ def test_a_setting_out_of_its_range_is_refused(make, setting):
     [name] = setting
     with pytest.raises(ValueError, match=f"{name}: expected"):
         make(**setting)
+
+
+SCRIPTS = [
+    ("LunarLander-v3", {}, scripts.lander, lambda reward, info: reward > 0),
+    (
+        "PointMaze_Medium-v3",
+        {"continuing_task": False},
+        scripts.point_maze,
+        lambda reward, info: info["success"],
+    ),
+    ("MiniGrid-FourRooms-v0", {}, scripts.four_rooms, lambda reward, info: reward > 0),
+]
+
+
+@pytest.mark.parametrize("name, keywords, expert, reached", SCRIPTS)
+def test_scripts_reach_the_goals_of_environments_of_others(name, keywords, expert, reached):
+    pytest.importorskip("Box2D" if "Lunar" in name else "minigrid")
+    gymnasium.register_envs(gymnasium_robotics)
+    environment = gymnasium.make(name, **keywords)
+    successes = 0
+    for seed in range(20):
+        _, rewards, (terminated, _, info) = episode(environment, seed, expert_of(environment, expert))
+        successes += bool(terminated and reached(rewards[-1], info))
+    assert successes >= 18
+
+
+def expert_of(environment, expert):
+    """An expert that is made when the episode has begun."""
+    made = []
+    return lambda seen: (made or made.append(expert(environment)) or made)[0](seen)

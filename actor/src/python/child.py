@@ -95,6 +95,8 @@ def teller(rule):
         return None
     if rule in ("is_success", "success"):
         return lambda seen, reward, terminated, info: info[rule]
+    if rule == "terminated":
+        return lambda seen, reward, terminated, info: terminated
     if rule == "reward":
         return lambda seen, reward, terminated, info: terminated and reward > 0
     return imported(rule)

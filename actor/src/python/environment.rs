@@ -29,8 +29,8 @@ pub struct PythonSetting {
     /// Keyword arguments.
     #[serde(default)]
     pub kwargs: Table,
-    /// What tells success: `is_success` or `success` of a step's info, `reward` above 0 at the end,
-    /// `module:function`, `none`, or `auto`, which is found out.
+    /// What tells success: `is_success` or `success` of a step's info, `terminated`, `reward` above 0 where
+    /// it terminates, `module:function`, `none`, or `auto`, which is found out.
     #[serde(default = "auto")]
     pub success: String,
     /// Whether every episode has an environment of its own, because one leaves traces in the next.
