@@ -5,6 +5,8 @@ use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use environments::EnvironmentError;
@@ -153,13 +155,13 @@ impl Python {
         let (stream, other) = UnixStream::pair().map_err(other_error)?;
         stream.set_read_timeout(Some(patience)).map_err(other_error)?;
         // Standard output is the actor's own.
-        let child = Command::new(&interpreter)
+        let mut command = Command::new(&interpreter);
+        command
             .args(["-c", CHILD, SPACES, options])
             .env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1)
             .stdin(Stdio::from(OwnedFd::from(other)))
-            .stdout(Stdio::null())
-            .spawn();
-        let child = child.map_err(|error| {
+            .stdout(Stdio::null());
+        let child = spawned(command).map_err(|error| {
             EnvironmentError::Other(format!(
                 "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
             ))
@@ -198,6 +200,27 @@ impl Python {
     }
 }
 
+/// Starts a process. It asks to be killed when the thread that started it ends, so all are started by one
+/// that does not.
+fn spawned(command: Command) -> io::Result<Child> {
+    type Order = (Command, SyncSender<io::Result<Child>>);
+    static STARTER: Mutex<Option<SyncSender<Order>>> = Mutex::new(None);
+    let mut starter = STARTER.lock().unwrap_or_else(PoisonError::into_inner);
+    if starter.is_none() {
+        let (sender, orders) = sync_channel::<Order>(1);
+        let start = |(mut command, child): Order| drop(child.send(command.spawn()));
+        let named = std::thread::Builder::new().name("python-starter".to_owned());
+        named.spawn(move || orders.into_iter().for_each(start))?;
+        *starter = Some(sender);
+    }
+    let (sender, child) = sync_channel(1);
+    let sent = starter.as_ref().is_some_and(|starter| starter.send((command, sender)).is_ok());
+    if !sent {
+        return Err(io::Error::other("the thread that starts processes is gone"));
+    }
+    child.recv().map_err(io::Error::other)?
+}
+
 impl Drop for Python {
     fn drop(&mut self) {
         // The end of the link ends it; one that spins is killed.
@@ -233,12 +256,27 @@ mod tests {
     }
 
     #[test]
+    fn a_process_outlives_the_thread_that_asked_for_it() {
+        if !has_python() {
+            return;
+        }
+        let options = r#"{"environment": "python:tests.python_environments:line", "kwargs": {},
+            "success": "none", "expert": ""}"#;
+        let start = || Link::start(options, PATIENCE).unwrap();
+        let mut link = std::thread::scope(|scope| scope.spawn(start).join()).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+        let slot = link.take_slot();
+        link.announce(slot, Request::Reset { seed: 1, rebuild: false });
+        link.answer(slot).unwrap();
+    }
+
+    #[test]
     fn a_process_that_hangs_is_killed() {
         if !has_python() {
             return;
         }
         let options = r#"{"environment": "python:tests.python_environments:bad",
-            "kwargs": {"how": "hangs"}, "success": "none"}"#;
+            "kwargs": {"how": "hangs"}, "success": "none", "expert": ""}"#;
         let mut link = Link::start(options, Duration::from_secs(3)).unwrap();
         let slot = link.take_slot();
         link.announce(slot, Request::Reset { seed: 1, rebuild: false });
