@@ -1,31 +1,22 @@
 //! The reward model of a run as a file that programs without Goalward read.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use protocol::durable;
 use run::folder::RunFolder;
 use run::metadata;
-use serde::Serialize;
 
 use crate::model;
 use crate::rescore::restore;
 
-/// What was written, as it is printed.
-#[derive(Debug, Serialize)]
-pub struct Exported {
-    /// The file.
-    pub file: PathBuf,
-    /// Iterations the model was trained for.
-    pub iteration: u64,
-}
-
 /// Writes the ensemble in a run's checkpoint after so many iterations, or else in its newest, to `out`.
+/// Gives after how many iterations that is.
 ///
 /// # Errors
 /// When there is no such checkpoint that holds, its reward model has no ensemble, or the file cannot be
 /// written.
-pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<Exported> {
+pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
     let config = folder.config()?;
     let mut model = model::of_run(folder, &config)?;
     let iteration = restore(&mut *model, folder, iteration)?;
@@ -38,5 +29,5 @@ pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<
     let graph = graph.with(metadata::of_export(&config, iteration, &model.sha256()));
     let bytes = graph.to_file(out).map_err(anyhow::Error::msg)?;
     durable::write(out, bytes).with_context(|| out.display().to_string())?;
-    Ok(Exported { file: out.to_owned(), iteration })
+    Ok(iteration)
 }

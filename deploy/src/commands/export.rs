@@ -6,7 +6,6 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
-use serde::Deserialize;
 
 use crate::destination;
 use crate::programs::{self, Program};
@@ -48,13 +47,6 @@ impl Format {
     }
 }
 
-/// What a program says that has written a file.
-#[derive(Debug, Deserialize)]
-struct Exported {
-    file: PathBuf,
-    iteration: u64,
-}
-
 /// Exports the policy, and the reward model where one was trained.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
@@ -78,8 +70,8 @@ fn export(program: &Program, arguments: &Arguments, out: &Path) -> Result<String
     if let Some(iteration) = arguments.checkpoint {
         command.args(["--checkpoint", &iteration.to_string()]);
     }
-    let Exported { file, iteration } = programs::result(&mut command, "exporting")?;
-    let bytes = fs::metadata(&file).with_context(|| file.display().to_string())?.len();
-    let (file, iteration) = (file.display(), numbers::count(iteration));
+    let iteration: u64 = programs::result(&mut command, "exporting")?;
+    let bytes = fs::metadata(out).with_context(|| out.display().to_string())?.len();
+    let (file, iteration) = (out.display(), numbers::count(iteration));
     Ok(format!("{file}, {}, after {iteration} iterations", numbers::bytes(bytes)))
 }
