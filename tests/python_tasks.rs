@@ -7,7 +7,7 @@
 use std::fs;
 
 use run::folder::RunFolder;
-use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs};
+use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs, send};
 
 const LINE: &str = "python:python_environments:line";
 
@@ -96,6 +96,53 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
     }
     let imitator = RunFolder::new(run.path("imitator")).config().unwrap();
     assert_eq!((imitator.demonstrations.episodes, imitator.task.name.as_str()), (9, "line"));
+}
+
+#[test]
+fn fetch_push_gives_the_same_bits() {
+    gives_the_same_bits("gym:gymnasium_robotics:FetchPush-v4", &[]);
+}
+
+#[test]
+fn ant_gives_the_same_bits() {
+    gives_the_same_bits("gym:Ant-v5", &["environment.horizon_steps=100"]);
+}
+
+#[test]
+fn minigrid_gives_the_same_bits() {
+    gives_the_same_bits("gym:minigrid:MiniGrid-FourRooms-v0", &[]);
+}
+
+/// Trains in an environment of others with one, two and four actors, the last time with an actor and a child
+/// killed and the run stopped and resumed; then acts its episodes again.
+fn gives_the_same_bits(task: &str, settings: &[&str]) {
+    if !has_python() {
+        return;
+    }
+    let settings = [&["method=environment-reward"], settings].concat();
+    let with = |actors| [&settings[..], &[actors]].concat();
+    let [alone, two] = ["resources.actors=1", "resources.actors=2"].map(|actors| {
+        let run = TestRun::new(programs!());
+        run.train_task(task, &SMALL_PHYSICS, &with(actors)).finish().hashes()
+    });
+    assert_eq!(two, alone);
+
+    let run = TestRun::new(programs!());
+    let mut training = run.train_task(task, &SMALL_PHYSICS, &with("resources.actors=4"));
+    training.await_checkpoint(2);
+    run.process("actor-0").signal(Signal::Kill);
+    run.process("actor-1").children().into_iter().for_each(|child| send(child, Signal::Kill));
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    assert_eq!(run.resume().finish().hashes(), alone, "killed, stopped and resumed");
+    let remarks = run.remarks();
+    assert!(remarks.contains("actor-0 ended (signal: 9"), "{remarks}");
+    assert!(remarks.contains("actor-1 ended"), "{remarks}");
+
+    let folder = run.folder().path().to_str().unwrap().to_owned();
+    let (well, said) = run.goalward(&["replay", &folder, "--verify"]);
+    assert!(well && said.contains("the same"), "{said}");
 }
 
 #[test]

@@ -45,6 +45,13 @@ impl Process {
         send(self.id, signal);
     }
 
+    /// The numbers of the processes that it started and that still live.
+    pub fn children(&self) -> Vec<u32> {
+        let parent = self.id.to_string();
+        let is_child = |id: &u32| fields(*id).is_some_and(|fields| fields[1] == parent);
+        numbers().filter(is_child).collect()
+    }
+
     /// Lets no file that it writes grow beyond so many bytes, if it still lives: it then finds the
     /// disk full.
     pub fn limit_files(&self, bytes: Option<u64>) {
@@ -66,15 +73,18 @@ impl Process {
 
 /// The living processes whose program lies in `folder`.
 pub(crate) fn living(folder: &Path) -> Vec<Process> {
-    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
-    let processes = entries.filter_map(|entry| read(folder, &entry.path()));
-    processes.collect()
+    numbers().filter_map(|id| read(folder, id)).collect()
 }
 
-/// Reads a folder of `/proc`; none if it is no process, a dead one, or of another program.
-fn read(folder: &Path, entry: &Path) -> Option<Process> {
-    let id = entry.file_name()?.to_str()?.parse().ok()?;
-    let line = fs::read(entry.join("cmdline")).ok()?;
+/// The numbers of all processes.
+fn numbers() -> impl Iterator<Item = u32> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+}
+
+/// Reads a process; none if it is gone, or of another program.
+fn read(folder: &Path, id: u32) -> Option<Process> {
+    let line = fs::read(format!("/proc/{id}/cmdline")).ok()?;
     let parts = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
     let arguments: Vec<String> = parts.map(|part| part.into_owned()).collect();
     let program = PathBuf::from(&arguments[0]);
@@ -106,8 +116,15 @@ pub fn send(id: u32, signal: Signal) {
     }
 }
 
-/// Whether a process is held, or gone. The state follows the name, which ends with the last bracket.
+/// Whether a process is held, or gone.
 fn stands_still(id: u32) -> bool {
-    let stat = fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
-    stat.rsplit_once(") ").is_none_or(|(_, rest)| rest.starts_with(['T', 'Z', 'X']))
+    fields(id).is_none_or(|fields| ["T", "Z", "X"].contains(&fields[0].as_str()))
+}
+
+/// What `stat` says of a process behind its name, which ends with the last bracket: state, parent and so
+/// on; none if it is gone.
+fn fields(id: u32) -> Option<Vec<String>> {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    let (_, rest) = stat.rsplit_once(") ")?;
+    Some(rest.split_whitespace().map(str::to_owned).collect())
 }

@@ -21,8 +21,8 @@ pub struct Summary {
     pub episodes: u64,
     /// Iterations finished.
     pub iterations: u64,
-    /// Of the last 100 training episodes, in [0, 1].
-    pub success_rate: f64,
+    /// Of the last 100 training episodes, in [0, 1]; none where nothing tells success.
+    pub success_rate: Option<f64>,
     /// Episodes after training.
     pub evaluation: Evaluation,
     /// Wall time of training.
@@ -42,8 +42,8 @@ pub struct Summary {
 pub struct Evaluation {
     /// How many.
     pub episodes: u64,
-    /// In [0, 1].
-    pub success_rate: f64,
+    /// In [0, 1]; none where nothing tells success.
+    pub success_rate: Option<f64>,
 }
 
 /// The recorded files.
