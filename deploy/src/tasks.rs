@@ -26,6 +26,15 @@ const LANE_STEPS: u64 = 128;
 /// Fewest lanes by default.
 const LANES: u64 = 4;
 
+/// Label of what lies the longest episode away from the goal by default (Eq. 1, exponential): it is about
+/// that of the paper's tasks, whose longest episodes have 50 and 60 steps, with delta = 0.95.
+const FARTHEST_LABEL: f64 = 0.05;
+
+#[derive(Serialize)]
+struct Reward {
+    delta: f64,
+}
+
 /// The effective configuration of a task under a preset, with `key=value` settings.
 ///
 /// # Errors
@@ -47,6 +56,7 @@ pub(crate) fn is_of_python(task: &str) -> bool {
 struct File {
     task: Task,
     rollout: Rollout,
+    reward: Reward,
     environment: Setting,
 }
 
@@ -75,8 +85,14 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
     let horizon = u64::from(task.horizon_steps);
     let lane_steps = LANE_STEPS.max(horizon + horizon.div_ceil(4));
     let rollout = Rollout { lanes: (ITERATION_STEPS / lane_steps).max(LANES), lane_steps };
-    toml::to_string(&File { task, rollout, environment })
+    let reward = Reward { delta: delta(task.horizon_steps) };
+    toml::to_string(&File { task, rollout, reward, environment })
         .map_err(|error| anyhow!("the file of a task: {error}"))
+}
+
+/// The base of exponential labels by which the longest episode ends at [`FARTHEST_LABEL`], to four digits.
+fn delta(horizon_steps: u32) -> f64 {
+    (FARTHEST_LABEL.powf(1.0 / f64::from(horizon_steps)) * 1e4).round() / 1e4
 }
 
 /// What a task is called whose environment has this name: the last part of it, with letters that names
@@ -93,6 +109,11 @@ fn name_of(task: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_reach_as_far_as_the_longest_episode() {
+        assert_eq!([50, 58, 500, 1000].map(delta), [0.9418, 0.9497, 0.994, 0.997]);
+    }
 
     #[test]
     fn tasks_of_python_are_called_by_the_last_part() {

@@ -1,12 +1,13 @@
 """Draws learning curves from the logs of runs, and keeps them as data.
 
-Usage: curves.py OUT TITLE LABEL=RUN[,RUN...] [LABEL=RUN[,RUN...]]...
+Usage: curves.py OUT TITLE LABEL=RUN[,RUN...] [LABEL=FILE.csv:LABEL_THERE]...
 
 Reads every RUN's log/updates-*.mcap with the public MCAP packages (requirements.txt beside this
 file) into OUT.csv, one row per policy update. What OUT.csv holds already stays, unless a run of the
-same label and seed comes in its place. Then draws all of it as OUT.svg (success rate of the last 100
-training episodes against environment steps and against wall time; a thin line per seed, a thick
-mean) and prints the mean success rate around whole steps.
+same label and seed comes in its place. Then draws all of it, and beside it the curves of other
+tables, which stay where they are, as OUT.svg (success rate of the last 100 training episodes against
+environment steps and against wall time; a thin line per seed, a thick mean; published curves have
+no times) and prints the mean success rate around whole steps.
 """
 
 import csv
@@ -82,20 +83,18 @@ def column(rows, name):
     return np.array([float(row[COLUMNS.index(name)]) for row in rows])
 
 
+def beside(label, source):
+    """Curves of another table, under a label of this picture."""
+    path, there = source.rsplit(":", 1)
+    return {(label, seed): rows for (own, seed), rows in read(path).items() if own == there}
+
+
 def draw(path, title, curves):
     figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
     labels = sorted({label for label, _ in curves})
     for color, label in zip(["tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"], labels):
-        seeds = [rows for (own, _), rows in sorted(curves.items()) if own == label]
-        for rows in seeds:
-            success = column(rows, "success_rate")
-            by_steps.plot(column(rows, "env_steps") / 1e6, success, color=color, alpha=0.35, lw=0.8)
-            by_time.plot(column(rows, "wall_s") / 60, success, color=color, alpha=0.6, lw=0.8)
-        common = np.arange(0, min(column(rows, "env_steps")[-1] for rows in seeds), 10_000)
-        mean = np.mean([np.interp(common, column(rows, "env_steps"), column(rows, "success_rate"))
-                        for rows in seeds], axis=0)
-        count = f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''}"
-        by_steps.plot(common / 1e6, mean, color=color, lw=2, label=f"{label} ({count})")
+        draw_label(by_steps, by_time, color, label,
+                   {seed: rows for (own, seed), rows in sorted(curves.items()) if own == label})
     by_steps.set_xlabel("environment steps, millions")
     by_time.set_xlabel("wall time, minutes")
     by_steps.set_ylabel("success, last 100 training episodes")
@@ -108,23 +107,43 @@ def draw(path, title, curves):
     figure.savefig(path)
 
 
+def draw_label(by_steps, by_time, color, label, seeds):
+    """Curves of a label by seed; one of the seed `mean of N` is published and has no times."""
+    for rows in seeds.values():
+        success = column(rows, "success_rate")
+        by_steps.plot(column(rows, "env_steps") / 1e6, success, color=color, alpha=0.35, lw=0.8)
+        if rows[0][COLUMNS.index("wall_s")]:
+            by_time.plot(column(rows, "wall_s") / 60, success, color=color, alpha=0.6, lw=0.8)
+    first = max(column(rows, "env_steps")[0] for rows in seeds.values())
+    last = min(column(rows, "env_steps")[-1] for rows in seeds.values())
+    common = np.arange(first, last + 1, 10_000)
+    mean = np.mean([np.interp(common, column(rows, "env_steps"), column(rows, "success_rate"))
+                    for rows in seeds.values()], axis=0)
+    only = next(iter(seeds))
+    count = only if only.startswith("mean") else f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''}"
+    by_steps.plot(common / 1e6, mean, color=color, lw=2, label=f"{label} ({count})")
+
+
 def print_table(curves):
     print("label, seed".ljust(32), *(f"{steps / 1e6:>6.2f}" for steps in PRINTED_STEPS), "  last")
     for (label, seed), rows in sorted(curves.items()):
         steps, success = column(rows, "env_steps"), column(rows, "success_rate")
         near = [success[abs(steps - point) <= WINDOW_STEPS] for point in PRINTED_STEPS]
-        reached = [f"{100 * part.mean():6.0f}" if point <= steps[-1] + WINDOW_STEPS else " " * 6
-                   for point, part in zip(PRINTED_STEPS, near)]
+        reached = [f"{100 * part.mean():6.0f}" if part.size else " " * 6 for part in near]
         print(f"{label}, {seed}".ljust(32), *reached, f"{100 * success[-1]:6.0f}")
 
 
 def main():
     out, title, groups = sys.argv[1], sys.argv[2], sys.argv[3:]
-    curves = read(f"{out}.csv")
-    for label, runs in (group.split("=") for group in groups):
-        for run in runs.split(","):
+    curves, others = read(f"{out}.csv"), {}
+    for label, sources in (group.split("=") for group in groups):
+        if ".csv:" in sources:
+            others |= beside(label, sources)
+            continue
+        for run in sources.split(","):
             curves[(label, seed_of(run))] = list(rows_of(label, run))
     write(f"{out}.csv", curves)
+    curves |= others
     draw(f"{out}.svg", title, curves)
     print_table(curves)
 

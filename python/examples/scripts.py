@@ -1,4 +1,4 @@
-"""Scripted experts for environments of others: LunarLander, PointMaze and MiniGrid-FourRooms.
+"""Scripted experts for environments of others: MountainCar, LunarLander, PointMaze and MiniGrid-FourRooms.
 
 Each is made for one episode of an environment, after its reset, and gives what makes actions of
 observations: `--set demonstrations.expert=scripts:lander`.
@@ -15,6 +15,11 @@ DAMPING = 1.0
 # Of MiniGrid's agent: turn left, turn right, go forward; and where each direction leads to.
 LEFT, RIGHT, FORWARD = 0, 1, 2
 DIRECTIONS = [(1, 0), (0, 1), (-1, 0), (0, -1)]
+
+
+def mountain_car(_):
+    """MountainCarContinuous-v0: pushes the way it rolls."""
+    return lambda seen: np.where(seen[1:] < 0.0, -1.0, 1.0)
 
 
 def lander(environment):

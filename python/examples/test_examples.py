@@ -258,6 +258,7 @@ def test_a_setting_out_of_its_range_is_refused(make, setting):
 
 
 SCRIPTS = [
+    ("MountainCarContinuous-v0", {}, scripts.mountain_car, lambda reward, info: reward > 0),
     ("LunarLander-v3", {}, scripts.lander, lambda reward, info: reward > 0),
     (
         "PointMaze_Medium-v3",
@@ -271,7 +272,8 @@ SCRIPTS = [
 
 @pytest.mark.parametrize("name, keywords, expert, reached", SCRIPTS)
 def test_scripts_reach_the_goals_of_environments_of_others(name, keywords, expert, reached):
-    pytest.importorskip("Box2D" if "Lunar" in name else "minigrid")
+    if needed := {"LunarLander-v3": "Box2D", "MiniGrid-FourRooms-v0": "minigrid"}.get(name):
+        pytest.importorskip(needed)
     gymnasium.register_envs(gymnasium_robotics)
     environment = gymnasium.make(name, **keywords)
     successes = 0
