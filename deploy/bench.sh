@@ -3,6 +3,9 @@
 #
 #   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
 #   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
+#   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, of seeds 101 to 105
+#
+# --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment are other seeds.
 #
 # Runs are thrown away afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
 set -euo pipefail
@@ -19,6 +22,43 @@ steps_per_second() {
     sed -n 's/^ *"steps_per_s": \([0-9]*\).*/\1/p' "$1/summary.json"
 }
 
+# Environment steps, wall and processor seconds until a run had the success rate for good; nothing if it had not.
+time_to() {
+    awk -v level="\"success_rate\": $2," '
+        /"time_to_success": \[/ { inside = 1 }
+        inside && index($0, level) { taken = 3; next }
+        taken > 0 { gsub(/[^0-9.]/, ""); printf "%s ", $0; taken-- }
+        /^  \]/ { inside = 0 }' "$1/summary.json"
+}
+
+# The middle of numbers, one a line; those that are missing count as the longest.
+median() {
+    sort -g | awk '{ number[NR] = $1 } END { print number[int((NR + 1) / 2)] }'
+}
+
+if [ "${1:-}" = --to ]; then
+    level=${2:-}
+    case $level in
+        0.5 | 0.9 | 0.95 | 0.98) shift 2 ;;
+        *) echo "bench: expected --to 0.5, 0.9, 0.95 or 0.98, found ${level:-nothing}" >&2; exit 2 ;;
+    esac
+    "$root/deploy/run_local.sh" --only-build >/dev/null
+    row='%-7s %12s %10s %14s %12s %12s\n'
+    printf "$row" seed steps wall_s processors_s evaluation whole_s
+    for seed in ${SEEDS:-101 102 103 104 105}; do
+        run=$folder/$seed
+        begun=$(date +%s%N)
+        "$root/deploy/run_local.sh" "$@" --seed "$seed" --run "$run" >"$folder/progress.txt"
+        whole=$((($(date +%s%N) - begun) / 1000000000))
+        read -r steps wall processors <<<"$(time_to "$run" "$level") inf inf inf"
+        evaluation=$(sed -n 's/^    "success_rate": \([0-9.]*\).*/\1/p' "$run/summary.json" | head -1)
+        printf "$row" "$seed" "$steps" "$wall" "$processors" "$evaluation" "$whole"
+        printf '%s\n' "$wall" >>"$folder/walls"
+        rm -rf "$run"
+    done
+    printf 'median time to %s: %s s\n' "$level" "$(median <"$folder/walls")"
+    exit
+fi
 if [ "${1:-}" = --methods ]; then
     shift
     for method in $methods; do

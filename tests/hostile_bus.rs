@@ -133,6 +133,7 @@ impl Intruder {
                 environment: f64::NAN,
                 inference: -1.0,
                 transport: 1e300,
+                processor: 1e300,
             }),
         }
     }

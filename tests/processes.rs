@@ -38,6 +38,8 @@ fn nothing_is_left_of_a_finished_run() {
     assert_eq!((summary.actors, summary.iterations), (3, ITERATIONS));
     assert_eq!((summary.task.as_str(), summary.method.as_str()), ("navigation", "goal-proximity"));
     assert!(summary.steps_per_s > 0.0 && summary.wall_s > 0.0);
+    let processor_s = summary.processor_s;
+    assert!(processor_s > 0.25 * summary.wall_s, "five processes took {processor_s} s");
     expect_no_trace(&run);
 }
 

@@ -14,6 +14,7 @@ use protocol::messages::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
 use protocol::trajectory::{Encoded, Source};
 use run::folder::RunFolder;
 use run::process::Stop;
+use run::process_stat::ProcessorClock;
 
 /// How long an actor sleeps, and leaves a learner alone that is not there.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
@@ -42,6 +43,7 @@ pub struct Ports {
     over: bool,
     stop: Stop,
     dropped: Dropped,
+    clock: ProcessorClock,
     doorbell: Doorbell<SharedMemory>,
     leases: Client<SharedMemory>,
     trajectories: TrajectoryPublisher<SharedMemory>,
@@ -68,6 +70,7 @@ impl Ports {
             over: false,
             stop: stop.clone(),
             dropped: Dropped::new("answers about leases"),
+            clock: ProcessorClock::default(),
             doorbell: bus.doorbell(Role::Actors)?,
             leases: bus.lease_client(Role::Actors)?,
             trajectories: bus.rollout_publisher(READER_PATIENCE)?,
@@ -112,6 +115,7 @@ impl Ports {
         if capacity == 0 || self.pending.is_some() || self.refused.elapsed() < ASK_AGAIN {
             return;
         }
+        seconds.processor += self.clock.lap();
         let request = LeaseRequest {
             actor: self.name.clone(),
             capacity: capacity as u32,

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use bus::{BusAddress, Member};
 use protocol::messages::ActorHeard;
+use run::process_stat::ProcessStat;
 
 use terminal::numbers;
 
@@ -44,7 +45,7 @@ struct Process {
     full_name: String,
     id: Option<u32>,
     state: State,
-    begun: Option<Look>,
+    begun: Option<ProcessStat>,
 }
 
 /// The processes of a run.
@@ -135,9 +136,9 @@ impl Process {
         let Member { name: full_name, process: id, lives } = member;
         let suffix = id.map(|id| format!("-{id}")).unwrap_or_default();
         let name = full_name.strip_suffix(&suffix).unwrap_or(&full_name).to_owned();
-        let begun = id.filter(|_| lives).and_then(Look::at);
+        let begun = id.filter(|_| lives).and_then(ProcessStat::of);
         let state = match begun {
-            Some(look) => look.state,
+            Some(stat) => state(&stat),
             None if lives => State::Hidden,
             None => State::Gone,
         };
@@ -152,10 +153,10 @@ impl Process {
             State::Gone => "gone",
             State::Hidden => "hidden",
         };
-        let worked = self.id.and_then(Look::at).zip(self.begun);
+        let worked = self.id.and_then(ProcessStat::of).zip(self.begun);
         let share =
             worked.map(|(now, begun)| now.busy.saturating_sub(begun.busy).div_duration_f64(sample));
-        let up = self.begun.and_then(|look| Look::uptime()?.checked_sub(look.started));
+        let up = self.begun.and_then(|stat| uptime()?.checked_sub(stat.started));
         [
             self.name.clone(),
             self.id.map_or_else(unknown, |id| id.to_string()),
@@ -172,45 +173,18 @@ fn is_actor(name: &str) -> bool {
     name.starts_with("actor")
 }
 
-/// What the system says of a process at one moment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Look {
-    state: State,
-    /// Processor time so far, of all its threads.
-    busy: Duration,
-    /// When it was started, since the machine was.
-    started: Duration,
+fn state(stat: &ProcessStat) -> State {
+    match stat.state {
+        'T' | 't' => State::Stopped,
+        'Z' | 'X' => State::Gone,
+        _ => State::Running,
+    }
 }
 
-impl Look {
-    /// None if there is no such process.
-    fn at(id: u32) -> Option<Look> {
-        let ticks_per_second = rustix::param::clock_ticks_per_second();
-        Look::parse(&fs::read_to_string(format!("/proc/{id}/stat")).ok()?, ticks_per_second)
-    }
-
-    /// Reads a line of `/proc/ID/stat`, see proc_pid_stat(5).
-    fn parse(line: &str, ticks_per_second: u64) -> Option<Look> {
-        // The second field is the program's name in parentheses, in which there can be anything.
-        let (_, fields) = line.rsplit_once(") ")?;
-        let fields: Vec<&str> = fields.split_whitespace().collect();
-        let time = |field: usize| -> Option<Duration> {
-            let ticks: u64 = fields.get(field - 3)?.parse().ok()?;
-            Some(Duration::from_secs(ticks).div_f64(ticks_per_second as f64))
-        };
-        let state = match *fields.first()? {
-            "T" | "t" => State::Stopped,
-            "Z" | "X" => State::Gone,
-            _ => State::Running,
-        };
-        Some(Look { state, busy: time(14)? + time(15)?, started: time(22)? })
-    }
-
-    /// How long the machine has been running.
-    fn uptime() -> Option<Duration> {
-        let text = fs::read_to_string("/proc/uptime").ok()?;
-        Duration::try_from_secs_f64(text.split_whitespace().next()?.parse().ok()?).ok()
-    }
+/// How long the machine has been running.
+fn uptime() -> Option<Duration> {
+    let text = fs::read_to_string("/proc/uptime").ok()?;
+    Duration::try_from_secs_f64(text.split_whitespace().next()?.parse().ok()?).ok()
 }
 
 #[cfg(test)]
@@ -218,21 +192,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_system_knows_this_process() {
-        let look = Look::at(std::process::id()).unwrap();
-        assert_eq!(look.state, State::Running);
-        assert!(Look::uptime().unwrap() >= look.started);
-        assert_eq!(Look::at(u32::MAX), None);
-    }
-
-    #[test]
-    fn a_line_of_the_system_is_read() {
-        let line = "7 (a) b) c) T 1 7 7 0 -1 4194304 9 0 0 0 150 50 0 0 20 0 3 0 1000 9 9";
-        let second = Duration::from_secs(1);
-        let look = Look { state: State::Stopped, busy: 2 * second, started: 10 * second };
-        assert_eq!(Look::parse(line, 100), Some(look));
-        assert_eq!(Look::parse("7 (a) T 1", 100), None);
-        assert_eq!(Look::parse("", 100), None);
+    fn this_process_runs_and_is_younger_than_the_machine() {
+        let stat = ProcessStat::of(std::process::id()).unwrap();
+        assert_eq!(state(&stat), State::Running);
+        assert!(uptime().unwrap() >= stat.started);
     }
 
     fn process(name: &str, state: State) -> Process {

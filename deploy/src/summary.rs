@@ -2,6 +2,7 @@
 
 use protocol::build;
 use run::summary::{Seconds, Summary};
+use run::time_to_success::TimeToSuccess;
 
 use terminal::numbers;
 
@@ -18,10 +19,11 @@ pub(crate) fn table(summary: &Summary) -> String {
         numbers::count(summary.iterations)
     );
     let time = format!(
-        "{}, {}, actors: {}",
+        "{}, {}, actors: {}; {} of processors",
         numbers::duration(summary.wall_s),
         numbers::rate(summary.steps_per_s),
-        summary.actors
+        summary.actors,
+        numbers::duration(summary.processor_s),
     );
     let log = format!(
         "{} in {} files, {} trajectories",
@@ -34,7 +36,7 @@ pub(crate) fn table(summary: &Summary) -> String {
         _ => rate(summary.success_rate),
     };
     let [stages, actors] = shares(&summary.seconds);
-    numbers::table(&[
+    let mut rows = vec![
         ("run", format!("{}, {}, preset {}", summary.task, summary.method, summary.preset)),
         ("seed", summary.seed.to_string()),
         ("success, last 100 training episodes", training),
@@ -42,13 +44,33 @@ pub(crate) fn table(summary: &Summary) -> String {
         ("environment steps", steps),
         ("episodes", numbers::count(summary.episodes)),
         ("time", time),
+    ];
+    rows.extend(times_to_success(&summary.time_to_success));
+    rows.extend([
         ("policy sha256", summary.policy_sha256.clone()),
         ("proximity sha256", summary.proximity_sha256.clone()),
         ("build", build::shown(&summary.builds)),
         ("log", log),
         stages,
         actors,
-    ])
+    ]);
+    numbers::table(&rows)
+}
+
+/// A row for each success rate that was reached for good.
+pub(crate) fn times_to_success(
+    times: &[TimeToSuccess],
+) -> impl Iterator<Item = (&'static str, String)> {
+    times.iter().map(|time| {
+        let text = format!(
+            "{}: {}, {} steps, {} of processors",
+            numbers::percent(time.success_rate, 0),
+            numbers::duration(time.wall_s),
+            numbers::count(time.env_steps),
+            numbers::duration(time.processor_s)
+        );
+        ("time to success", text)
+    })
 }
 
 /// A success rate, which not every task tells.
@@ -99,7 +121,10 @@ mod tests {
         "task": "navigation", "method": "goal-proximity", "preset": "paper", "seed": 7,
         "actors": 2, "env_steps": 1503232, "episodes": 70123, "iterations": 367,
         "success_rate": 0.97, "evaluation": {"episodes": 200, "success_rate": 0.965},
-        "wall_s": 251.0, "steps_per_s": 5989.0, "policy_sha256": "ab", "proximity_sha256": "cd",
+        "wall_s": 251.0, "processor_s": 480.2,
+        "time_to_success": [
+            {"success_rate": 0.95, "env_steps": 1204224, "wall_s": 200.5, "processor_s": 380.0}],
+        "steps_per_s": 5989.0, "policy_sha256": "ab", "proximity_sha256": "cd",
         "log": {"files": 3, "trajectories": 70123, "bytes": 43200000},
         "seconds": {"rollout": 20, "environment": 1, "inference": 30, "transport": 1, "log": 2,
             "scoring": 30, "policy_update": 50, "reward_update": 10}
@@ -113,6 +138,8 @@ mod tests {
             "96.5 % of 200",
             "1,503,232 in 367",
             "4 min 11 s",
+            "8 min 00 s of processors",
+            "95 %: 3 min 21 s, 1,204,224 steps, 6 min 20 s of processors",
             "41.2 MiB in 3",
             "scoring 30.0 %",
             "unknown build",

@@ -28,6 +28,8 @@ pub struct State {
     pub episodes: u64,
     /// Training wall time, seconds.
     pub wall_s: f64,
+    /// Processor time of all processes in that time, seconds.
+    pub processor_s: f64,
     /// The policy, as often updated as there were iterations.
     pub policy: PolicyState,
     /// The policy one update older: with lag 1 it still acts.
@@ -84,6 +86,7 @@ impl State {
             environment_steps: 0,
             episodes: 0,
             wall_s: 0.0,
+            processor_s: 0.0,
             previous_policy: policy.clone(),
             policy,
             lanes: vec![LaneTotals::default(); lanes as usize],
@@ -129,7 +132,7 @@ impl State {
     pub fn save(&self, tensors: &mut Tensors) {
         let counts = [self.iteration, self.environment_steps, self.episodes];
         tensors.put_u64("counts", counts);
-        tensors.put_f64("wall_s", [self.wall_s]);
+        tensors.put_f64("seconds", [self.wall_s, self.processor_s]);
         for (name, policy) in [("policy", &self.policy), ("previous_policy", &self.previous_policy)]
         {
             let parameters = policy.parameters.iter().copied();
@@ -148,10 +151,11 @@ impl State {
     pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
         let counts = countable("counts", tensors.exactly("counts", 3, Tensors::u64)?)?;
         [self.iteration, self.environment_steps, self.episodes] = [counts[0], counts[1], counts[2]];
-        self.wall_s = tensors.exactly("wall_s", 1, Tensors::f64)?[0];
-        if !(self.wall_s.is_finite() && self.wall_s >= 0.0) {
-            return Err(format!("array `wall_s`: expected a time, found {}", self.wall_s));
+        let seconds = tensors.exactly("seconds", 2, Tensors::f64)?;
+        if let Some(found) = seconds.iter().find(|time| !(time.is_finite() && **time >= 0.0)) {
+            return Err(format!("array `seconds`: expected times, found {found}"));
         }
+        [self.wall_s, self.processor_s] = [seconds[0], seconds[1]];
         self.policy.restore("policy", tensors)?;
         self.previous_policy.restore("previous_policy", tensors)?;
         let lane_numbers =

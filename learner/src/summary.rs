@@ -7,6 +7,7 @@ use protocol::messages::Phase;
 use protocol::trajectory::Encoded;
 use run::origin::Demonstrations;
 use run::summary::{EvaluationFigures, LogFigures, Summary};
+use run::time_to_success::TimeToSuccess;
 
 use crate::trainer::Trainer;
 
@@ -27,11 +28,8 @@ impl Trainer {
         self.tell(Phase::Finished, None, None)?;
         let mut summary = self.summary(&evaluation);
         let folder = self.folder.clone();
-        let desk = self.desk.finish()?;
-        summary.seconds.environment = desk.actors.environment;
-        summary.seconds.inference = desk.actors.inference;
-        summary.seconds.transport = desk.actors.transport;
-        summary.seconds.log = desk.log;
+        summary.seconds.log = self.desk.finish()?;
+        summary.time_to_success = TimeToSuccess::of_run(&folder)?;
         summary.builds = mcap_log::recorded_builds(&folder.log())?;
         for file in mcap_log::log_files(&folder.log())? {
             summary.log.files += 1;
@@ -63,6 +61,8 @@ impl Trainer {
                 mean_return: Some(returns.sum::<f64>() / count),
             },
             wall_s: state.wall_s,
+            processor_s: state.processor_s,
+            time_to_success: Vec::new(),
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
             policy_sha256: state.policy.weights(state.iteration).sha256(),
             proximity_sha256: reward_update.weights_sha256,

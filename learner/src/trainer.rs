@@ -13,6 +13,7 @@ use run::folder::{PROXIMITY_FILE, Place, RunFolder};
 use run::metadata;
 use run::origin::{self, DEMONSTRATIONS_SHA256};
 use run::process::{Final, Stop};
+use run::process_stat::ProcessorClock;
 use run::summary::Seconds;
 
 use crate::algorithm::{Metrics, PolicyLearner, Schedule};
@@ -40,6 +41,7 @@ pub struct Trainer {
     pub(crate) seconds: Seconds,
     started: Instant,
     earlier_s: f64,
+    clock: ProcessorClock,
     opened: Instant,
 }
 
@@ -87,6 +89,7 @@ impl Trainer {
             seconds: Seconds::default(),
             started: Instant::now(),
             earlier_s: state.wall_s,
+            clock: ProcessorClock::default(),
             opened: Instant::now(),
             state,
             config,
@@ -151,6 +154,7 @@ impl Trainer {
                 }
                 Begun::Ready(update) => {
                     self.progress.pretraining = None;
+                    self.state.processor_s += update.processor_s;
                     if iteration == 0 {
                         self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
                     }
@@ -184,8 +188,13 @@ impl Trainer {
     /// The complete batch of the open rollout; none if a stop comes first.
     fn rolled_out(&mut self) -> Result<Option<Vec<Encoded>>> {
         while !self.stop.is_requested() {
-            if let Some(batch) = self.desk.batch(LOOK_FOR_STOP)? {
-                return Ok(Some(batch));
+            if let Some(rolled_out) = self.desk.rolled_out(LOOK_FOR_STOP)? {
+                let actors = rolled_out.actors;
+                self.seconds.environment += actors.environment;
+                self.seconds.inference += actors.inference;
+                self.seconds.transport += actors.transport;
+                self.state.processor_s += actors.processor;
+                return Ok(Some(rolled_out.trajectories));
             }
         }
         Ok(None)
@@ -218,6 +227,8 @@ impl Trainer {
         }
         self.state.iteration += 1;
         self.state.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
+        let service = reward_update.as_ref().map_or(0.0, |update| update.processor_s);
+        self.state.processor_s += self.clock.lap() + service;
         self.seconds.rollout += rollout_s;
         self.seconds.scoring += scoring_s;
         self.seconds.policy_update += update_s;
@@ -284,6 +295,8 @@ impl Trainer {
             scoring_s: times.scoring_s,
             update_s: times.update_s,
             held_out_loss: metrics.held_out_loss,
+            wall_s: self.state.wall_s,
+            processor_s: self.state.processor_s,
         }
     }
 

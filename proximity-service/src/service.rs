@@ -20,6 +20,7 @@ use protocol::trajectory::TrajectoryKey;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::process::{Final, Stop};
+use run::process_stat::ProcessorClock;
 
 use crate::intake::Intake;
 use crate::model::{RewardModel, Slice};
@@ -51,6 +52,7 @@ pub struct Service {
     intake: Intake,
     dropped: Dropped,
     improved: Option<RewardUpdate>,
+    clock: ProcessorClock,
     bus: Bus,
     doorbell: Doorbell<SharedMemory>,
     trajectories: TrajectorySubscriber<SharedMemory>,
@@ -90,6 +92,7 @@ impl Service {
             intake: Intake::new(config.task.spec()),
             dropped: Dropped::new("trajectories from the bus"),
             improved: None,
+            clock: ProcessorClock::default(),
             doorbell: bus.doorbell(Role::ProximityService)?,
             trajectories: bus.learning_subscriber()?,
             requests: bus.score_server()?,
@@ -129,7 +132,10 @@ impl Service {
     /// A slice of offline training.
     fn train_offline(&mut self, time: Duration) {
         self.offline = match self.model.pretrain(time) {
-            Ok(Slice::Done(update)) => OfflineTraining::Done(update, self.model.save()),
+            Ok(Slice::Done(update)) => {
+                let processor_s = self.clock.lap();
+                OfflineTraining::Done(RewardUpdate { processor_s, ..update }, self.model.save())
+            }
             Ok(Slice::UnderWay(standing)) => OfflineTraining::UnderWay(standing),
             Err(diverged) => OfflineTraining::Diverged(diverged),
         };
@@ -230,6 +236,7 @@ impl Service {
         }
         let improved = self.model.improve(iteration, batch);
         let update = improved.with_context(|| format!("iteration {iteration}"))?;
+        let update = RewardUpdate { processor_s: self.clock.lap(), ..update };
         self.improved = Some(update.clone());
         Ok(update)
     }

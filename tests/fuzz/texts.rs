@@ -10,6 +10,7 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::origin::Demonstrations;
 use run::summary::{EvaluationFigures, LogFigures, Seconds, Summary};
+use run::time_to_success::TimeToSuccess;
 
 use crate::{Memory, Reader, fuzz, whole};
 use system_tests::TASKS;
@@ -75,6 +76,13 @@ fn summary() -> Summary {
         success_rate: Some(0.5),
         evaluation: EvaluationFigures { episodes: 8, success_rate: None, mean_return: Some(0.25) },
         wall_s: 3.5,
+        processor_s: 5.5,
+        time_to_success: vec![TimeToSuccess {
+            success_rate: 0.5,
+            env_steps: 7_600,
+            wall_s: 3.0,
+            processor_s: 5.0,
+        }],
         steps_per_s: 2_000.0,
         policy_sha256: "ab".repeat(32),
         proximity_sha256: "cd".repeat(32),

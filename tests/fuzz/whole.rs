@@ -93,7 +93,12 @@ pub(crate) fn messages() -> Vec<Vec<u8>> {
         actor: "actor-0-17".to_owned(),
         capacity: 16,
         finished: vec![lease(); 2],
-        seconds: Some(ActorSeconds { environment: 0.5, inference: 0.25, transport: 0.125 }),
+        seconds: Some(ActorSeconds {
+            environment: 0.5,
+            inference: 0.25,
+            transport: 0.125,
+            processor: 1.5,
+        }),
     };
     let progress = Progress {
         update: Some(update.clone()),

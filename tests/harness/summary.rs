@@ -27,6 +27,8 @@ pub struct Summary {
     pub evaluation: Evaluation,
     /// Wall time of training.
     pub wall_s: f64,
+    /// Processor time of all processes in that time.
+    pub processor_s: f64,
     /// Environment steps per second of wall time.
     pub steps_per_s: f64,
     /// Of the policy's weights.

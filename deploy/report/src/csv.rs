@@ -3,7 +3,15 @@
 
 use std::fmt::Write;
 
+use run::time_to_success::{LEVELS, TimeToSuccess};
+
 use crate::measured::{Measured, MeasuredFigure};
+
+/// Fields that an unfinished run lacks.
+const UNFINISHED: &str = ",,,,,,,,,,,";
+
+/// Why writing to a text succeeds.
+const WRITES: &str = "a text takes what is written to it";
 
 /// Columns that say which run a line is about.
 const RUN: &str = "figure,panel,task,curve,seed,run";
@@ -41,14 +49,22 @@ pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
 pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},method,preset,finished,environment_steps,episodes,iterations,success_rate,\
-         evaluation_episodes,evaluation_success_rate,wall_s,steps_per_s,policy_sha256,\
-         proximity_sha256\n"
+         evaluation_episodes,evaluation_success_rate,wall_s,processor_s,steps_per_s,policy_sha256,\
+         proximity_sha256"
     );
+    for level in LEVELS {
+        let percent = level * 100.0;
+        for column in ["environment_steps", "wall_s", "processor_s"] {
+            write!(text, ",{column}_to_{percent}").expect(WRITES);
+        }
+    }
+    text.push('\n');
     for (run, names) in named(figures) {
         let method = field(&run.config.method);
         let preset = field(&run.config.preset);
         let Some(summary) = &run.summary else {
-            write_line(&mut text, format_args!("{names},{method},{preset},0,,,,,,,,,,"));
+            let times = times_to_success(run);
+            write_line(&mut text, format_args!("{names},{method},{preset},0{UNFINISHED}{times}"));
             continue;
         };
         // A method that takes no environment steps has no training episodes.
@@ -59,19 +75,30 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
         write_line(
             &mut text,
             format_args!(
-                "{names},{method},{preset},1,{},{},{},{success},{},{evaluated},{:.1},{:.0},{},{}",
+                "{names},{method},{preset},1,{},{},{},{success},{},{evaluated},{:.1},{:.1},{:.0},{},{}{}",
                 summary.env_steps,
                 summary.episodes,
                 summary.iterations,
                 summary.evaluation.episodes,
                 summary.wall_s,
+                summary.processor_s,
                 summary.steps_per_s,
                 summary.policy_sha256,
                 summary.proximity_sha256,
+                times_to_success(run),
             ),
         );
     }
     text
+}
+
+/// Fields of each level of success; empty where it was not reached.
+fn times_to_success(run: &Measured) -> String {
+    let fields = |time: Option<&TimeToSuccess>| match time {
+        Some(time) => format!(",{},{:.1},{:.1}", time.env_steps, time.wall_s, time.processor_s),
+        None => ",,,".to_owned(),
+    };
+    TimeToSuccess::by_level(&run.times_to_success).map(fields).concat()
 }
 
 /// Every run with the fields of [`RUN`].
@@ -92,7 +119,7 @@ fn named(figures: &[MeasuredFigure]) -> impl Iterator<Item = (&Measured, String)
 }
 
 fn write_line(text: &mut String, line: std::fmt::Arguments<'_>) {
-    writeln!(text, "{line}").expect("a text takes what is written to it");
+    writeln!(text, "{line}").expect(WRITES);
 }
 
 /// A text as a field.
@@ -117,7 +144,8 @@ mod tests {
     #[test]
     fn lines_have_as_many_fields_as_the_header() {
         let header = summary(&[]);
-        let unfinished = ["", "", "", "", "", "", "", "", "0,,,,,,,,,,"].join(",");
-        assert_eq!(header.matches(',').count(), unfinished.matches(',').count());
+        let of_run = RUN.matches(',').count() + ",method,preset,finished".matches(',').count();
+        let fields = of_run + UNFINISHED.len() + 3 * LEVELS.len();
+        assert_eq!(header.matches(',').count(), fields);
     }
 }

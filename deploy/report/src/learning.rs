@@ -171,6 +171,7 @@ mod tests {
             config,
             summary: evaluation.map(summary),
             points: points.iter().map(point).collect(),
+            times_to_success: Vec::new(),
         }
     }
 

@@ -7,6 +7,7 @@ use protocol::messages::PolicyUpdate;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::summary::Summary;
+use run::time_to_success::TimeToSuccess;
 
 use crate::figure::{Curve, Figure, Panel};
 use terminal::numbers;
@@ -41,6 +42,8 @@ pub(crate) struct Measured {
     pub(crate) summary: Option<Summary>,
     /// A point for each policy update; at least one.
     pub(crate) points: Vec<Point>,
+    /// What it took until it had reached success rates.
+    pub(crate) times_to_success: Vec<TimeToSuccess>,
 }
 
 /// A policy update as a point of curves.
@@ -52,7 +55,7 @@ pub(crate) struct Point {
     pub(crate) environment_steps: u64,
     /// Training episodes so far.
     pub(crate) episodes: u64,
-    /// Wall time since the first rollout began, pauses of a resumed run left out, seconds.
+    /// Wall time of training, pauses of a resumed run left out, seconds.
     pub(crate) wall_s: f64,
     /// Of the last 100 training episodes.
     pub(crate) success_rate: f64,
@@ -108,9 +111,8 @@ impl Measured {
             .with_context(|| folder.path().display().to_string())?;
         let mut updates = Vec::new();
         for entry in records {
-            let entry = entry?;
-            if let Record::PolicyUpdate(update) = entry.record {
-                updates.push((entry.log_time_ns, *update));
+            if let Record::PolicyUpdate(update) = entry?.record {
+                updates.push(*update);
             }
         }
         if updates.is_empty() {
@@ -118,7 +120,9 @@ impl Measured {
             let message = "expected policy updates in the log, found none yet";
             return Err(wrong_usage(format!("{}: {message}", log.display())));
         }
-        Ok(Measured { folder, config, summary, points: points(&updates) })
+        let points = updates.iter().map(point).collect();
+        let times_to_success = TimeToSuccess::of_updates(&updates);
+        Ok(Measured { folder, config, summary, points, times_to_success })
     }
 
     /// The name of its folder, with its seed.
@@ -152,34 +156,19 @@ fn name(folder: &RunFolder) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-fn points(updates: &[(u64, PolicyUpdate)]) -> Vec<Point> {
-    let mut wall_s = 0.0;
-    let mut before_ns = None;
-    let point = |(now_ns, update): &(u64, PolicyUpdate)| {
-        wall_s += duration(before_ns, *now_ns, update);
-        before_ns = Some(*now_ns);
-        Point {
-            iteration: update.iteration,
-            environment_steps: update.environment_steps,
-            episodes: update.episodes,
-            wall_s,
-            success_rate: update.success_rate,
-            mean_reward: update.mean_reward,
-            mean_proximity: update.mean_proximity,
-            mean_uncertainty: update.mean_uncertainty,
-            entropy: update.entropy,
-            approximate_kl: update.approximate_kl,
-        }
-    };
-    updates.iter().map(point).collect()
-}
-
-/// Wall time of an iteration: since the update before. A pause, in which the run was stopped or
-/// waited for the disk, is many times what the iteration measured itself, and does not count.
-fn duration(before_ns: Option<u64>, now_ns: u64, update: &PolicyUpdate) -> f64 {
-    let own_s = update.rollout_s + update.scoring_s + update.update_s;
-    let since_s = before_ns.map(|before_ns| now_ns.saturating_sub(before_ns) as f64 / 1e9);
-    since_s.filter(|since_s| *since_s < 10.0 * own_s + 5.0).unwrap_or(own_s)
+fn point(update: &PolicyUpdate) -> Point {
+    Point {
+        iteration: update.iteration,
+        environment_steps: update.environment_steps,
+        episodes: update.episodes,
+        wall_s: update.wall_s,
+        success_rate: update.success_rate,
+        mean_reward: update.mean_reward,
+        mean_proximity: update.mean_proximity,
+        mean_uncertainty: update.mean_uncertainty,
+        entropy: update.entropy,
+        approximate_kl: update.approximate_kl,
+    }
 }
 
 #[cfg(test)]
@@ -207,21 +196,5 @@ mod tests {
         assert!(curve.runs.is_empty(), "a run without updates has no curve");
         assert!(curve.missing[0].starts_with("begun: ") && curve.missing.len() == 2);
         assert_eq!(curve.missing[1], "nowhere: not begun");
-    }
-
-    #[test]
-    fn pauses_do_not_count() {
-        let update = |iteration| PolicyUpdate {
-            iteration,
-            rollout_s: 1.0,
-            scoring_s: 0.25,
-            update_s: 0.75,
-            ..PolicyUpdate::default()
-        };
-        let second = 1_000_000_000;
-        let times = [100, 103, 1103, 1105].map(|at_s| at_s * second);
-        let updates: Vec<_> = times.into_iter().zip((0..).map(update)).collect();
-        let walls: Vec<f64> = points(&updates).iter().map(|point| point.wall_s).collect();
-        assert_eq!(walls, [2.0, 5.0, 7.0, 9.0]);
     }
 }

@@ -4,6 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use run::folder::RunFolder;
+use run::time_to_success::TimeToSuccess;
 
 use crate::curve::Spread;
 use crate::learning::{Against, Row, SHARES};
@@ -204,7 +205,7 @@ fn runs(figures: &[MeasuredFigure], folder: &Path) -> Markup {
                     thead {
                         tr {
                             th { "run" } th { "seed" } th { "steps" } th { "last 100" } th { "evaluation" }
-                            th { "time" } th.text { "policy sha256" } th.text { "to repeat it" }
+                            th { "time" } th { "time to 50, 90, 95, 98 %" } th.text { "policy sha256" } th.text { "to repeat it" }
                         }
                     }
                     tbody { @for run in different_runs(figures) { (run_row(run, folder)) } }
@@ -229,10 +230,18 @@ fn run_row(run: &Measured, folder: &Path) -> Markup {
             td { (percent(last.filter(|_| run.acts()).map(|point| point.success_rate))) }
             td { (percent(summary.and_then(|summary| summary.evaluation.success_rate))) }
             td { (numbers::duration(summary.map_or(f64::NAN, |summary| summary.wall_s))) }
+            td { (times_to_success(run)) }
             td.text { code { (hash.unwrap_or("-".to_owned())) } }
             td.text { code { (repeat::command(&run.folder, &run.config)) } }
         }
     }
+}
+
+/// A run's wall time to each level of success.
+fn times_to_success(run: &Measured) -> String {
+    let duration =
+        |time: Option<&TimeToSuccess>| numbers::duration(time.map_or(f64::NAN, |time| time.wall_s));
+    TimeToSuccess::by_level(&run.times_to_success).map(duration).join(", ")
 }
 
 /// A run's folder as seen from another folder, if they have more in common than the root.

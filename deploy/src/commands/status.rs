@@ -14,6 +14,7 @@ use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
 use run::summary::Summary;
+use run::time_to_success::TimeToSuccess;
 
 use crate::processes::Processes;
 use crate::progress::offline;
@@ -39,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let processes = address.as_ref().map(Processes::on).transpose()?;
     let training = processes.filter(Processes::train);
     let table = if let (Some(address), Some(processes)) = (address, training) {
-        live(&address, &config, &processes)?
+        live(&folder, &address, &config, &processes)?
     } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
         format!("finished\n{}", summary::table(&summary))
     } else if plan::lock(&folder).is_err() {
@@ -51,16 +52,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn live(address: &BusAddress, config: &RunConfig, processes: &Processes) -> Result<String> {
+fn live(
+    folder: &RunFolder,
+    address: &BusAddress,
+    config: &RunConfig,
+    processes: &Processes,
+) -> Result<String> {
     let progress = listen(address)?;
     let silence =
         || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
-    let (headline, rows, heard) = match progress {
+    let (headline, mut rows, heard) = match progress {
         Some(progress) => {
             ("training".to_owned(), live_rows(&progress, config), progress.actors_heard)
         }
         None => (silence(), common_rows(config), Vec::new()),
     };
+    rows.extend(times_to_success(folder));
     let headline = processes.trouble().unwrap_or(headline);
     Ok(format!("{headline}\n{}{}", numbers::table(&rows), processes.table(&heard)))
 }
@@ -139,9 +146,15 @@ fn stopped(folder: &RunFolder, config: &RunConfig) -> String {
     {
         rows.push(("environment steps", steps(update.environment_steps, config.steps)));
         rows.extend(update_rows(&update));
+        rows.extend(times_to_success(folder));
     }
     let heading = if folder.log().exists() { "stopped, not finished" } else { "never started" };
     format!("{heading}\n{}", numbers::table(&rows))
+}
+
+/// What the log has of them: one that cannot be read costs them, nothing else.
+fn times_to_success(folder: &RunFolder) -> Vec<(&'static str, String)> {
+    summary::times_to_success(&TimeToSuccess::of_run(folder).unwrap_or_default()).collect()
 }
 
 /// The newest update that the checkpoint after `iteration` iterations contains.

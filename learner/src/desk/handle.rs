@@ -1,4 +1,4 @@
-//! The trainer's end of the desk: orders one way, complete batches the other.
+//! The trainer's end of the desk: orders one way, complete rollouts the other.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -6,9 +6,8 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use bus::{Bus, Ringer, Role, SharedMemory};
-use protocol::trajectory::Encoded;
 
-use super::{Desk, DeskSeconds, Order, Setup};
+use super::{Desk, Order, RolledOut, Setup};
 
 /// Orders that may wait; the trainer gives a handful per iteration.
 const ORDERS: usize = 64;
@@ -16,9 +15,9 @@ const ORDERS: usize = 64;
 /// The trainer's end of the desk.
 pub struct DeskHandle {
     orders: SyncSender<Order>,
-    batches: Receiver<Vec<Encoded>>,
+    rollouts: Receiver<RolledOut>,
     ringer: std::rc::Rc<Ringer<SharedMemory>>,
-    thread: Option<JoinHandle<Result<DeskSeconds>>>,
+    thread: Option<JoinHandle<Result<f64>>>,
 }
 
 impl DeskHandle {
@@ -28,7 +27,7 @@ impl DeskHandle {
     /// When the desk cannot open its ports or the log.
     pub fn start(setup: Setup, bus: &Bus) -> Result<DeskHandle> {
         let (orders, incoming) = sync_channel(ORDERS);
-        let (outgoing, batches) = sync_channel(1);
+        let (outgoing, rollouts) = sync_channel(1);
         let (ready, opened) = sync_channel(1);
         let body = move || {
             let mut desk = Desk::open(setup, incoming, outgoing)?;
@@ -38,7 +37,7 @@ impl DeskHandle {
         };
         let thread = std::thread::Builder::new().name("desk".to_owned()).spawn(body)?;
         let ringer = bus.ringer(Role::Learner)?;
-        let mut handle = DeskHandle { orders, batches, ringer, thread: Some(thread) };
+        let mut handle = DeskHandle { orders, rollouts, ringer, thread: Some(thread) };
         match opened.recv() {
             Ok(()) => Ok(handle),
             Err(_) => Err(handle.failure()),
@@ -56,14 +55,14 @@ impl DeskHandle {
         Ok(self.ringer.ring()?)
     }
 
-    /// The next complete batch, if it comes within `patience`.
+    /// The next complete rollout, if it comes within `patience`.
     ///
     /// # Errors
     /// Why the desk has ended, if it has.
-    pub fn batch(&mut self, patience: Duration) -> Result<Option<Vec<Encoded>>> {
+    pub fn rolled_out(&mut self, patience: Duration) -> Result<Option<RolledOut>> {
         use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
-        match self.batches.recv_timeout(patience) {
-            Ok(batch) => Ok(Some(batch)),
+        match self.rollouts.recv_timeout(patience) {
+            Ok(rolled_out) => Ok(Some(rolled_out)),
             Err(Timeout) => Ok(None),
             Err(Disconnected) => Err(self.failure()),
         }
@@ -82,11 +81,11 @@ impl DeskHandle {
         Ok(())
     }
 
-    /// Ends the desk and waits for it; says where the time went.
+    /// Ends the desk and waits for it; returns the seconds that appending to the log took.
     ///
     /// # Errors
     /// Why the desk failed, if it did.
-    pub fn finish(mut self) -> Result<DeskSeconds> {
+    pub fn finish(mut self) -> Result<f64> {
         self.order(Order::Finish)?;
         self.join()
     }
@@ -95,8 +94,8 @@ impl DeskHandle {
         self.join().err().unwrap_or_else(|| anyhow!("the desk ended before the run"))
     }
 
-    fn join(&mut self) -> Result<DeskSeconds> {
-        let Some(thread) = self.thread.take() else { return Ok(DeskSeconds::default()) };
+    fn join(&mut self) -> Result<f64> {
+        let Some(thread) = self.thread.take() else { return Ok(0.0) };
         // The panic itself has been printed by the thread.
         thread.join().unwrap_or_else(|_| Err(anyhow!("the desk panicked")))
     }

@@ -2,7 +2,7 @@
 //!
 //! It hands leases to actors, takes trajectories in, appends them to the log before anybody uses
 //! them, and publishes weights and progress, all while the trainer computes. Trainer and desk talk
-//! over two bounded channels: orders one way, complete batches the other.
+//! over two bounded channels: orders one way, complete rollouts the other.
 //!
 //! What comes over the bus is trusted with nothing: a message that cannot be used is dropped, with a
 //! line and a count, and the run goes on.
@@ -83,13 +83,12 @@ pub enum Entry {
     Checkpoint(Checkpoint),
 }
 
-/// Where the time of actors and log went in one sitting, seconds.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct DeskSeconds {
-    /// Of all actors together.
+/// What comes of a rollout.
+pub struct RolledOut {
+    /// Its trajectories, by lane and episode.
+    pub trajectories: Vec<Encoded>,
+    /// Where the time of all actors together went, as far as they have said since the rollout before.
     pub actors: ActorSeconds,
-    /// In appending to the log.
-    pub log: f64,
 }
 
 /// What the desk needs to open.
@@ -126,7 +125,7 @@ struct Desk {
     place: Place,
     stop: Stop,
     orders: Receiver<Order>,
-    batches: SyncSender<Vec<Encoded>>,
+    rollouts: SyncSender<RolledOut>,
     ledger: Option<LeaseLedger>,
     /// Actors that wait for leases; they are answered when there are some.
     waiting: Vec<(LeaseRequest, Request<SharedMemory>)>,
@@ -139,14 +138,15 @@ struct Desk {
     looked_after: Instant,
     flushed: Instant,
     finished: bool,
-    seconds: DeskSeconds,
+    actors: ActorSeconds,
+    log_s: f64,
 }
 
 impl Desk {
     fn open(
         setup: Setup,
         orders: Receiver<Order>,
-        batches: SyncSender<Vec<Encoded>>,
+        rollouts: SyncSender<RolledOut>,
     ) -> Result<Desk> {
         let bus = Bus::open(&setup.address, "learner")?;
         Ok(Desk {
@@ -162,7 +162,7 @@ impl Desk {
             place: setup.place,
             stop: setup.stop,
             orders,
-            batches,
+            rollouts,
             ledger: None,
             waiting: Vec::new(),
             dropped_trajectories: Dropped::new("trajectories from the bus"),
@@ -173,12 +173,14 @@ impl Desk {
             looked_after: Instant::now(),
             flushed: Instant::now(),
             finished: false,
-            seconds: DeskSeconds::default(),
+            actors: ActorSeconds::default(),
+            log_s: 0.0,
             bus,
         })
     }
 
-    fn run(&mut self) -> Result<DeskSeconds> {
+    /// Works until it is told to finish; returns the seconds that appending to the log took.
+    fn run(&mut self) -> Result<f64> {
         while !self.finished {
             self.doorbell.wait(TICK)?;
             self.take_orders()?;
@@ -196,7 +198,7 @@ impl Desk {
         }
         self.answer_actors()?;
         self.complete(LogWriter::finish)?;
-        Ok(self.seconds)
+        Ok(self.log_s)
     }
 
     /// Appends to the log, timed. While the disk refuses, the message is kept and the run pauses.
@@ -206,7 +208,7 @@ impl Desk {
             self.wait_for_room(error)?;
             self.complete(LogWriter::flush)?;
         }
-        self.seconds.log += begun.elapsed().as_secs_f64();
+        self.log_s += begun.elapsed().as_secs_f64();
         Ok(())
     }
 
@@ -358,9 +360,7 @@ impl Desk {
         }
         self.heard.insert(request.actor.clone(), Instant::now());
         if let Some(seconds) = request.seconds.filter(ActorSeconds::is_possible) {
-            self.seconds.actors.environment += seconds.environment;
-            self.seconds.actors.inference += seconds.inference;
-            self.seconds.actors.transport += seconds.transport;
+            self.actors.add(&seconds);
         }
         if let Some(ledger) = &mut self.ledger {
             for lease in &request.finished {
@@ -381,7 +381,8 @@ impl Desk {
             && let Some(ledger) = self.ledger.take()
         {
             // A trainer that is gone has failed and says why itself.
-            self.batches.send(ledger.into_batch()).ok();
+            let actors = std::mem::take(&mut self.actors);
+            self.rollouts.send(RolledOut { trajectories: ledger.into_batch(), actors }).ok();
         }
     }
 

@@ -186,6 +186,8 @@ fn policy_update() {
         scoring_s: 21.0,
         update_s: 22.0,
         held_out_loss: 23.0,
+        wall_s: 24.0,
+        processor_s: 25.0,
     };
     let theirs = by_schema(Topic::PolicyUpdate.schema(), &ours.encode_to_vec());
     // Every number above is the tag of its field.
@@ -218,12 +220,13 @@ fn reward_update() {
         weights_sha256: "6".to_owned(),
         experience: 7,
         seconds: 8.0,
+        processor_s: 9.0,
     };
     let theirs = by_schema(Topic::RewardUpdate.schema(), &ours.encode_to_vec());
     let named = ["iteration", "model_version", "gradient_steps", "demonstration_loss"];
     assert_eq!(named.map(|field| number(&theirs, field)), [1.0, 2.0, 3.0, 4.0]);
-    let named = ["agent_loss", "experience", "seconds"];
-    assert_eq!(named.map(|field| number(&theirs, field)), [5.0, 7.0, 8.0]);
+    let named = ["agent_loss", "experience", "seconds", "processor_s"];
+    assert_eq!(named.map(|field| number(&theirs, field)), [5.0, 7.0, 8.0, 9.0]);
     assert_eq!(text(&theirs, "weights_sha256"), "6");
 }
 

@@ -1,6 +1,7 @@
 //! What a run is: [`config`] says what it does, [`folder`] what lies where, [`mod@demonstrations`] what
 //! it learns from, [`checkpoint`] where it goes on from, [`origin`] whether it is still what it began
-//! as, [`summary`] what came of it, and [`process`] what every process of it wears.
+//! as, [`summary`] and [`time_to_success`] what came of it, [`process`] what every process of it wears, and
+//! [`process_stat`] what the system says of one.
 
 pub mod checkpoint;
 pub mod config;
@@ -12,5 +13,7 @@ pub mod learning_rate;
 pub mod metadata;
 pub mod origin;
 pub mod process;
+pub mod process_stat;
 pub mod summary;
 pub mod tasks;
+pub mod time_to_success;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::folder::RunFolder;
 use crate::origin::Demonstrations;
+use crate::time_to_success::TimeToSuccess;
 
 /// What a finished run has come to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +37,12 @@ pub struct Summary {
     pub evaluation: EvaluationFigures,
     /// Wall time of training, earlier sittings of a resumed run included, seconds.
     pub wall_s: f64,
+    /// Processor time of all its processes in that time, seconds.
+    #[serde(default)]
+    pub processor_s: f64,
+    /// What it took until the success rate had reached 50, 90, 95 and 98 %, as far as it has.
+    #[serde(default)]
+    pub time_to_success: Vec<TimeToSuccess>,
     /// Environment steps per second of wall time.
     pub steps_per_s: f64,
     /// Of the policy's weights.

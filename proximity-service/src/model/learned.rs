@@ -130,6 +130,7 @@ impl<O: Objective> Learned<O> {
             weights_sha256: self.sha256(),
             experience: self.replay_buffer.len() as u64,
             seconds: taken.seconds,
+            processor_s: 0.0, // the service fills it in
         })
     }
 }

@@ -1,257 +1,21 @@
 //! What the processes ask and tell each other, besides trajectories.
 //!
 //! Recorded: [`Score`], [`PolicyUpdate`], [`RewardUpdate`], [`Checkpoint`] (schema in
-//! `schema/goalward.proto`). Only on the bus: leases, weights, requests to the proximity service.
+//! `schema/goalward.proto`). Only on the bus: leases, weights, requests to the proximity service, and
+//! how a run stands.
 
-use bytes::Bytes;
+mod leases;
+mod service;
+
 use prost::Message;
 
 use crate::trajectory::TrajectoryKey;
 
-/// An actor asks for leases and hands back those it has finished.
-#[derive(Clone, PartialEq, Message)]
-pub struct LeaseRequest {
-    /// The actor's name on the bus.
-    #[prost(string, tag = "1")]
-    pub actor: String,
-    /// Most leases it can take now.
-    #[prost(uint32, tag = "2")]
-    pub capacity: u32,
-    /// Leases whose every trajectory it has published since it last asked.
-    #[prost(message, repeated, tag = "3")]
-    pub finished: Vec<Lease>,
-    /// Where its time went since it last asked.
-    #[prost(message, optional, tag = "4")]
-    pub seconds: Option<ActorSeconds>,
-}
-
-/// Where actors' time went, seconds, waiting left out.
-#[derive(Clone, Copy, PartialEq, Message)]
-pub struct ActorSeconds {
-    /// In environments.
-    #[prost(double, tag = "1")]
-    pub environment: f64,
-    /// In the policy's network and in drawing actions.
-    #[prost(double, tag = "2")]
-    pub inference: f64,
-    /// Encoding and publishing trajectories.
-    #[prost(double, tag = "3")]
-    pub transport: f64,
-}
-
-impl ActorSeconds {
-    /// Whether time can have gone so.
-    pub fn is_possible(&self) -> bool {
-        let parts = [self.environment, self.inference, self.transport];
-        parts.iter().all(|seconds| seconds.is_finite() && *seconds >= 0.0)
-    }
-}
-
-/// The learner's answer; empty when every lane of the iteration is taken.
-#[derive(Clone, PartialEq, Message)]
-pub struct LeaseReply {
-    /// The leases granted.
-    #[prost(message, repeated, tag = "1")]
-    pub leases: Vec<Lease>,
-    /// The run is over: the actor ends.
-    #[prost(bool, tag = "2")]
-    pub finished: bool,
-}
-
-/// The right to run a lane's episodes for one iteration. What comes out depends on nothing else.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Message)]
-pub struct Lease {
-    /// Training or evaluation.
-    #[prost(enumeration = "crate::trajectory::Source", tag = "1")]
-    pub source: i32,
-    /// Iteration the episodes belong to.
-    #[prost(uint64, tag = "2")]
-    pub iteration: u64,
-    /// Environment stream.
-    #[prost(uint64, tag = "3")]
-    pub lane: u64,
-    /// Policy that acts.
-    #[prost(uint64, tag = "4")]
-    pub policy_version: u64,
-    /// First episode to run.
-    #[prost(uint64, tag = "5")]
-    pub first_episode: u64,
-    /// Episodes are run until they have at least this many steps together,
-    #[prost(uint64, tag = "6")]
-    pub steps_owed: u64,
-    /// and are at least this many.
-    #[prost(uint64, tag = "7")]
-    pub episodes_owed: u64,
-}
-
-/// A request to the proximity service.
-#[derive(Clone, PartialEq, Message)]
-pub struct ServiceRequest {
-    /// What is asked.
-    #[prost(oneof = "Ask", tags = "1, 2, 3, 4, 5, 6")]
-    pub ask: Option<Ask>,
-}
-
-/// The kinds of request.
-#[derive(Clone, PartialEq, prost::Oneof)]
-pub enum Ask {
-    /// Be at the state after this many iterations: a fresh, pre-trained model for 0.
-    #[prost(message, tag = "1")]
-    Begin(Begin),
-    /// These trajectories are the batch of an iteration; which of them are missing?
-    #[prost(message, tag = "2")]
-    Batch(Batch),
-    /// Score the trajectories of the current batch.
-    #[prost(message, tag = "3")]
-    Score(IterationRequest),
-    /// Train on the current batch and the demonstrations (Eq. 4).
-    #[prost(message, tag = "4")]
-    Improve(IterationRequest),
-    /// Write a checkpoint file.
-    #[prost(message, tag = "5")]
-    Save(Save),
-    /// Proximity and uncertainty of any observations. Changes nothing; any process may ask.
-    #[prost(message, tag = "6")]
-    Query(Query),
-}
-
-/// See [`Ask::Begin`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Begin {
-    /// Iterations finished.
-    #[prost(uint64, tag = "1")]
-    pub iteration: u64,
-    /// The service's file of the checkpoint to continue from; empty for a fresh start.
-    #[prost(string, tag = "2")]
-    pub checkpoint: String,
-}
-
-/// See [`Ask::Batch`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Batch {
-    /// The iteration.
-    #[prost(uint64, tag = "1")]
-    pub iteration: u64,
-    /// Its trajectories, in batch order.
-    #[prost(message, repeated, tag = "2")]
-    pub keys: Vec<TrajectoryKey>,
-    /// Encoded trajectories that the service said it lacks.
-    #[prost(bytes = "bytes", repeated, tag = "3")]
-    pub supplied: Vec<Bytes>,
-}
-
-/// A request about the current batch.
-#[derive(Clone, Copy, PartialEq, Message)]
-pub struct IterationRequest {
-    /// The iteration.
-    #[prost(uint64, tag = "1")]
-    pub iteration: u64,
-}
-
-/// See [`Ask::Save`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Save {
-    /// File to write, in a folder that exists.
-    #[prost(string, tag = "1")]
-    pub path: String,
-}
-
-/// See [`Ask::Query`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Query {
-    /// Observations, one after another, each of the spec's length in bytes.
-    #[prost(bytes = "bytes", tag = "1")]
-    pub observations: Bytes,
-}
-
-/// The service's answer.
-#[derive(Clone, PartialEq, Message)]
-pub struct ServiceReply {
-    /// What is answered.
-    #[prost(oneof = "Answer", tags = "1, 2, 3, 4, 5, 6, 7, 8")]
-    pub answer: Option<Answer>,
-}
-
-/// The kinds of answer.
-#[derive(Clone, PartialEq, prost::Oneof)]
-pub enum Answer {
-    /// To `Begin` and `Improve`.
-    #[prost(message, tag = "1")]
-    Updated(RewardUpdate),
-    /// To `Batch`: what it lacks; empty when the batch is complete.
-    #[prost(message, tag = "2")]
-    Missing(Missing),
-    /// To `Score`, in batch order.
-    #[prost(message, tag = "3")]
-    Scores(Scores),
-    /// To `Save`.
-    #[prost(message, tag = "4")]
-    Saved(Saved),
-    /// To `Query`.
-    #[prost(message, tag = "5")]
-    Estimates(Estimates),
-    /// The request could not be served, and why.
-    #[prost(string, tag = "6")]
-    Refused(String),
-    /// The same, and it never could: `run::process::Final`.
-    #[prost(string, tag = "7")]
-    Final(String),
-    /// To `Begin`, which is to be asked again: offline training is under way.
-    #[prost(message, tag = "8")]
-    Pretraining(Pretraining),
-}
-
-/// How far offline training has come.
-#[derive(Clone, Copy, PartialEq, Eq, Message)]
-pub struct Pretraining {
-    /// Gradient steps done,
-    #[prost(uint64, tag = "1")]
-    pub done: u64,
-    /// of so many.
-    #[prost(uint64, tag = "2")]
-    pub total: u64,
-}
-
-/// See [`Answer::Missing`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Missing {
-    /// Positions in the batch.
-    #[prost(uint32, repeated, tag = "1")]
-    pub positions: Vec<u32>,
-}
-
-/// See [`Answer::Saved`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Saved {
-    /// SHA-256 of the weights written.
-    #[prost(string, tag = "1")]
-    pub weights_sha256: String,
-    /// SHA-256 of the file.
-    #[prost(string, tag = "2")]
-    pub file_sha256: String,
-}
-
-/// See [`Answer::Scores`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Scores {
-    /// One score per trajectory.
-    #[prost(message, repeated, tag = "1")]
-    pub scores: Vec<Score>,
-}
-
-/// See [`Answer::Estimates`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Estimates {
-    /// Updates the model has had.
-    #[prost(uint64, tag = "1")]
-    pub model_version: u64,
-    /// One per observation, in [0, 1].
-    #[prost(float, repeated, tag = "2")]
-    pub proximity: Vec<f32>,
-    /// One per observation, standard deviation of the ensemble.
-    #[prost(float, repeated, tag = "3")]
-    pub uncertainty: Vec<f32>,
-}
+pub use leases::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
+pub use service::{
+    Answer, Ask, Batch, Begin, Estimates, IterationRequest, Missing, Pretraining, Query, Save,
+    Saved, Scores, ServiceReply, ServiceRequest,
+};
 
 /// What the reward model said of one trajectory.
 #[derive(Clone, PartialEq, Message)]
@@ -351,6 +115,12 @@ pub struct PolicyUpdate {
     /// Loss on demonstrations held out; of learners that hold some out.
     #[prost(double, tag = "23")]
     pub held_out_loss: f64,
+    /// Wall time of training so far, offline training and earlier sittings included.
+    #[prost(double, tag = "24")]
+    pub wall_s: f64,
+    /// Processor time of all processes of the run in that time.
+    #[prost(double, tag = "25")]
+    pub processor_s: f64,
 }
 
 /// One update of the reward model.
@@ -380,6 +150,9 @@ pub struct RewardUpdate {
     /// Wall time of the update.
     #[prost(double, tag = "8")]
     pub seconds: f64,
+    /// Processor time of the proximity service since its update before.
+    #[prost(double, tag = "9")]
+    pub processor_s: f64,
 }
 
 /// A checkpoint of learner and proximity service, taken together.
