@@ -10,7 +10,7 @@ use networks::{
     ActorCritic, Adam, Batch, Ensemble, Network, PolicyArchitecture, PolicyWorkspace,
     RewardArchitecture, Squashing, Workspace, clip_global_norm,
 };
-use protocol::seed::{Purpose, stream};
+use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec};
 use rand::RngExt;
 
@@ -20,13 +20,31 @@ const VECTOR: ObservationSpec = ObservationSpec::Vector { len: 16 };
 fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
     let mut stream = stream(1, Purpose::TrainingEpisode, 0, 0);
     match spec {
-        ObservationSpec::Cells { height, width, classes } => {
-            (0..rows * height * width).map(|_| stream.random_range(0..classes as u8)).collect()
+        ObservationSpec::Cells { height, width, .. } => {
+            (0..rows).flat_map(|_| four_rooms(height, width, &mut stream)).collect()
         }
         ObservationSpec::Vector { len } => {
             (0..rows * len).flat_map(|_| stream.random::<f32>().to_le_bytes()).collect()
         }
     }
+}
+
+/// A grid like those of NAVIGATION: what a layer costs depends on how much of it repeats itself.
+fn four_rooms(height: usize, width: usize, stream: &mut Stream) -> Vec<u8> {
+    let (empty, wall, goal, agent) = (0, 1, 2, 3);
+    let is_wall = |at: usize, size: usize| at.is_multiple_of(size / 2);
+    let cell =
+        |y: usize, x: usize| if is_wall(y, height) || is_wall(x, width) { wall } else { empty };
+    let mut grid: Vec<u8> =
+        (0..height * width).map(|index| cell(index / width, index % width)).collect();
+    for (rows, columns) in [(1..9, 9..10), (10..18, 9..10), (9..10, 1..9), (9..10, 10..18)] {
+        grid[stream.random_range(rows) * width + stream.random_range(columns)] = empty;
+    }
+    for class in [goal, agent] {
+        let free: Vec<usize> = (0..grid.len()).filter(|&index| grid[index] == empty).collect();
+        grid[free[stream.random_range(0..free.len())]] = class;
+    }
+    grid
 }
 
 /// Forward and backward of a policy on `rows`, with and without preparation, clipping and Adam.

@@ -11,7 +11,7 @@ use protocol::seed::Stream;
 use crate::batch::{Batch, RowSize};
 use crate::encoder::{Encoder, EncoderMemory, PreparedEncoder};
 use crate::layer::activation::Activation;
-use crate::layer::affine::{Affine, Panels};
+use crate::layer::dense::{Dense, Panels};
 use crate::layer::reshape;
 use crate::layer::stack::{GradientMemory, Stack};
 use crate::shape::NetworkShape;
@@ -34,7 +34,7 @@ pub struct Prepared {
     panels: Vec<Panels>,
 }
 
-/// What a thread needs to evaluate a network. It grows to the largest batch and is then reused; after
+/// What a thread needs to evaluate one network. It grows to the largest batch and is then reused; after
 /// [`Network::forward`] it holds what [`Network::backward`] needs.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
@@ -64,11 +64,11 @@ impl Network {
         let mut width = encoder.features() + shape.extra_inputs;
         let mut layers = Vec::new();
         for &hidden in &shape.hidden {
-            layers.push(Affine::dense(width, hidden, shape.activation));
+            layers.push(Dense { inputs: width, outputs: hidden, activation: shape.activation });
             width = hidden;
         }
         let outputs = shape.heads.iter().map(|head| head.outputs).sum();
-        layers.push(Affine::dense(width, outputs, Activation::Identity));
+        layers.push(Dense { inputs: width, outputs, activation: Activation::Identity });
         let layers = Stack::new(layers);
         let mut ranges = encoder.parameter_ranges();
         let start = ranges.last().map_or(0, |range| range.end);
@@ -113,9 +113,9 @@ impl Network {
         let (last, hidden) = self.layers.layers().split_last().expect("there is an output layer");
         for layer in hidden {
             let initialization = self.shape.hidden_initialization;
-            parameters.extend(initialization.draw(layer.fan_in(), layer.fan_out(), stream));
+            parameters.extend(initialization.draw(layer.inputs, layer.outputs, stream));
         }
-        let fan_in = last.fan_in();
+        let fan_in = last.inputs;
         let mut heads: Vec<_> = (self.shape.heads.iter())
             .map(|head| head.initialization.draw(fan_in, head.outputs, stream))
             .map(Vec::into_iter)
@@ -194,8 +194,7 @@ impl Network {
         self.layers.backward(&prepared.panels, values, gradients, of_layers, learns);
         if learns {
             narrow(&mut gradients.outputs, self.shape.extra_inputs);
-            let observations = batch.observations;
-            self.encoder.backward(&prepared.encoder, observations, encoder, gradients, of_encoder);
+            self.encoder.backward(&prepared.encoder, encoder, gradients, of_encoder);
         }
     }
 

@@ -25,13 +25,22 @@ fn normal(stream: &mut Stream) -> f32 {
 
 fn observations(spec: ObservationSpec, frames: usize, stream: &mut Stream) -> Vec<u8> {
     match spec {
-        ObservationSpec::Cells { height, width, classes } => (0..ROWS * frames * height * width)
-            .map(|_| stream.random_range(0..classes as u8))
-            .collect(),
+        ObservationSpec::Cells { height, width, classes } => {
+            cells(ROWS * frames * height * width, classes, stream)
+        }
         ObservationSpec::Vector { len } => {
             (0..ROWS * frames * len).flat_map(|_| normal(stream).to_le_bytes()).collect()
         }
     }
+}
+
+/// Cells that are mostly empty, so that many windows see the same.
+fn cells(count: usize, classes: usize, stream: &mut Stream) -> Vec<u8> {
+    let mut cell = || match stream.random_range(0..4) {
+        0 => stream.random_range(0..classes as u8),
+        _ => 0,
+    };
+    (0..count).map(|_| cell()).collect()
 }
 
 /// The derivatives of `loss` with respect to each of `numbers`, above and below its place.

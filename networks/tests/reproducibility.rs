@@ -21,7 +21,14 @@ fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
     let mut stream = random();
     match spec {
         ObservationSpec::Cells { height, width, classes } => {
-            (0..rows * height * width).map(|_| stream.random_range(0..classes as u8)).collect()
+            // Mostly empty, and the second half of the rows is the first.
+            let mut cell = || match stream.random_range(0..8) {
+                0 => stream.random_range(0..classes as u8),
+                _ => 0,
+            };
+            let half = rows.div_ceil(2) * height * width;
+            let cells: Vec<u8> = (0..half).map(|_| cell()).collect();
+            cells.iter().cycle().take(rows * height * width).copied().collect()
         }
         ObservationSpec::Vector { len } => {
             (0..rows * len).flat_map(|_| (stream.random::<f32>() - 0.5).to_le_bytes()).collect()
@@ -105,6 +112,30 @@ fn a_sharded_gradients_bits_do_not_depend_on_threads() {
             assert_eq!(sharded_gradient(&policy, spec, threads), alone, "{threads} threads");
         }
     }
+}
+
+#[test]
+fn equal_rows_weigh_as_often_as_they_are_there() {
+    let network = Network::new(RewardArchitecture::default().network_shape(CELLS, 1, 0));
+    let prepared = network.prepare(&network.initial_parameters(&mut random()));
+    let bytes = observations(CELLS, 12);
+    let mut workspace = Workspace::default();
+    let mut gradient = |rows: &[u8]| {
+        let batch = Batch::new(rows);
+        network.forward(&prepared, batch, &mut workspace);
+        let ones = DMatrix::from_element(1, rows.len() / CELLS.bytes(), 1.0);
+        let mut gradient = vec![0.0; network.parameter_count()];
+        network.backward(&prepared, batch, &mut workspace, &ones, &mut gradient);
+        gradient
+    };
+    let together = gradient(&bytes);
+    let mut alone = vec![0.0; together.len()];
+    bytes.chunks(CELLS.bytes()).for_each(|row| add(&mut alone, &gradient(row)));
+    let norm = |numbers: &mut dyn Iterator<Item = f32>| {
+        numbers.map(|number| f64::from(number).powi(2)).sum::<f64>().sqrt()
+    };
+    let error = norm(&mut together.iter().zip(&alone).map(|(one, other)| one - other));
+    assert!(error < 1e-5 * norm(&mut alone.iter().copied()), "the sums differ by {error:e}");
 }
 
 #[test]

@@ -1,5 +1,9 @@
 //! The encoder of grids of cells (Appendix G.2): convolutions, the first of them pooled, and a dense
 //! layer, each with a rectifier.
+//!
+//! Every layer computes the distinct windows of the batch only (`layer::windows`); the dense layer is one
+//! whose window is the whole image. So equal observations cost as much as one, and what moves in a grid
+//! costs its surroundings. Gradients of equal windows are summed before they go through a layer.
 
 use std::ops::Range;
 
@@ -10,24 +14,59 @@ use protocol::seed::Stream;
 use super::PreparedEncoder;
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
-use crate::layer::affine::Affine;
 use crate::layer::cells::Cells;
-use crate::layer::reshape;
-use crate::layer::stack::{GradientMemory, Stack};
+use crate::layer::dense::{Dense, Panels};
+use crate::layer::kernel::Vector16;
+use crate::layer::ranges;
+use crate::layer::windows::{Distinct, Windows};
 
 /// The layers of the encoder.
 #[derive(Clone, Debug)]
 pub(crate) struct CellsEncoder {
+    squares: Windows,
     first: Cells,
-    further: Stack,
+    further: Vec<Layer>,
+    /// Where each layer's parameters lie.
+    ranges: Vec<Range<usize>>,
+}
+
+/// A layer behind the first.
+#[derive(Clone, Debug)]
+struct Layer {
+    /// Over what the layer before gives.
+    windows: Windows,
+    /// Numbers of each of its pixels.
+    channels: usize,
+    /// What each window goes through.
+    dense: Dense,
 }
 
 /// What a thread needs to evaluate it, and to take gradients back through it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellsMemory {
-    /// The input of every affine layer, and the features.
-    values: Vec<DMatrix<f32>>,
+    /// What the distinct windows were found in.
+    observations: Vec<u8>,
+    squares: Distinct,
+    cells: Vec<u8>,
+    pixels: Vec<f32>,
     winners: Vec<u8>,
+    further: Vec<LayerMemory>,
+    gradients: Gradients,
+}
+
+/// What a layer was given, and what it made of it.
+#[derive(Clone, Debug, Default)]
+struct LayerMemory {
+    distinct: Distinct,
+    input: Vec<f32>,
+    output: Vec<f32>,
+}
+
+/// Gradients on their way back.
+#[derive(Clone, Debug, Default)]
+struct Gradients {
+    outputs: Vec<f32>,
+    inputs: Vec<f32>,
 }
 
 impl CellsEncoder {
@@ -36,38 +75,41 @@ impl CellsEncoder {
     /// # Panics
     /// If there is no convolution, or the grid is too small for them.
     pub(crate) fn new(
-        [height, width]: [usize; 2],
+        grid: [usize; 2],
         classes: usize,
         frames: usize,
         architecture: &CellsArchitecture,
     ) -> Self {
-        let CellsArchitecture { channels, kernel, pool, features } = architecture;
-        let (&first, further) = channels.split_first().expect("an encoder has a convolution");
-        let first = Cells::new(frames, [height, width], classes, *kernel, *pool, first);
-        let mut image = first.output;
-        let mut layers = Vec::new();
-        for &channels in further {
-            layers.push(Affine::convolution(image, *kernel, channels, Activation::Relu));
-            image = [image[0] + 1 - kernel, image[1] + 1 - kernel, channels];
+        let &CellsArchitecture { ref channels, kernel, pool, features } = architecture;
+        let (&first, convolutions) = channels.split_first().expect("an encoder has a convolution");
+        let squares = Windows::square(frames, grid, pool + kernel - 1, pool);
+        let (mut size, mut channels) = (squares.size, first);
+        let mut further = Vec::new();
+        for &outputs in convolutions {
+            let windows = Windows::square(1, size, kernel, 1);
+            size = windows.size;
+            further.push(Layer::new(windows, channels, outputs));
+            channels = outputs;
         }
-        layers.push(Affine::dense(image.iter().product(), *features, Activation::Relu));
-        Self { first, further: Stack::new(layers) }
+        further.push(Layer::new(Windows::whole(size), channels, features));
+        let first = Cells::new(frames, classes, kernel, pool, first);
+        let counts = further.iter().map(|layer| layer.dense.parameter_count());
+        let counts = std::iter::once(first.parameter_count()).chain(counts);
+        let ranges = ranges(counts);
+        Self { squares, first, further, ranges }
     }
 
     pub(super) fn features(&self) -> usize {
-        self.further.layers().last().expect("a dense layer ends the encoder").row_outputs()
+        self.further.last().expect("a dense layer ends the encoder").dense.outputs
     }
 
-    pub(super) fn parameter_ranges(&self) -> Vec<Range<usize>> {
-        let start = self.first.parameter_count();
-        let further = self.further.ranges().iter();
-        let further = further.map(|range| start + range.start..start + range.end);
-        std::iter::once(0..start).chain(further).collect()
+    pub(super) fn parameter_ranges(&self) -> &[Range<usize>] {
+        &self.ranges
     }
 
     pub(super) fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
-        let first = (self.first.fan_in(), self.first.output[2]);
-        let further = self.further.layers().iter().map(|layer| (layer.fan_in(), layer.fan_out()));
+        let first = (self.first.fan_in(), self.first.channels);
+        let further = self.further.iter().map(|layer| (layer.dense.inputs, layer.dense.outputs));
         let layers = std::iter::once(first).chain(further);
         layers
             .flat_map(|(fan_in, outputs)| Initialization::FanIn.draw(fan_in, outputs, stream))
@@ -75,9 +117,12 @@ impl CellsEncoder {
     }
 
     pub(super) fn prepare(&self, parameters: &[f32], prepared: &mut PreparedEncoder) {
-        let (first, further) = parameters.split_at(self.first.parameter_count());
-        self.first.prepare(first, &mut prepared.table);
-        self.further.prepare(further, &mut prepared.panels);
+        let (first, further) = self.ranges.split_first().expect("an encoder has a convolution");
+        self.first.prepare(&parameters[first.clone()], &mut prepared.table);
+        prepared.panels.resize_with(self.further.len(), Panels::default);
+        for ((layer, range), panels) in self.further.iter().zip(further).zip(&mut prepared.panels) {
+            layer.dense.prepare(&parameters[range.clone()], panels);
+        }
     }
 
     pub(super) fn forward(
@@ -87,28 +132,87 @@ impl CellsEncoder {
         memory: &mut CellsMemory,
         features: &mut DMatrix<f32>,
     ) {
-        let CellsMemory { values, winners } = memory;
-        let input = self.further.input(values);
-        reshape(input, self.first.row_outputs(), features.ncols());
-        winners.resize(input.len(), 0);
-        self.first.forward(&prepared.table, observations, input.as_mut_slice(), winners);
-        self.further.forward(&prepared.panels, values);
-        features.copy_from(values.last().expect("the input of a layer and its output"));
+        self.find_windows(observations, memory);
+        let CellsMemory { cells, pixels, winners, further, .. } = memory;
+        self.first.forward(&prepared.table, cells, pixels, winners);
+        let mut outputs = &*pixels;
+        for ((layer, panels), memory) in
+            self.further.iter().zip(&prepared.panels).zip(&mut *further)
+        {
+            let LayerMemory { distinct, input, output } = memory;
+            distinct.gather(outputs, layer.channels, input);
+            output.resize(distinct.pixels.len() / layer.windows.len() * layer.dense.outputs, 0.0);
+            layer.dense.forward(panels, input, output);
+            outputs = output;
+        }
+        let last = further.last().expect("a dense layer ends the encoder");
+        let width = self.features();
+        let rows = features.as_mut_slice().chunks_exact_mut(width);
+        for (&which, row) in last.distinct.which.iter().zip(rows) {
+            row.copy_from_slice(&last.output[which as usize * width..][..width]);
+        }
+    }
+
+    /// Finds the distinct windows of every layer, unless the observations are those of the last time:
+    /// the members of an ensemble see the same.
+    fn find_windows(&self, observations: &[u8], memory: &mut CellsMemory) {
+        let found = memory.further.len() == self.further.len();
+        if found && memory.observations == observations {
+            return;
+        }
+        memory.observations.clear();
+        memory.observations.extend_from_slice(observations);
+        let CellsMemory { squares, cells, pixels, winners, further, .. } = memory;
+        squares.find(&self.squares, observations);
+        cells.clear();
+        cells.extend(squares.pixels.iter().map(|class| *class as u8));
+        let numbers = cells.len() / self.squares.len() * self.first.channels;
+        pixels.resize(numbers, 0.0);
+        winners.resize(numbers, 0);
+        further.resize_with(self.further.len(), LayerMemory::default);
+        let mut images = &squares.which;
+        for (layer, memory) in self.further.iter().zip(further) {
+            memory.distinct.find(&layer.windows, images);
+            images = &memory.distinct.which;
+        }
     }
 
     pub(super) fn backward(
         &self,
         prepared: &PreparedEncoder,
-        observations: &[u8],
-        memory: &CellsMemory,
-        gradients: &mut GradientMemory,
+        memory: &mut CellsMemory,
+        feature_gradients: &DMatrix<f32>,
+        vectors: &mut Vec<Vector16>,
         gradient: &mut [f32],
     ) {
-        let CellsMemory { values, winners } = memory;
-        let (first, further) = gradient.split_at_mut(self.first.parameter_count());
-        self.further.backward(&prepared.panels, values, gradients, further, true);
-        let GradientMemory { outputs, vectors, .. } = gradients;
-        Activation::Relu.backward(values[0].as_slice(), outputs.as_mut_slice());
-        self.first.parameter_gradient(observations, winners, outputs.as_slice(), vectors, first);
+        let CellsMemory { cells, pixels, winners, further, gradients, .. } = memory;
+        let Gradients { outputs, inputs } = gradients;
+        let last = further.last().expect("a dense layer ends the encoder");
+        outputs.clear();
+        outputs.resize(last.output.len(), 0.0);
+        last.distinct.sum(feature_gradients.as_slice(), self.features(), outputs);
+        for (index, layer) in self.further.iter().enumerate().rev() {
+            let LayerMemory { distinct, input, output } = &further[index];
+            layer.dense.activation.backward(output, outputs);
+            let own = &mut gradient[self.ranges[index + 1].clone()];
+            layer.dense.parameter_gradient(input, outputs, vectors, own);
+            inputs.resize(input.len(), 0.0);
+            layer.dense.input_gradient(&prepared.panels[index], outputs, inputs);
+            outputs.clear();
+            let before =
+                index.checked_sub(1).map_or(pixels.len(), |before| further[before].output.len());
+            outputs.resize(before, 0.0);
+            distinct.spread(inputs, layer.channels, outputs);
+        }
+        Activation::Relu.backward(pixels, outputs);
+        let own = &mut gradient[self.ranges[0].clone()];
+        self.first.parameter_gradient(cells, winners, outputs, vectors, own);
+    }
+}
+
+impl Layer {
+    fn new(windows: Windows, channels: usize, outputs: usize) -> Layer {
+        let inputs = windows.len() * channels;
+        Layer { windows, channels, dense: Dense { inputs, outputs, activation: Activation::Relu } }
     }
 }

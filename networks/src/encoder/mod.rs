@@ -10,7 +10,7 @@ use protocol::seed::Stream;
 use protocol::task::{ObservationSpec, floats};
 
 use crate::encoder::cells::{CellsEncoder, CellsMemory};
-use crate::layer::affine::Panels;
+use crate::layer::dense::Panels;
 use crate::layer::kernel::Vector16;
 use crate::layer::stack::GradientMemory;
 
@@ -75,7 +75,7 @@ impl Encoder {
     pub(crate) fn parameter_ranges(&self) -> Vec<Range<usize>> {
         match self {
             Encoder::Vector { .. } => Vec::new(),
-            Encoder::Cells(cells) => cells.parameter_ranges(),
+            Encoder::Cells(cells) => cells.parameter_ranges().to_vec(),
         }
     }
 
@@ -120,13 +120,13 @@ impl Encoder {
     pub(crate) fn backward(
         &self,
         prepared: &PreparedEncoder,
-        observations: &[u8],
         memory: &mut EncoderMemory,
         gradients: &mut GradientMemory,
         gradient: &mut [f32],
     ) {
         if let Encoder::Cells(cells) = self {
-            cells.backward(prepared, observations, &memory.cells, gradients, gradient);
+            let GradientMemory { outputs, vectors, .. } = gradients;
+            cells.backward(prepared, &mut memory.cells, outputs, vectors, gradient);
         }
     }
 }

@@ -8,59 +8,45 @@
 use super::activation::rectify;
 use super::kernel::{COLUMNS, Vector16};
 
-/// Convolution of stride one, rectifier, and pooling of disjoint squares (the first maximum wins;
-/// what does not fill a square is left out).
+/// Convolution of stride one over squares of cells, rectifier, and pooling of each square to one pixel
+/// (the first maximum wins).
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
-    /// Bytes in one row of the batch.
-    pub(crate) bytes: usize,
+    /// Cells of a square, all frames together.
+    cells: usize,
     classes: usize,
-    channels: usize,
+    /// Numbers of a pixel.
+    pub(crate) channels: usize,
     /// Where the cells of a window lie, from its first.
     window: Vec<usize>,
-    /// Where the windows of a pooled square begin, from its first.
-    square: Vec<usize>,
-    /// Where the first windows of the pooled squares begin.
-    starts: Vec<usize>,
-    /// Height, width and channels of the output.
-    pub(crate) output: [usize; 3],
+    /// Where the windows of a square begin.
+    corners: Vec<usize>,
 }
 
 impl Cells {
-    /// The layer over `frames` grids of `[height, width]`.
+    /// The layer over squares that are `pool + kernel - 1` cells wide, of so many frames.
     pub(crate) fn new(
         frames: usize,
-        [height, width]: [usize; 2],
         classes: usize,
         kernel: usize,
         pool: usize,
         channels: usize,
     ) -> Self {
-        let grid = |rows: usize, columns: usize, step: usize| {
-            (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * width + x) * step))
-        };
-        let pooled = [(height + 1 - kernel) / pool, (width + 1 - kernel) / pool];
-        let frame =
-            |index: usize| grid(kernel, kernel, 1).map(move |at| index * height * width + at);
+        let width = pool + kernel - 1;
+        let grid = |side: usize| (0..side).flat_map(move |y| (0..side).map(move |x| y * width + x));
+        let frame = |index: usize| grid(kernel).map(move |at| index * width * width + at);
         Self {
-            bytes: frames * height * width,
+            cells: frames * width * width,
             classes,
             channels,
             window: (0..frames).flat_map(frame).collect(),
-            square: grid(pool, pool, 1).collect(),
-            starts: grid(pooled[0], pooled[1], pool).collect(),
-            output: [pooled[0], pooled[1], channels],
+            corners: grid(pool).collect(),
         }
     }
 
     /// Numbers that one sum runs over.
     pub(crate) fn fan_in(&self) -> usize {
         self.window.len() * self.classes
-    }
-
-    /// Numbers in one row of the output.
-    pub(crate) fn row_outputs(&self) -> usize {
-        self.output.iter().product()
     }
 
     /// Weights and biases.
@@ -79,45 +65,38 @@ impl Cells {
         }
     }
 
-    /// Computes `output` and, for each of its numbers, which window of the square it came from.
+    /// Computes a pixel of each square and, for each of its numbers, which window it came from.
     ///
     /// # Panics
     /// If a cell's class is not below the number of classes.
     pub(crate) fn forward(
         &self,
         table: &[Vector16],
-        observations: &[u8],
-        output: &mut [f32],
+        squares: &[u8],
+        pixels: &mut [f32],
         winners: &mut [u8],
     ) {
-        let largest = observations.iter().fold(0, |largest, &class| class.max(largest));
+        let largest = squares.iter().fold(0, |largest, &class| class.max(largest));
         assert!(usize::from(largest) < self.classes, "cell class {largest} of {}", self.classes);
-        let rows = observations.chunks_exact(self.bytes);
-        let outputs = output.chunks_exact_mut(self.row_outputs());
-        for ((row, output), winners) in
-            rows.zip(outputs).zip(winners.chunks_exact_mut(self.row_outputs()))
-        {
-            let pixels = output.chunks_exact_mut(self.channels);
-            let pixels = pixels.zip(winners.chunks_exact_mut(self.channels));
-            for (&start, (output, winners)) in self.starts.iter().zip(pixels) {
-                let tables = table.chunks_exact(self.fan_in() + 1);
-                let pieces = output.chunks_mut(COLUMNS).zip(winners.chunks_mut(COLUMNS));
-                for (table, (output, winners)) in tables.zip(pieces) {
-                    let (best, winner) = self.pool(table, &row[start..]);
-                    output.copy_from_slice(&best.0[..output.len()]);
-                    winners.copy_from_slice(&winner[..winners.len()]);
-                }
+        let pixels = pixels.chunks_exact_mut(self.channels);
+        let pixels = pixels.zip(winners.chunks_exact_mut(self.channels));
+        for (cells, (pixel, winners)) in squares.chunks_exact(self.cells).zip(pixels) {
+            let tables = table.chunks_exact(self.fan_in() + 1);
+            let pieces = pixel.chunks_mut(COLUMNS).zip(winners.chunks_mut(COLUMNS));
+            for (table, (pixel, winners)) in tables.zip(pieces) {
+                let (best, winner) = self.pool(table, cells);
+                pixel.copy_from_slice(&best.0[..pixel.len()]);
+                winners.copy_from_slice(&winner[..winners.len()]);
             }
         }
     }
 
-    /// The largest sums over the windows of the square at the front of `cells`, rectified, and which
-    /// window gave them.
+    /// The largest sums over the windows of a square, rectified, and which window gave them.
     #[inline(always)]
     fn pool(&self, table: &[Vector16], cells: &[u8]) -> (Vector16, [u8; COLUMNS]) {
         let mut best = [f32::NEG_INFINITY; COLUMNS];
         let mut winner = [0_u32; COLUMNS];
-        for (index, &corner) in self.square.iter().enumerate() {
+        for (index, &corner) in self.corners.iter().enumerate() {
             let mut sums = table[self.fan_in()];
             for (cell, &offset) in self.window.iter().enumerate() {
                 let row = &table[cell * self.classes + usize::from(cells[corner + offset])];
@@ -132,12 +111,12 @@ impl Cells {
         (Vector16(best.map(rectify)), winner.map(|winner| winner as u8))
     }
 
-    /// Adds the gradient of the parameters to `gradient`, for the `output_gradients` of the pooled sums.
+    /// Adds the gradient of the parameters to `gradient`, for that of the sums behind the pixels.
     pub(crate) fn parameter_gradient(
         &self,
-        observations: &[u8],
+        squares: &[u8],
         winners: &[u8],
-        output_gradients: &[f32],
+        pixel_gradients: &[f32],
         table: &mut Vec<Vector16>,
         gradient: &mut [f32],
     ) {
@@ -145,23 +124,12 @@ impl Cells {
             let columns = column..self.channels.min(column + COLUMNS);
             table.clear();
             table.resize(self.fan_in() + 1, Vector16::ZERO);
-            let rows = observations.chunks_exact(self.bytes);
-            let output_gradients = output_gradients.chunks_exact(self.row_outputs());
-            for ((row, output_gradients), winners) in
-                rows.zip(output_gradients).zip(winners.chunks_exact(self.row_outputs()))
-            {
-                let pixels = output_gradients.chunks_exact(self.channels);
-                let pixels = pixels.zip(winners.chunks_exact(self.channels));
-                for (&start, (output_gradients, winners)) in self.starts.iter().zip(pixels) {
-                    let mut winner = [0; COLUMNS];
-                    winner[..columns.len()].copy_from_slice(&winners[columns.clone()]);
-                    self.spread(
-                        &row[start..],
-                        Vector16::of(&output_gradients[columns.clone()]),
-                        winner,
-                        table,
-                    );
-                }
+            let pixels = pixel_gradients.chunks_exact(self.channels);
+            let pixels = pixels.zip(winners.chunks_exact(self.channels));
+            for (cells, (pixel, winners)) in squares.chunks_exact(self.cells).zip(pixels) {
+                let mut winner = [0; COLUMNS];
+                winner[..columns.len()].copy_from_slice(&winners[columns.clone()]);
+                self.spread(cells, Vector16::of(&pixel[columns.clone()]), winner, table);
             }
             for (row, sums) in gradient.chunks_exact_mut(self.channels).zip(table.iter()) {
                 sums.add_to(&mut row[columns.clone()]);
@@ -169,17 +137,11 @@ impl Cells {
         }
     }
 
-    /// Adds the output gradients of one pooled square to the table rows that its windows summed.
+    /// Adds the gradient of a square's pixel to the table rows that its windows summed.
     #[inline(always)]
-    fn spread(
-        &self,
-        cells: &[u8],
-        output_gradients: Vector16,
-        winner: [u8; COLUMNS],
-        table: &mut [Vector16],
-    ) {
-        for (index, &corner) in self.square.iter().enumerate() {
-            let mut own = output_gradients;
+    fn spread(&self, cells: &[u8], pixel: Vector16, winner: [u8; COLUMNS], table: &mut [Vector16]) {
+        for (index, &corner) in self.corners.iter().enumerate() {
+            let mut own = pixel;
             for (own, winner) in own.0.iter_mut().zip(winner) {
                 *own = if usize::from(winner) == index { *own } else { 0.0 };
             }
@@ -188,6 +150,6 @@ impl Cells {
                 own.add_to(&mut table[row].0);
             }
         }
-        output_gradients.add_to(&mut table[self.fan_in()].0);
+        pixel.add_to(&mut table[self.fan_in()].0);
     }
 }

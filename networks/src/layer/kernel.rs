@@ -104,17 +104,17 @@ pub(crate) fn inner<const R: usize>(
     sums
 }
 
-/// The sums over ascending `m` of `numbers[starts[m] + r] * vectors[m]`.
+/// The sums over ascending `m` of `rows[m][first + r] * vectors[m]`, for rows of so many numbers.
 #[inline(always)]
 pub(crate) fn outer<const R: usize>(
-    numbers: &[f32],
-    starts: &[usize],
+    rows: &[f32],
+    first: usize,
+    row: usize,
     vectors: &[Vector16],
 ) -> [Vector16; R] {
     let mut sums = [Vector16::ZERO; R];
-    for (&start, vector) in starts.iter().zip(vectors) {
-        let factors: &[f32; R] =
-            numbers[start..].first_chunk().expect("windows lie inside the input");
+    for (row, vector) in rows.chunks_exact(row).zip(vectors) {
+        let factors: &[f32; R] = row[first..].first_chunk().expect("a tile lies inside the row");
         for (sums, factor) in sums.iter_mut().zip(factors) {
             multiply_add(sums, *factor, vector);
         }

@@ -1,17 +1,17 @@
-//! Affine layers one behind another.
+//! Dense layers one behind another.
 
 use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-use super::affine::{Affine, Panels};
+use super::dense::{Dense, Panels};
 use super::kernel::Vector16;
-use super::reshape;
+use super::{ranges, reshape};
 
 /// Layers, each of which reads what the one before it gives.
 #[derive(Clone, Debug)]
 pub(crate) struct Stack {
-    layers: Vec<Affine>,
+    layers: Vec<Dense>,
     /// Where each layer's parameters lie, from the first of the stack.
     ranges: Vec<Range<usize>>,
 }
@@ -33,19 +33,13 @@ impl Default for GradientMemory {
 }
 
 impl Stack {
-    pub(crate) fn new(layers: Vec<Affine>) -> Self {
-        let mut end = 0;
-        let range = |layer: &Affine| {
-            let start = end;
-            end += layer.parameter_count();
-            start..end
-        };
-        let ranges = layers.iter().map(range).collect();
+    pub(crate) fn new(layers: Vec<Dense>) -> Self {
+        let ranges = ranges(layers.iter().map(Dense::parameter_count));
         Self { layers, ranges }
     }
 
     /// The layers, from the first.
-    pub(crate) fn layers(&self) -> &[Affine] {
+    pub(crate) fn layers(&self) -> &[Dense] {
         &self.layers
     }
 
@@ -80,7 +74,7 @@ impl Stack {
             let [input, output] = values
                 .get_disjoint_mut([index, index + 1])
                 .expect("one more than there are layers");
-            reshape(output, layer.row_outputs(), input.ncols());
+            reshape(output, layer.outputs, input.ncols());
             layer.forward(panels, input.as_slice(), output.as_mut_slice());
         }
     }
@@ -127,11 +121,11 @@ impl GradientMemory {
         self.outputs.copy_from(output_gradient);
     }
 
-    fn through_activation(&mut self, layer: &Affine, outputs: &DMatrix<f32>) {
+    fn through_activation(&mut self, layer: &Dense, outputs: &DMatrix<f32>) {
         layer.activation.backward(outputs.as_slice(), self.outputs.as_mut_slice());
     }
 
-    fn through_layer(&mut self, layer: &Affine, panels: &Panels) {
+    fn through_layer(&mut self, layer: &Dense, panels: &Panels) {
         reshape(&mut self.inputs, layer.inputs, self.outputs.ncols());
         layer.input_gradient(panels, self.outputs.as_slice(), self.inputs.as_mut_slice());
         std::mem::swap(&mut self.outputs, &mut self.inputs);
