@@ -9,6 +9,9 @@ use hashbrown::HashTable;
 use rustc_hash::FxBuildHasher;
 use std::hash::BuildHasher;
 
+/// Numbers that are copied at a time.
+const CHUNK: usize = 8;
+
 /// Where the windows of an image lie.
 #[derive(Clone, Debug)]
 pub(crate) struct Windows {
@@ -90,7 +93,9 @@ impl Distinct {
     }
 
     fn is(&self, number: u32, window: &[u32]) -> bool {
-        self.pixels[number as usize * window.len()..][..window.len()] == *window
+        // Windows are short: a call that compares bytes costs more than this does.
+        let known = &self.pixels[number as usize * window.len()..][..window.len()];
+        known.iter().zip(window).fold(0, |differ, (one, other)| differ | (one ^ other)) == 0
     }
 
     /// The number of a window, which is a new one if it has not been seen.
@@ -111,9 +116,12 @@ impl Distinct {
     /// Writes what each distinct window sees to `input`, where `outputs` has the `channels` numbers of
     /// every pixel there is.
     pub(crate) fn gather(&self, outputs: &[f32], channels: usize, input: &mut Vec<f32>) {
-        input.clear();
-        for &pixel in &self.pixels {
-            input.extend_from_slice(&outputs[pixel as usize * channels..][..channels]);
+        input.resize(self.pixels.len() * channels, 0.0);
+        for (&pixel, input) in self.pixels.iter().zip(input.chunks_exact_mut(channels)) {
+            let numbers = outputs[pixel as usize * channels..][..channels].as_chunks::<CHUNK>();
+            let (chunks, rest) = input.as_chunks_mut::<CHUNK>();
+            chunks.iter_mut().zip(numbers.0).for_each(|(chunk, numbers)| *chunk = *numbers);
+            rest.copy_from_slice(numbers.1);
         }
     }
 
