@@ -334,7 +334,8 @@ impl Directory {
                 let protobuf = header.encoding == "protobuf";
                 let name =
                     if protobuf { header.name } else { format!("{} schema", header.encoding) };
-                self.schemas.insert(header.id, name.chars().take(LETTERS_KEPT).collect());
+                let name = name.chars().take(LETTERS_KEPT).collect();
+                self.schemas.entry(header.id).or_insert(name);
                 Ok(())
             }
             records::Record::Channel(channel) => self.take_channel(channel),
@@ -344,6 +345,10 @@ impl Directory {
     }
 
     fn take_channel(&mut self, channel: records::Channel) -> Result<(), Trouble> {
+        // The summary declares it again. If it differs there, the summary's checksum says so.
+        if self.channels.contains_key(&channel.id) {
+            return Ok(());
+        }
         let topic = Topic::named(&channel.topic);
         if let Some(topic) = topic {
             let schema = self.schemas.get(&channel.schema_id).map_or("none", String::as_str);
@@ -355,9 +360,7 @@ impl Directory {
                 )));
             }
         }
-        // The same channel again, in the summary at the end, changes nothing.
-        let new = Channel { topic, next: 0, forgiven: false };
-        self.channels.entry(channel.id).or_insert(new);
+        self.channels.insert(channel.id, Channel { topic, next: 0, forgiven: false });
         Ok(())
     }
 
