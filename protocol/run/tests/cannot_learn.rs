@@ -156,11 +156,11 @@ fn no_minibatch_can_be_empty() {
         &[
             (
                 "rollout.lanes=1 rollout.lane_steps=100",
-                &["`ppo.minibatches`", "1 steps", "rollout.lanes = 1", "found 8"],
+                &["`ppo.minibatches`", "1 steps", "rollout.lanes = 1", "found 16"],
             ),
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=4", &[]),
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=5", &["`ppo.minibatches`"]),
-            ("rollout.lanes=1 rollout.lane_steps=107", &[]),
+            ("rollout.lanes=1 rollout.lane_steps=115", &[]),
             // Whoever makes no minibatches of a rollout may have the shortest.
             ("method=sqil rollout.lanes=1 rollout.lane_steps=100", &[]),
         ],
