@@ -123,7 +123,7 @@ impl Demonstrator {
             ..Lease::default()
         };
         let action = vec![0; task.action.bytes()];
-        let lane = Lane::begin(lease, factory, seed)?;
+        let lane = Lane::begin(lease, factory, None, seed)?;
         let Task { tells_success, .. } = *task;
         Ok(Demonstrator { tells_success, task: task.name.clone(), expert, lane, action })
     }

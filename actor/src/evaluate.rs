@@ -82,7 +82,7 @@ fn act(
             steps_owed: 0,
             episodes_owed,
         };
-        Lane::begin(lease, factory, config.seed)
+        Lane::begin(lease, factory, None, config.seed)
     };
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;

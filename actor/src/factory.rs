@@ -69,12 +69,16 @@ impl Factory {
         Ok((self.task.make)(&self.setting)?)
     }
 
-    /// The named episode, begun in an environment of its own.
+    /// The named episode, begun where an earlier one was, or in an environment of its own.
     ///
     /// # Errors
     /// When there is no such setting, or no such start.
-    pub fn begin(&self, name: EpisodeName) -> Result<Episode> {
-        Episode::begin(self.make()?, &self.name, name)
+    pub fn begin(&self, name: EpisodeName, earlier: Option<Episode>) -> Result<Episode> {
+        let Some(mut episode) = earlier else {
+            return Episode::begin(self.make()?, &self.name, name);
+        };
+        episode.begin_again(name)?;
+        Ok(episode)
     }
 
     /// What others have to know of the task of this environment.

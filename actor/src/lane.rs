@@ -19,11 +19,16 @@ pub struct Lane {
 }
 
 impl Lane {
-    /// Begins the first episode of a lease.
+    /// Begins the first episode of a lease, where an earlier episode was if there is one.
     ///
     /// # Errors
     /// When the lease has a source that is none, or the environment fails.
-    pub fn begin(lease: Lease, factory: &Factory, run_seed: u64) -> Result<Lane> {
+    pub fn begin(
+        lease: Lease,
+        factory: &Factory,
+        earlier: Option<Episode>,
+        run_seed: u64,
+    ) -> Result<Lane> {
         let name = EpisodeName {
             source: Source::try_from(lease.source)?,
             iteration: lease.iteration,
@@ -32,7 +37,7 @@ impl Lane {
             policy_version: lease.policy_version,
             run_seed,
         };
-        let episode = factory.begin(name)?;
+        let episode = factory.begin(name, earlier)?;
         let Lease { steps_owed, episodes_owed, .. } = lease;
         Ok(Lane { lease, steps_owed, episodes_owed, name, episode })
     }

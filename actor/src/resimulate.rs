@@ -72,13 +72,8 @@ impl Actor {
             policy_version: recorded.policy_version,
             run_seed: recorded.run_seed,
         };
-        let episode = match &mut self.episode {
-            Some(episode) => {
-                episode.begin_again(name)?;
-                episode
-            }
-            none => none.insert(self.factory.begin(name)?),
-        };
+        let episode = self.factory.begin(name, self.episode.take())?;
+        let episode = self.episode.insert(episode);
         for action in recorded.actions().chunks_exact(self.spec.action.bytes()) {
             if let Some(trajectory) = episode.step(action, None)? {
                 // What the policy thought of its actions is no business of the environment.

@@ -19,6 +19,7 @@ use run::config::{ActionChoice, RunConfig};
 use run::folder::RunFolder;
 use run::process::{Final, Stop};
 
+use crate::episode::Episode;
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::policy::{Policy, Version};
@@ -42,6 +43,8 @@ struct Actor {
     policy: Policy,
     versions: Vec<Version>,
     lanes: Vec<Lane>,
+    /// What lanes left behind: to build an environment costs more than to reset one.
+    rested: Vec<Episode>,
     awaited: Awaited,
     ports: Ports,
     weights: NewestSubscriber<SharedMemory>,
@@ -62,6 +65,7 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
         factory,
         versions: Vec::new(),
         lanes: Vec::new(),
+        rested: Vec::new(),
         awaited: Awaited::default(),
         ports,
         weights: bus.weights_subscriber()?,
@@ -107,6 +111,7 @@ impl Actor {
         self.policy.seconds.transport += begun.elapsed().as_secs_f64();
         for lane in self.lanes.extract_if(.., |lane| lane.is_done()) {
             self.ports.finish(lane.lease);
+            self.rested.push(lane.episode);
         }
         Ok(())
     }
@@ -146,7 +151,8 @@ impl Actor {
         let rollout = |lease: &Lease| (lease.source, lease.iteration);
         self.lanes.retain(|lane| rollout(&lane.lease) == rollout(first));
         for lease in leases.iter().take(LANES_AT_ONCE - self.lanes.len()) {
-            self.lanes.push(Lane::begin(*lease, &self.factory, self.config.seed)?);
+            let earlier = self.rested.pop();
+            self.lanes.push(Lane::begin(*lease, &self.factory, earlier, self.config.seed)?);
         }
         Ok(())
     }

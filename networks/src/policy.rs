@@ -211,15 +211,43 @@ impl ActorCritic {
         workspace: &'w mut PolicyWorkspace,
     ) -> Evaluation<'w> {
         self.act(prepared, batch, workspace);
-        let PolicyWorkspace { networks: [first, second], parameters, values, .. } = workspace;
-        reshape(values, 1, parameters.ncols());
+        self.criticize(prepared, batch, workspace);
+        let PolicyWorkspace { parameters, values, .. } = workspace;
+        Evaluation { parameters, values }
+    }
+
+    /// Values only, `1 x rows`.
+    ///
+    /// # Panics
+    /// As [`Network::forward`].
+    pub fn values<'w>(
+        &self,
+        prepared: &PreparedPolicy,
+        batch: Batch<'_>,
+        workspace: &'w mut PolicyWorkspace,
+    ) -> &'w DMatrix<f32> {
+        if let [shared] = &self.networks[..] {
+            shared.forward(&prepared.networks[0], batch, &mut workspace.networks[0]);
+        }
+        self.criticize(prepared, batch, workspace);
+        &workspace.values
+    }
+
+    /// Values by the critic, or as the shared network gave them beside the action parameters.
+    fn criticize(
+        &self,
+        prepared: &PreparedPolicy,
+        batch: Batch<'_>,
+        workspace: &mut PolicyWorkspace,
+    ) {
+        let PolicyWorkspace { networks: [first, second], values, .. } = workspace;
         let source = match (&self.networks[..], &prepared.networks[..]) {
             ([_, critic], [_, prepared]) => critic.forward(prepared, batch, second),
             _ => first.outputs(),
         };
+        reshape(values, 1, source.ncols());
         let value_row = source.nrows() - 1;
         values.row_mut(0).copy_from(&source.row(value_row));
-        Evaluation { parameters, values }
     }
 
     /// Adds to `gradient` the gradient of all parameters, for the gradients of what the last

@@ -73,7 +73,7 @@ impl PolicyTrainer {
         let batch = Batch::new(observations);
         evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
             let Shard { network, prepared, batch, workspace, .. } = shard;
-            network.forward(prepared, batch, workspace).values.as_slice().to_vec()
+            network.values(prepared, batch, workspace).as_slice().to_vec()
         })
     }
 

@@ -6,8 +6,8 @@
 //! before; so windows are compared by a few numbers each, whatever they see in the end.
 
 use hashbrown::HashTable;
-use rustc_hash::FxBuildHasher;
-use std::hash::BuildHasher;
+use rustc_hash::FxHasher;
+use std::hash::Hasher;
 
 /// Numbers that are copied at a time.
 const CHUNK: usize = 8;
@@ -17,10 +17,12 @@ const CHUNK: usize = 8;
 pub(crate) struct Windows {
     /// Pixels of an image, all frames together.
     pixels: usize,
+    /// Pixels of a line of it.
+    width: usize,
     /// Where the pixels of a window lie, from its first.
     window: Vec<usize>,
-    /// Where the windows begin.
-    starts: Vec<usize>,
+    /// Pixels from one window to the next.
+    step: usize,
     /// How many there are, one below another and beside another.
     pub(crate) size: [usize; 2],
 }
@@ -32,7 +34,32 @@ pub(crate) struct Distinct {
     pub(crate) pixels: Vec<u32>,
     /// Which of them every window of every image is.
     pub(crate) which: Vec<u32>,
+    /// The pixels of one after another, packed.
+    packed: Vec<u64>,
     table: HashTable<u32>,
+    /// The windows of an image, packed, and those of the image before.
+    image: Vec<u64>,
+    before: Vec<u64>,
+}
+
+/// How the pixels of a window are packed: as many words as they fill.
+#[derive(Clone, Copy)]
+struct Packing {
+    /// Bits of a pixel.
+    bits: u32,
+    /// Pixels of a word.
+    pixels: usize,
+    /// Words of a window.
+    words: usize,
+}
+
+impl Packing {
+    /// Of windows of so many pixels, none of which is larger than `largest`.
+    fn of(largest: u32, pixels: usize) -> Packing {
+        let bits = (u32::BITS - largest.leading_zeros()).max(1);
+        let of_word = (u64::BITS / bits) as usize;
+        Packing { bits, pixels: of_word, words: pixels.div_ceil(of_word) }
+    }
 }
 
 impl Windows {
@@ -44,28 +71,60 @@ impl Windows {
         side: usize,
         step: usize,
     ) -> Windows {
-        let grid = |rows: usize, columns: usize, step: usize| {
-            (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * width + x) * step))
+        let square = |first: usize| {
+            (0..side).flat_map(move |y| (0..side).map(move |x| first + y * width + x))
         };
-        let size = [height, width].map(|pixels| (pixels - side) / step + 1);
-        let frame = |index: usize| grid(side, side, 1).map(move |at| index * height * width + at);
         Windows {
             pixels: frames * height * width,
-            window: (0..frames).flat_map(frame).collect(),
-            starts: grid(size[0], size[1], step).collect(),
-            size,
+            width,
+            window: (0..frames).flat_map(|frame| square(frame * height * width)).collect(),
+            step,
+            size: [height, width].map(|pixels| (pixels - side) / step + 1),
         }
     }
 
     /// One window that sees the whole image.
     pub(crate) fn whole([height, width]: [usize; 2]) -> Windows {
         let pixels = height * width;
-        Windows { pixels, window: (0..pixels).collect(), starts: vec![0], size: [1, 1] }
+        Windows { pixels, width, window: (0..pixels).collect(), step: 1, size: [1, 1] }
     }
 
     /// Pixels of a window.
     pub(crate) fn len(&self) -> usize {
         self.window.len()
+    }
+
+    /// Windows of an image.
+    fn count(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// The pixels of a window of an image.
+    fn pixels_of<P: Copy + Into<u32>>(
+        &self,
+        image: &[P],
+        position: usize,
+    ) -> impl Iterator<Item = u32> {
+        let [y, x] = [position / self.size[1], position % self.size[1]];
+        let image = &image[(y * self.width + x) * self.step..];
+        self.window.iter().map(|&offset| image[offset].into())
+    }
+
+    /// Packs the windows of an image: the first word of each, then the second of each, and so on.
+    fn pack<P: Copy + Into<u32>>(&self, packing: Packing, image: &[P], packed: &mut Vec<u64>) {
+        let Packing { bits, pixels, words } = packing;
+        packed.clear();
+        packed.resize(words * self.count(), 0);
+        let last = (self.size[1] - 1) * self.step;
+        let word_by_word = self.window.chunks(pixels).zip(packed.chunks_exact_mut(self.count()));
+        for (offsets, words) in word_by_word {
+            for (y, line) in words.chunks_exact_mut(self.size[1]).enumerate() {
+                for &offset in offsets {
+                    let pixels = &image[y * self.step * self.width + offset..][..=last];
+                    append(line, pixels, self.step, bits);
+                }
+            }
+        }
     }
 }
 
@@ -74,42 +133,50 @@ impl Distinct {
     pub(crate) fn find<P: Copy + Into<u32>>(&mut self, windows: &Windows, images: &[P]) {
         self.pixels.clear();
         self.which.clear();
+        self.packed.clear();
         self.table.clear();
-        let mut window = vec![0; windows.len()];
+        self.before.clear();
+        let largest = images.iter().fold(0, |largest, &pixel| pixel.into().max(largest));
+        let packing = Packing::of(largest, windows.len());
+        let count = windows.count();
         for image in images.chunks_exact(windows.pixels) {
-            let above = self.which.len().saturating_sub(windows.starts.len());
-            for (position, &start) in windows.starts.iter().enumerate() {
-                let image = &image[start..];
-                for (pixel, &offset) in window.iter_mut().zip(&windows.window) {
-                    *pixel = image[offset].into();
-                }
+            windows.pack(packing, image, &mut self.image);
+            let above = self.which.len().saturating_sub(count);
+            for position in 0..count {
                 // Most often it is what the image before had in the same place.
-                let guess = self.which.get(above + position).copied();
-                let which = guess.filter(|&guess| self.is(guess, &window));
-                let which = which.unwrap_or_else(|| self.number_of(&window));
+                let mut words = (0..packing.words).map(|word| word * count + position);
+                let is_as_before = !self.before.is_empty()
+                    && words.all(|word| self.image[word] == self.before[word]);
+                let which = match is_as_before {
+                    true => self.which[above + position],
+                    false => self.number_of(windows, packing, image, position),
+                };
                 self.which.push(which);
             }
+            std::mem::swap(&mut self.image, &mut self.before);
         }
     }
 
-    fn is(&self, number: u32, window: &[u32]) -> bool {
-        // Windows are short: a call that compares bytes costs more than this does.
-        let known = &self.pixels[number as usize * window.len()..][..window.len()];
-        known.iter().zip(window).fold(0, |differ, (one, other)| differ | (one ^ other)) == 0
-    }
-
-    /// The number of a window, which is a new one if it has not been seen.
-    fn number_of(&mut self, window: &[u32]) -> u32 {
-        let hash = hash(window);
-        if let Some(&known) = self.table.find(hash, |&known| self.is(known, window)) {
+    /// The number of a window of the image, which is a new one if it has not been seen.
+    fn number_of<P: Copy + Into<u32>>(
+        &mut self,
+        windows: &Windows,
+        packing: Packing,
+        image: &[P],
+        position: usize,
+    ) -> u32 {
+        let Distinct { pixels, packed, table, image: words, .. } = self;
+        let count = windows.count();
+        let window = (0..packing.words).map(|word| words[word * count + position]);
+        let of = |known: &u32| packed[*known as usize * packing.words..][..packing.words].iter();
+        let hash = hash(window.clone());
+        if let Some(&known) = table.find(hash, |known| of(known).copied().eq(window.clone())) {
             return known;
         }
-        let number = (self.pixels.len() / window.len()) as u32;
-        self.pixels.extend_from_slice(window);
-        let pixels = &self.pixels;
-        let hash_of =
-            |known: &u32| self::hash(&pixels[*known as usize * window.len()..][..window.len()]);
-        self.table.insert_unique(hash, number, hash_of);
+        let number = (pixels.len() / windows.len()) as u32;
+        table.insert_unique(hash, number, |known| self::hash(of(known).copied()));
+        packed.extend(window);
+        pixels.extend(windows.pixels_of(image, position));
         number
     }
 
@@ -136,6 +203,18 @@ impl Distinct {
     }
 }
 
+/// Appends a pixel to every word of a line, each `step` pixels from the one before.
+fn append<P: Copy + Into<u32>>(line: &mut [u64], pixels: &[P], step: usize, bits: u32) {
+    let appended = |word: u64, pixel: P| word << bits | u64::from(pixel.into());
+    if step == 1 {
+        // Many at a time.
+        line.iter_mut().zip(pixels).for_each(|(word, pixel)| *word = appended(*word, *pixel));
+    } else {
+        let words = line.iter_mut().enumerate();
+        words.for_each(|(x, word)| *word = appended(*word, pixels[x * step]));
+    }
+}
+
 /// Adds rows of numbers to the rows of sums that they belong to.
 fn add_at(places: &[u32], numbers: &[f32], width: usize, sums: &mut [f32]) {
     for (&place, numbers) in places.iter().zip(numbers.chunks_exact(width)) {
@@ -144,8 +223,10 @@ fn add_at(places: &[u32], numbers: &[f32], width: usize, sums: &mut [f32]) {
     }
 }
 
-fn hash(pixels: &[u32]) -> u64 {
-    FxBuildHasher.hash_one(pixels)
+fn hash(words: impl Iterator<Item = u64>) -> u64 {
+    let mut hasher = FxHasher::default();
+    words.for_each(|word| hasher.write_u64(word));
+    hasher.finish()
 }
 
 #[cfg(test)]
