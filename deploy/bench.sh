@@ -4,6 +4,7 @@
 #   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
 #   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
 #   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, of seeds 101 to 105
+#   deploy/bench.sh --costs TASK                          # core-seconds of its runs, as deploy/costs.toml has them
 #
 # --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment are other seeds.
 #
@@ -36,19 +37,41 @@ median() {
     sort -g | awk '{ number[NR] = $1 } END { print number[int((NR + 1) / 2)] }'
 }
 
+# The processor time of a run of so many steps, and in $folder/run the run.
+core_seconds() {
+    rm -rf "$folder/run"
+    "$goalward" train "$1" --method "$2" --steps "$3" --run "$folder/run" >"$folder/progress.txt"
+    sed -n 's/^  "processor_s": \([0-9.]*\).*/\1/p' "$folder/run/summary.json"
+}
+
+if [ "${1:-}" = --costs ]; then
+    task=${2:?expected a task}
+    goalward=$("$root/deploy/run_local.sh" --only-build)
+    for method in goal-proximity environment-reward gaifo-s ranking bco sqil bc; do
+        short=$(core_seconds "$task" "$method" 20000)
+        long=$short
+        # BC takes no steps.
+        [ "$method" = bc ] || long=$(core_seconds "$task" "$method" 60000)
+        name=$(sed -n 's/^learner = "\(.*\)"/\1/p; s/^model = "\(.*\)"/\1/p' "$folder/run/config.toml" | paste -sd.)
+        awk -v name="$task.$name" -v short="$short" -v long="$long" 'BEGIN {
+            slope = (long - short) / 0.04
+            printf "%s = { beside = %.1f, million_steps = %.0f }\n", name, short - 0.02 * slope, slope }'
+    done
+    exit
+fi
 if [ "${1:-}" = --to ]; then
     level=${2:-}
     case $level in
         0.5 | 0.9 | 0.95 | 0.98) shift 2 ;;
         *) echo "bench: expected --to 0.5, 0.9, 0.95 or 0.98, found ${level:-nothing}" >&2; exit 2 ;;
     esac
-    "$root/deploy/run_local.sh" --only-build >/dev/null
+    goalward=$("$root/deploy/run_local.sh" --only-build)
     row='%-7s %12s %10s %14s %12s %12s\n'
     printf "$row" seed steps wall_s processors_s evaluation whole_s
     for seed in ${SEEDS:-101 102 103 104 105}; do
         run=$folder/$seed
         begun=$(date +%s%N)
-        "$root/deploy/run_local.sh" "$@" --seed "$seed" --run "$run" >"$folder/progress.txt"
+        "$goalward" train "$@" --seed "$seed" --run "$run" >"$folder/progress.txt"
         whole=$((($(date +%s%N) - begun) / 1000000000))
         read -r steps wall processors <<<"$(time_to "$run" "$level") inf inf inf"
         evaluation=$(sed -n 's/^    "success_rate": \([0-9.]*\).*/\1/p' "$run/summary.json" | head -1)

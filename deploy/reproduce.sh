@@ -17,23 +17,25 @@ usage() {
     cat <<'USAGE'
 Reproduces figures of the paper: trains every run of their plans and writes a report.
 
-Usage: deploy/reproduce.sh [--quick] [--out DIR] [--jobs N] [FIGURE...]
+Usage: deploy/reproduce.sh [--quick] [--dry-run] [--out DIR] [--jobs N] [FIGURE...]
 
 FIGURE is 3, 4, 5, 6, 7, 8, 9, 11 or 12; without one all of them. Figure 4d and Figure 10 are in the
 report of any.
 
   --quick      reduced size: fewer steps and panels, one seed
+  --dry-run    trains nothing: says what is done and how many core-hours the rest takes
   --out DIR    folder of the runs and of the report (default: experiments)
   --jobs N     runs trained at once (default: half of the cores); never changes a result
 USAGE
 }
 
 out=experiments
-quick=() jobs=() plans=()
+quick=() dry_run=() jobs=() plans=()
 while [ $# -gt 0 ]; do
     case $1 in
         -h | --help) usage; exit 0 ;;
         --quick) quick=(--quick) ;;
+        --dry-run) dry_run=(--dry-run) ;;
         --out | --jobs)
             [ $# -gt 1 ] || refuse "$1: expected a value, found none"
             if [ "$1" = --out ]; then out=$2; else jobs=(--jobs "$2"); fi
@@ -55,7 +57,8 @@ fi
 
 goalward=$("$root/deploy/run_local.sh" --only-build)
 status=0
-"$goalward" experiment "${plans[@]}" "${quick[@]}" "${jobs[@]}" --out "$out" || status=$?
+"$goalward" experiment "${plans[@]}" "${quick[@]}" "${jobs[@]}" "${dry_run[@]}" --out "$out" || status=$?
+[ ${#dry_run[@]} -eq 0 ] || exit "$status"
 # A run that failed is missing in the report, the others are in it; after Ctrl-C there is none.
 [ "$status" -le 1 ] || exit "$status"
 "$goalward" report "${plans[@]}" "${quick[@]}" --experiments "$out" --out "$out/report" --force

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 
 use crate::experiment::{
-    Archive, execute, figure_of_plan, overview, queue, read_all, refuse_other_builds,
+    Archive, Left, execute, figure_of_plan, left, overview, queue, read_all, refuse_other_builds,
 };
 use crate::{description, destination, programs};
 use terminal::print::print_line;
@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     /// begun. Curves keep them apart.
     #[arg(long)]
     other_build: bool,
-    /// Only say what is done and what is missing.
+    /// Only say what is done, what is missing, and how many core-hours it takes.
     #[arg(long)]
     dry_run: bool,
 }
@@ -46,7 +46,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let runs = queue(&planned, &mut archive);
     if *dry_run {
         print_overview(arguments)?;
-        print_line(&format!("{} runs; train those that are missing:", runs.len()));
+        let left = left(&runs, &mut archive);
+        let (finished, words) = (runs.len() - left.runs, in_words(&left));
+        print_line(&format!("{finished} of {} runs are finished{words}", runs.len()));
         print_line(&format!("  {}", own_line(arguments)));
         return Ok(());
     }
@@ -82,6 +84,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     print_line(&format!("next:\n  {}", report_line(arguments)));
     Ok(())
+}
+
+/// What the runs that are missing cost, and how to train them.
+fn in_words(left: &Left) -> String {
+    let Left { runs, core_hours, unknown } = left;
+    if *runs == 0 {
+        return String::new();
+    }
+    let others = match unknown {
+        0 => String::new(),
+        some => format!(", {some} aside that nobody has measured"),
+    };
+    format!("; {runs} more take about {core_hours:.1} core-hours{others}:")
 }
 
 fn half_of_the_cores() -> usize {

@@ -1,8 +1,14 @@
-//! How long what is left will take, by the pace of the runs that are finished.
+//! What is left to train costs, by the pace of the runs that are finished, or as it was measured before.
 
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 use run::config::RunConfig;
+use serde::Deserialize;
+
+use super::archive::Archive;
+use super::planned_run::PlannedRun;
+use super::training::{Standing, Training};
 
 /// Seconds and planned steps of finished runs, added up: for each method of a task, for each task, and
 /// for all.
@@ -34,11 +40,76 @@ impl Estimate {
     /// Seconds that a run takes, by the most similar ones that are finished; not a number if there
     /// are none.
     pub(super) fn seconds(&self, config: &RunConfig) -> f64 {
-        let measured = kinds(config).into_iter().find_map(|kind| self.measured.get(&kind));
-        measured.map_or(f64::NAN, |&(seconds, steps)| {
-            seconds / steps.max(1) as f64 * config.steps as f64
-        })
+        kinds(config).iter().find_map(|kind| self.of_kind(kind, config)).unwrap_or(f64::NAN)
     }
+
+    fn of_kind(&self, kind: &Kind, config: &RunConfig) -> Option<f64> {
+        let &(seconds, steps) = self.measured.get(kind)?;
+        Some(seconds / steps.max(1) as f64 * config.steps as f64)
+    }
+
+    /// The same, if a run of the same task and method is finished.
+    fn of_the_like(&self, config: &RunConfig) -> Option<f64> {
+        self.of_kind(&kinds(config)[0], config)
+    }
+}
+
+/// Costs by reward model.
+type OfLearner = BTreeMap<String, Cost>;
+
+/// Costs of runs by task, policy learner and reward model, as `deploy/bench.sh --costs` measured them.
+static MEASURED: LazyLock<BTreeMap<String, BTreeMap<String, OfLearner>>> = LazyLock::new(|| {
+    toml::from_str(include_str!("../../costs.toml")).expect("costs.toml is sound")
+});
+
+/// Core-seconds of a run.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Cost {
+    /// Before its first step and after its last one.
+    beside: f64,
+    /// A million environment steps.
+    million_steps: f64,
+}
+
+fn measured(config: &RunConfig) -> Option<f64> {
+    let of_learner = MEASURED.get(&config.task.name)?.get(config.learner.name())?;
+    let Cost { beside, million_steps } = of_learner.get(config.reward.model.name)?;
+    Some(beside + million_steps * config.steps as f64 / 1e6)
+}
+
+/// What is left of the runs of plans.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Left {
+    /// Runs that are not finished.
+    pub(crate) runs: usize,
+    /// Hours that one core needs for them, those aside of which nothing is known.
+    pub(crate) core_hours: f64,
+    /// Runs of a task and a method that nobody has measured.
+    pub(crate) unknown: usize,
+}
+
+/// What is left of runs.
+pub(crate) fn left(runs: &[PlannedRun], archive: &mut Archive) -> Left {
+    let mut finished = Estimate::default();
+    let mut missing = Vec::new();
+    for run in runs {
+        let training = Training::of(run, archive);
+        match training.summary() {
+            Some(summary) => finished.add(&run.config, summary.processor_s),
+            None => missing.push(training),
+        }
+    }
+    let mut left = Left { runs: missing.len(), ..Left::default() };
+    for training in missing {
+        let config = &training.run.config;
+        let part_left = training.standing().map_or(1.0, Standing::part_left);
+        match finished.of_the_like(config).or_else(|| measured(config)) {
+            Some(core_s) => left.core_hours += core_s / 3600.0 * part_left,
+            None => left.unknown += 1,
+        }
+    }
+    left
 }
 
 #[cfg(test)]
@@ -63,5 +134,19 @@ mod tests {
         estimate.add(&bc, 2.0);
         assert_eq!((estimate.seconds(&gail), estimate.seconds(&bc)), (10.0, 2.0));
         assert_eq!(estimate.seconds(&config("navigation", "gaifo")), 6.0);
+    }
+
+    #[test]
+    fn every_run_of_the_figures_was_measured() {
+        let plans = concat!(env!("CARGO_MANIFEST_DIR"), "/experiments");
+        let plans: Vec<_> =
+            std::fs::read_dir(plans).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let plans = super::super::read_all(&plans, false).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut archive = Archive::open(folder.path());
+        let runs = super::super::queue(&plans, &mut archive);
+        let Left { runs: missing, core_hours, unknown } = left(&runs, &mut archive);
+        assert_eq!((missing, unknown), (runs.len(), 0));
+        assert!(core_hours > 1.0);
     }
 }

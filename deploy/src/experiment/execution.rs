@@ -143,7 +143,7 @@ impl Execution {
     }
 
     fn begin(&mut self, training: &Training) -> Result<Begun> {
-        if let Some(summary) = finished(training) {
+        if let Some(summary) = training.summary() {
             self.count(training, &summary);
         } else if training.is_elsewhere() {
             self.leave_to_others(training);
@@ -181,7 +181,7 @@ impl Execution {
 
     fn settle(&mut self, training: &Training, status: ExitStatus) {
         let refused = status.code() == Some(i32::from(WRONG_USAGE));
-        match finished(training) {
+        match training.summary() {
             Some(summary) => self.count(training, &summary),
             None if self.ended.is_stopped => {}
             None if refused && training.is_elsewhere() => self.leave_to_others(training),
@@ -237,9 +237,8 @@ impl Execution {
             standings.iter().map(|(training, standing)| words(training, *standing)).collect();
         doing.extend(self.recorder.as_ref().map(Recorder::words));
         let seconds = |training: &Training| self.estimate.seconds(&training.run.config);
-        let part = |percent: u64| 1.0 - percent as f64 / 100.0;
         let running_s = standings.iter().map(|(training, standing)| {
-            seconds(training) * standing.map_or(1.0, |standing| part(standing.percent))
+            seconds(training) * standing.map_or(1.0, Standing::part_left)
         });
         let left_s = running_s.chain(self.waiting.iter().map(seconds)).sum::<f64>();
         let failed = match self.ended.failed.len() {
@@ -257,11 +256,6 @@ impl Execution {
         let tenth = numbers::percent_done(self.finished as u64, self.runs as u64) / 10;
         self.line.show(&line, tenth, is_news);
     }
-}
-
-/// The summary of a run, if it is finished.
-fn finished(training: &Training) -> Option<Summary> {
-    Summary::of_run(&training.folder).unwrap_or(None)
 }
 
 /// A run that is under way.

@@ -9,7 +9,7 @@
 //! | `builds` | that all runs are of the build at work |
 //! | `execution` | which run is next, what became of it, Ctrl-C |
 //! | `training`, `recorder` | a `goalward train` for a run, and before it an expert for its demonstrations |
-//! | `estimate` | the time that is left |
+//! | `estimate` | the time that is left, and the core-hours |
 //! | `overview` | what is done and what is missing, as a table |
 //!
 //! A run is known by what decides its result, so two figures that show the same run share it, and a
@@ -34,6 +34,7 @@ use anyhow::Result;
 
 pub(crate) use archive::Archive;
 pub(crate) use builds::refuse_other_builds;
+pub(crate) use estimate::{Left, left};
 pub(crate) use execution::execute;
 pub(crate) use overview::overview;
 pub(crate) use plan::{queue, read_all};

@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result};
 use run::config::{ResourceConfig, RunConfig};
 use run::folder::RunFolder;
+use run::summary::Summary;
 use terminal::numbers;
 
 use super::archive::Archive;
@@ -50,6 +51,11 @@ impl Training {
     /// The demonstrations that are to be recorded before it starts.
     pub(super) fn missing_demonstrations(&self) -> Option<PathBuf> {
         self.demonstrations.clone().filter(|file| !file.exists())
+    }
+
+    /// Its summary, if it is finished.
+    pub(super) fn summary(&self) -> Option<Summary> {
+        Summary::of_run(&self.folder).unwrap_or(None)
     }
 
     /// What it prints.
@@ -97,6 +103,13 @@ pub(super) struct Standing {
     pub(super) percent: u64,
     /// Of the last 100 training episodes; no number where there is none.
     pub(super) success_rate: f64,
+}
+
+impl Standing {
+    /// The part of its steps that is left.
+    pub(super) fn part_left(self) -> f64 {
+        1.0 - self.percent as f64 / 100.0
+    }
 }
 
 /// Settings that share the machine out. They change no result.
