@@ -2,6 +2,7 @@
 
 use super::{Fetch, noise};
 use environments::fetch::{self, FetchSetting, FetchTask, Ranges};
+use std::ops::Range;
 
 #[test]
 fn episodes_begin_where_gym_s_do() {
@@ -20,9 +21,13 @@ fn episodes_begin_where_gym_s_do() {
         let start = fetch.reset(0);
         for _ in 0..10 {
             let (rested, _) = fetch.step([0.0; 4]);
-            let moved = |(before, after): (&f32, &f32)| (before - after).abs();
-            let most = start.iter().zip(&rested).map(moved).fold(0.0, f32::max);
-            assert!(most < 3e-4, "{task:?}: everything rests, but {most}");
+            let moved = |numbers: Range<usize>| {
+                let pairs = start[numbers.clone()].iter().zip(&rested[numbers]);
+                pairs.map(|(before, after)| (before - after).abs()).fold(0.0, f32::max)
+            };
+            let (tilt, way) = (moved(11..13), moved(0..11).max(moved(13..16)));
+            assert!(way < 1e-5, "{task:?}: everything rests, but moves {way} m");
+            assert!(tilt < 1e-3, "{task:?}: the cube settles, but tilts by {tilt} rad");
         }
     }
 }
