@@ -4,6 +4,7 @@
 #   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
 #   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
 #   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, of seeds 101 to 105
+#   deploy/bench.sh --memory [TASK] [flags]               # most memory that all processes of a run hold
 #   deploy/bench.sh --costs TASK                          # core-seconds of its runs, as deploy/costs.toml has them
 #
 # --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment are other seeds.
@@ -80,6 +81,26 @@ if [ "${1:-}" = --to ]; then
         rm -rf "$run"
     done
     printf 'median time to %s: %s s\n' "$level" "$(median <"$folder/walls")"
+    exit
+fi
+# The memory of every process of the run, in MiB: program and number, each shared page counted in parts.
+memory() {
+    local process
+    for process in $(pgrep -f "$folder/run"); do
+        awk -v name="$(cat "/proc/$process/comm")" '/^Pss:/ { print name, $2 / 1024 }' "/proc/$process/smaps_rollup"
+    done 2>/dev/null | awk '/^goalward/ { printf "%s %.0f  ", $1, $2; sum += $2 } END { printf "%.0f\n", sum }'
+}
+
+if [ "${1:-}" = --memory ]; then
+    shift
+    goalward=$("$root/deploy/run_local.sh" --only-build)
+    "$goalward" train "$@" --steps 100000 --run "$folder/run" >"$folder/progress.txt" &
+    while kill -0 $! 2>/dev/null; do
+        memory >>"$folder/memory"
+        sleep 0.3
+    done
+    wait $!
+    sed 's/^\(.*\)  \([0-9]*\)$/\2 MiB: \1/' "$folder/memory" | sort -g | tail -1
     exit
 fi
 if [ "${1:-}" = --methods ]; then

@@ -24,6 +24,10 @@ const TICK: Duration = Duration::from_millis(100);
 /// How long a program may take to stop.
 const STOP_PATIENCE: Duration = Duration::from_secs(1);
 
+/// Settings of the allocator of our programs: no page of 2 MiB for the little that is used of it, and what
+/// is free goes back to the system. Together they hold half as much memory, no slower.
+const ALLOCATOR: [(&str, &str); 2] = [("MIMALLOC_ALLOW_THP", "0"), ("MIMALLOC_PURGE_DELAY", "0")];
+
 /// A program that `goalward` starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Program {
@@ -53,7 +57,7 @@ impl Program {
     /// When it is not where it should be.
     pub(crate) fn command(&self) -> Result<Command> {
         let mut command = Command::new(self.path()?);
-        command.env(INPUT_IS_HELD, "1");
+        command.env(INPUT_IS_HELD, "1").envs(ALLOCATOR);
         Ok(command)
     }
 

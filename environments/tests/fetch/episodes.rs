@@ -59,7 +59,8 @@ fn wander(steps: u32) {
             begun = step.ending.is_none();
             let far = observation.iter().map(|number| number.abs()).fold(0.0, f32::max);
             assert!(far < 10.0, "{task:?}, episode {episode}: {observation:?}");
-            assert!(observation[5] > 0.0, "{task:?}, episode {episode}: under the floor");
+            // What fell from the table sinks in for a moment.
+            assert!(observation[5] > -0.01, "{task:?}, episode {episode}: under the floor");
         }
     }
 }

@@ -25,6 +25,8 @@ pub(crate) struct Windows {
     step: usize,
     /// How many there are, one below another and beside another.
     pub(crate) size: [usize; 2],
+    /// Where each lies among the packed ones.
+    places: Vec<usize>,
 }
 
 /// The distinct windows of a batch of images, in order of their first appearance.
@@ -74,19 +76,30 @@ impl Windows {
         let square = |first: usize| {
             (0..side).flat_map(move |y| (0..side).map(move |x| first + y * width + x))
         };
+        let size = [height, width].map(|pixels| (pixels - side) / step + 1);
+        let line = (size[1] - 1) * step + 1;
+        let places = (0..size[0]).flat_map(|y| (0..size[1]).map(move |x| y * line + x * step));
         Windows {
             pixels: frames * height * width,
             width,
             window: (0..frames).flat_map(|frame| square(frame * height * width)).collect(),
             step,
-            size: [height, width].map(|pixels| (pixels - side) / step + 1),
+            size,
+            places: places.collect(),
         }
     }
 
     /// One window that sees the whole image.
     pub(crate) fn whole([height, width]: [usize; 2]) -> Windows {
         let pixels = height * width;
-        Windows { pixels, width, window: (0..pixels).collect(), step: 1, size: [1, 1] }
+        Windows {
+            pixels,
+            width,
+            window: (0..pixels).collect(),
+            step: 1,
+            size: [1, 1],
+            places: vec![0],
+        }
     }
 
     /// Pixels of a window.
@@ -110,18 +123,30 @@ impl Windows {
         self.window.iter().map(|&offset| image[offset].into())
     }
 
+    /// Windows of a line if they were one pixel apart: so many are packed, for a processor packs many at a
+    /// time and picks none.
+    fn line(&self) -> usize {
+        (self.size[1] - 1) * self.step + 1
+    }
+
+    /// How many windows are packed.
+    fn packed(&self) -> usize {
+        self.size[0] * self.line()
+    }
+
     /// Packs the windows of an image: the first word of each, then the second of each, and so on.
     fn pack<P: Copy + Into<u32>>(&self, packing: Packing, image: &[P], packed: &mut Vec<u64>) {
         let Packing { bits, pixels, words } = packing;
         packed.clear();
-        packed.resize(words * self.count(), 0);
-        let last = (self.size[1] - 1) * self.step;
-        let word_by_word = self.window.chunks(pixels).zip(packed.chunks_exact_mut(self.count()));
+        packed.resize(words * self.packed(), 0);
+        let word_by_word = self.window.chunks(pixels).zip(packed.chunks_exact_mut(self.packed()));
         for (offsets, words) in word_by_word {
-            for (y, line) in words.chunks_exact_mut(self.size[1]).enumerate() {
+            for (y, line) in words.chunks_exact_mut(self.line()).enumerate() {
                 for &offset in offsets {
-                    let pixels = &image[y * self.step * self.width + offset..][..=last];
-                    append(line, pixels, self.step, bits);
+                    let pixels = &image[y * self.step * self.width + offset..][..line.len()];
+                    for (word, &pixel) in line.iter_mut().zip(pixels) {
+                        *word = *word << bits | u64::from(pixel.into());
+                    }
                 }
             }
         }
@@ -138,13 +163,13 @@ impl Distinct {
         self.before.clear();
         let largest = images.iter().fold(0, |largest, &pixel| pixel.into().max(largest));
         let packing = Packing::of(largest, windows.len());
-        let count = windows.count();
+        let packed = windows.packed();
         for image in images.chunks_exact(windows.pixels) {
             windows.pack(packing, image, &mut self.image);
-            let above = self.which.len().saturating_sub(count);
-            for position in 0..count {
+            let above = self.which.len().saturating_sub(windows.count());
+            for (position, place) in windows.places.iter().enumerate() {
                 // Most often it is what the image before had in the same place.
-                let mut words = (0..packing.words).map(|word| word * count + position);
+                let mut words = (0..packing.words).map(|word| word * packed + place);
                 let is_as_before = !self.before.is_empty()
                     && words.all(|word| self.image[word] == self.before[word]);
                 let which = match is_as_before {
@@ -166,8 +191,8 @@ impl Distinct {
         position: usize,
     ) -> u32 {
         let Distinct { pixels, packed, table, image: words, .. } = self;
-        let count = windows.count();
-        let window = (0..packing.words).map(|word| words[word * count + position]);
+        let place = windows.places[position];
+        let window = (0..packing.words).map(|word| words[word * windows.packed() + place]);
         let of = |known: &u32| packed[*known as usize * packing.words..][..packing.words].iter();
         let hash = hash(window.clone());
         if let Some(&known) = table.find(hash, |known| of(known).copied().eq(window.clone())) {
@@ -200,18 +225,6 @@ impl Distinct {
     /// Adds the gradient of what each distinct window sees to that of the pixels.
     pub(crate) fn spread(&self, input: &[f32], channels: usize, outputs: &mut [f32]) {
         add_at(&self.pixels, input, channels, outputs);
-    }
-}
-
-/// Appends a pixel to every word of a line, each `step` pixels from the one before.
-fn append<P: Copy + Into<u32>>(line: &mut [u64], pixels: &[P], step: usize, bits: u32) {
-    let appended = |word: u64, pixel: P| word << bits | u64::from(pixel.into());
-    if step == 1 {
-        // Many at a time.
-        line.iter_mut().zip(pixels).for_each(|(word, pixel)| *word = appended(*word, *pixel));
-    } else {
-        let words = line.iter_mut().enumerate();
-        words.for_each(|(x, word)| *word = appended(*word, pixels[x * step]));
     }
 }
 
