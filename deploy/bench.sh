@@ -45,6 +45,15 @@ core_seconds() {
     sed -n 's/^  "processor_s": \([0-9.]*\).*/\1/p' "$folder/run/summary.json"
 }
 
+# The memory of every process of the run, in MiB: program and number, each shared page counted in parts.
+memory() {
+    local process
+    for process in $(pgrep -f "$folder/run"); do
+        awk -v name="$(cat "/proc/$process/comm")" '/^Pss:/ { print name, $2 / 1024 }' "/proc/$process/smaps_rollup" ||
+            true # it has just ended
+    done 2>/dev/null | awk '/^goalward/ { printf "%s %.0f  ", $1, $2; sum += $2 } END { printf "%.0f\n", sum }'
+}
+
 if [ "${1:-}" = --costs ]; then
     task=${2:?expected a task}
     goalward=$("$root/deploy/run_local.sh" --only-build)
@@ -83,14 +92,6 @@ if [ "${1:-}" = --to ]; then
     printf 'median time to %s: %s s\n' "$level" "$(median <"$folder/walls")"
     exit
 fi
-# The memory of every process of the run, in MiB: program and number, each shared page counted in parts.
-memory() {
-    local process
-    for process in $(pgrep -f "$folder/run"); do
-        awk -v name="$(cat "/proc/$process/comm")" '/^Pss:/ { print name, $2 / 1024 }' "/proc/$process/smaps_rollup"
-    done 2>/dev/null | awk '/^goalward/ { printf "%s %.0f  ", $1, $2; sum += $2 } END { printf "%.0f\n", sum }'
-}
-
 if [ "${1:-}" = --memory ]; then
     shift
     goalward=$("$root/deploy/run_local.sh" --only-build)
