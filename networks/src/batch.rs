@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::encoder::WindowIndex;
+
 /// Size of a row of a [`Batch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSize {
@@ -11,11 +13,30 @@ pub struct RowSize {
     pub extra_inputs: usize,
 }
 
+/// Observations that one network and all with the same encoder can evaluate again and again, in whole or
+/// in part, without finding once more what repeats itself in them ([`crate::Network::index`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Indexed<'a> {
+    pub(crate) bytes: &'a [u8],
+    pub(crate) windows: &'a WindowIndex,
+}
+
+/// The observations of a batch, `frames` to a row.
+#[derive(Clone, Copy, Debug)]
+pub enum Observations<'a> {
+    /// Their bytes.
+    Bytes(&'a [u8]),
+    /// All that were indexed.
+    Indexed(Indexed<'a>),
+    /// Some of the rows that were indexed, by their positions.
+    Rows(Indexed<'a>, &'a [u32]),
+}
+
 /// What a network is evaluated on: rows one after another.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {
-    /// Observations as their bytes, `frames` to a row.
-    pub observations: &'a [u8],
+    /// The observations.
+    pub observations: Observations<'a>,
     /// Each row's numbers that join the observations; empty if the network takes none.
     pub extra_inputs: &'a [f32],
 }
@@ -23,7 +44,7 @@ pub struct Batch<'a> {
 impl<'a> Batch<'a> {
     /// Rows of observations without extra inputs.
     pub fn new(observations: &'a [u8]) -> Self {
-        Self { observations, extra_inputs: &[] }
+        Self { observations: Observations::Bytes(observations), extra_inputs: &[] }
     }
 
     /// How many rows there are.
@@ -32,8 +53,14 @@ impl<'a> Batch<'a> {
     /// If they are not whole rows of this size.
     pub fn rows(&self, size: RowSize) -> usize {
         let RowSize { observation_bytes, extra_inputs } = size;
-        let rows = self.observations.len() / observation_bytes;
-        assert_eq!(self.observations.len(), rows * observation_bytes, "bytes of whole rows");
+        let rows = match self.observations {
+            Observations::Bytes(bytes) | Observations::Indexed(Indexed { bytes, .. }) => {
+                let rows = bytes.len() / observation_bytes;
+                assert_eq!(bytes.len(), rows * observation_bytes, "bytes of whole rows");
+                rows
+            }
+            Observations::Rows(_, rows) => rows.len(),
+        };
         assert_eq!(self.extra_inputs.len(), rows * extra_inputs, "extra inputs of whole rows");
         rows
     }
@@ -41,9 +68,14 @@ impl<'a> Batch<'a> {
     /// Some of the rows.
     pub(crate) fn slice(self, rows: Range<usize>, size: RowSize) -> Batch<'a> {
         let part = |width: usize| rows.start * width..rows.end * width;
-        Batch {
-            observations: &self.observations[part(size.observation_bytes)],
-            extra_inputs: &self.extra_inputs[part(size.extra_inputs)],
-        }
+        let observations = match self.observations {
+            Observations::Bytes(bytes) => Observations::Bytes(&bytes[part(size.observation_bytes)]),
+            Observations::Rows(indexed, all) => Observations::Rows(indexed, &all[rows.clone()]),
+            Observations::Indexed(_) if rows == (0..self.rows(size)) => self.observations,
+            Observations::Indexed(indexed) => {
+                Observations::Bytes(&indexed.bytes[part(size.observation_bytes)])
+            }
+        };
+        Batch { observations, extra_inputs: &self.extra_inputs[part(size.extra_inputs)] }
     }
 }

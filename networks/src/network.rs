@@ -8,8 +8,8 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 use protocol::seed::Stream;
 
-use crate::batch::{Batch, RowSize};
-use crate::encoder::{Encoder, EncoderMemory, PreparedEncoder};
+use crate::batch::{Batch, Indexed, RowSize};
+use crate::encoder::{Encoder, EncoderMemory, PreparedEncoder, WindowIndex};
 use crate::layer::activation::Activation;
 use crate::layer::dense::{Dense, Panels};
 use crate::layer::reshape;
@@ -149,6 +149,11 @@ impl Network {
         self.layers.prepare(layers, &mut prepared.panels);
     }
 
+    /// Finds what repeats itself in observations, for this network and all with the same encoder.
+    pub fn index<'a>(&self, observations: &'a [u8], windows: &'a mut WindowIndex) -> Indexed<'a> {
+        self.encoder.index(observations, windows)
+    }
+
     /// Evaluates the network; the outputs are `outputs x rows`. A row's outputs depend on that row and
     /// the parameters only, bit for bit.
     ///
@@ -194,7 +199,8 @@ impl Network {
         self.layers.backward(&prepared.panels, values, gradients, of_layers, learns);
         if learns {
             narrow(&mut gradients.outputs, self.shape.extra_inputs);
-            self.encoder.backward(&prepared.encoder, encoder, gradients, of_encoder);
+            let observations = batch.observations;
+            self.encoder.backward(&prepared.encoder, observations, encoder, gradients, of_encoder);
         }
     }
 

@@ -5,8 +5,8 @@
 use nalgebra::DMatrix;
 use networks::{
     Activation, ActorCritic, Batch, Distribution, Head, Initialization, Network, NetworkShape,
-    PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking, sigmoid,
-    softplus, squared_error,
+    Observations, PolicyArchitecture, PolicyWorkspace, Workspace, binary_cross_entropy, ranking,
+    sigmoid, softplus, squared_error,
 };
 use protocol::encoder::CellsArchitecture;
 use protocol::seed::{Purpose, Stream, stream};
@@ -97,7 +97,8 @@ fn check_network(shape: NetworkShape) {
     let (frames, extra_count) = (shape.frames, shape.extra_inputs);
     let observations = observations(shape.observation, frames, &mut stream);
     let extra_inputs: Vec<f32> = (0..ROWS * extra_count).map(|_| normal(&mut stream)).collect();
-    let batch = Batch { observations: &observations, extra_inputs: &extra_inputs };
+    let batch =
+        Batch { observations: Observations::Bytes(&observations), extra_inputs: &extra_inputs };
     let network = Network::new(shape);
     let count = network.parameter_count();
     let parameters: Vec<f32> = (0..count).map(|_| 0.4 * normal(&mut stream)).collect();
@@ -171,12 +172,14 @@ fn check_inputs(shape: NetworkShape) {
             .collect();
         let extra_inputs: Vec<f32> = rows.flat_map(|row| row[own..].iter().copied()).collect();
         let observations = if vector { &moved } else { &observations };
-        let batch = Batch { observations, extra_inputs: &extra_inputs };
+        let batch =
+            Batch { observations: Observations::Bytes(observations), extra_inputs: &extra_inputs };
         let outputs = network.forward(&prepared, batch, &mut workspace);
         let each = outputs.iter().zip(&gradients);
         each.map(|(output, derivative)| f64::from(*output) * f64::from(*derivative)).sum::<f64>()
     });
-    let batch = Batch { observations: &observations, extra_inputs: &extra_inputs };
+    let batch =
+        Batch { observations: Observations::Bytes(&observations), extra_inputs: &extra_inputs };
     let [alone, after] = [false, true].map(|between| {
         network.forward(&prepared, batch, &mut workspace);
         if between {

@@ -2,7 +2,7 @@
 //! Behavioral cloning fits the policy to the expert's; inverse dynamics fits the action between two
 //! observations to the agent's own.
 
-use networks::{ActorCritic, Distribution};
+use networks::{ActorCritic, Distribution, WindowIndex};
 use protocol::tensors::Tensors;
 use run::process::Final;
 
@@ -60,6 +60,8 @@ impl Cloning {
         let mut metrics = Metrics::default();
         let minibatches = rows.chunks(self.settings.batch);
         let count = minibatches.len();
+        let mut windows = WindowIndex::default();
+        let observations = self.trainer.index(&pairs.observations, &mut windows);
         for (number, minibatch) in minibatches.enumerate() {
             let loss = Likelihood {
                 distribution: self.trainer.network().distribution(),
@@ -68,7 +70,6 @@ impl Cloning {
                 deviations: self.settings.deviations,
                 weight: 1.0 / minibatch.len() as f32,
             };
-            let observations = &pairs.observations;
             let own = self.trainer.step(parameters, observations, minibatch, &loss, learning_rate);
             own.expect_finite(format_args!("cloning, minibatch {} of {count}", number + 1))?;
             metrics += own;

@@ -1,7 +1,10 @@
 //! Gradient steps of a policy by losses that are sums over rows.
 
 use nalgebra::DMatrix;
-use networks::{ActorCritic, Batch, PreparedPolicy, Shard, ShardedTrainer, evaluate};
+use networks::{
+    ActorCritic, Batch, Indexed, Observations, PreparedPolicy, Shard, ShardedTrainer, WindowIndex,
+    evaluate,
+};
 use protocol::tensors::Tensors;
 
 use crate::algorithm::Metrics;
@@ -36,8 +39,6 @@ pub(crate) struct PolicyTrainer {
     network: ActorCritic,
     trainer: ShardedTrainer<ActorCritic>,
     prepared: PreparedPolicy,
-    /// Observations of the rows of a minibatch.
-    observations: Vec<u8>,
 }
 
 impl PolicyTrainer {
@@ -48,7 +49,6 @@ impl PolicyTrainer {
             network,
             trainer: ShardedTrainer::new(count, adam_epsilon, max_gradient_norm),
             prepared: PreparedPolicy::default(),
-            observations: Vec::new(),
         }
     }
 
@@ -67,10 +67,23 @@ impl PolicyTrainer {
         self.network.row_size().observation_bytes
     }
 
+    /// Finds what repeats itself in rows of observations that several steps are taken on.
+    pub(crate) fn index<'a>(
+        &self,
+        observations: &'a [u8],
+        windows: &'a mut WindowIndex,
+    ) -> Indexed<'a> {
+        self.network.actor().0.index(observations, windows)
+    }
+
     /// Values of rows of observations, in order.
-    pub(crate) fn values(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<f32> {
+    pub(crate) fn values(
+        &mut self,
+        parameters: &[f32],
+        observations: Observations<'_>,
+    ) -> Vec<f32> {
         self.network.prepare_into(parameters, &mut self.prepared);
-        let batch = Batch::new(observations);
+        let batch = Batch { observations, extra_inputs: &[] };
         evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
             let Shard { network, prepared, batch, workspace, .. } = shard;
             network.values(prepared, batch, workspace).as_slice().to_vec()
@@ -98,20 +111,15 @@ impl PolicyTrainer {
     pub(crate) fn step(
         &mut self,
         parameters: &mut [f32],
-        observations: &[u8],
+        observations: Indexed<'_>,
         minibatch: &[u32],
         loss: &impl RowLoss,
         learning_rate: f64,
     ) -> Metrics {
-        let row_bytes = self.row_bytes();
-        self.observations.clear();
-        for &row in minibatch {
-            let start = row as usize * row_bytes;
-            self.observations.extend(&observations[start..start + row_bytes]);
-        }
         let shard_rows = SHARD_ROWS.min(minibatch.len().div_ceil(SHARDS_MIN));
-        let PolicyTrainer { network, trainer, observations, .. } = self;
-        let batch = Batch::new(observations);
+        let PolicyTrainer { network, trainer, .. } = self;
+        let observations = Observations::Rows(observations, minibatch);
+        let batch = Batch { observations, extra_inputs: &[] };
         let step =
             trainer.step(network, parameters, batch, shard_rows, learning_rate, |shard, sum| {
                 let rows = &minibatch[shard.rows.clone()];

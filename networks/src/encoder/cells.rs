@@ -12,13 +12,15 @@ use protocol::encoder::CellsArchitecture;
 use protocol::seed::Stream;
 
 use super::PreparedEncoder;
+use crate::batch::Observations;
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 use crate::layer::cells::Cells;
 use crate::layer::dense::{Dense, Panels};
+use crate::layer::distinct::Distinct;
 use crate::layer::kernel::Vector16;
 use crate::layer::ranges;
-use crate::layer::windows::{Distinct, Windows};
+use crate::layer::windows::Windows;
 
 /// The layers of the encoder.
 #[derive(Clone, Debug)]
@@ -44,9 +46,8 @@ struct Layer {
 /// What a thread needs to evaluate it, and to take gradients back through it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellsMemory {
-    /// What the distinct windows were found in.
-    observations: Vec<u8>,
-    squares: Distinct,
+    /// Those of observations whose windows were not known.
+    windows: CellsWindows,
     cells: Vec<u8>,
     pixels: Vec<f32>,
     winners: Vec<u8>,
@@ -54,10 +55,13 @@ pub(crate) struct CellsMemory {
     gradients: Gradients,
 }
 
+/// The distinct windows of every layer for some observations.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CellsWindows(Vec<Distinct>);
+
 /// What a layer was given, and what it made of it.
 #[derive(Clone, Debug, Default)]
 struct LayerMemory {
-    distinct: Distinct,
     input: Vec<f32>,
     output: Vec<f32>,
 }
@@ -128,71 +132,84 @@ impl CellsEncoder {
     pub(super) fn forward(
         &self,
         prepared: &PreparedEncoder,
-        observations: &[u8],
+        observations: Observations<'_>,
         memory: &mut CellsMemory,
         features: &mut DMatrix<f32>,
     ) {
-        self.find_windows(observations, memory);
-        let CellsMemory { cells, pixels, winners, further, .. } = memory;
-        self.first.forward(&prepared.table, cells, pixels, winners);
-        let mut outputs = &*pixels;
-        for ((layer, panels), memory) in
-            self.further.iter().zip(&prepared.panels).zip(&mut *further)
-        {
-            let LayerMemory { distinct, input, output } = memory;
-            distinct.gather(outputs, layer.channels, input);
-            output.resize(distinct.pixels.len() / layer.windows.len() * layer.dense.outputs, 0.0);
-            layer.dense.forward(panels, input, output);
-            outputs = output;
+        let CellsMemory { windows, cells, pixels, winners, further, .. } = memory;
+        match observations {
+            Observations::Bytes(bytes) => self.find_windows(bytes, windows),
+            Observations::Rows(indexed, rows) => self.choose(&indexed.windows.cells, rows, windows),
+            Observations::Indexed(_) => {}
         }
-        let last = further.last().expect("a dense layer ends the encoder");
-        let width = self.features();
-        let rows = features.as_mut_slice().chunks_exact_mut(width);
-        for (&which, row) in last.distinct.which.iter().zip(rows) {
-            row.copy_from_slice(&last.output[which as usize * width..][..width]);
-        }
-    }
-
-    /// Finds the distinct windows of every layer, unless the observations are those of the last time:
-    /// the members of an ensemble see the same.
-    fn find_windows(&self, observations: &[u8], memory: &mut CellsMemory) {
-        let found = memory.further.len() == self.further.len();
-        if found && memory.observations == observations {
-            return;
-        }
-        memory.observations.clear();
-        memory.observations.extend_from_slice(observations);
-        let CellsMemory { squares, cells, pixels, winners, further, .. } = memory;
-        squares.find(&self.squares, observations);
+        let (squares, windows) = windows_of(observations, windows);
         cells.clear();
         cells.extend(squares.pixels.iter().map(|class| *class as u8));
         let numbers = cells.len() / self.squares.len() * self.first.channels;
         pixels.resize(numbers, 0.0);
         winners.resize(numbers, 0);
+        self.first.forward(&prepared.table, cells, pixels, winners);
         further.resize_with(self.further.len(), LayerMemory::default);
+        let mut outputs = &*pixels;
+        let layers = self.further.iter().zip(&prepared.panels).zip(windows);
+        for (((layer, panels), distinct), LayerMemory { input, output }) in layers.zip(further) {
+            distinct.gather(outputs, layer.channels, input);
+            output.resize(distinct.pixels.len() / layer.windows.len() * layer.dense.outputs, 0.0);
+            layer.dense.forward(panels, input, output);
+            outputs = output;
+        }
+        let width = self.features();
+        let rows = features.as_mut_slice().chunks_exact_mut(width);
+        for (&which, row) in last(windows).which.iter().zip(rows) {
+            row.copy_from_slice(&outputs[which as usize * width..][..width]);
+        }
+    }
+
+    /// Finds the distinct windows of every layer.
+    pub(super) fn find_windows(&self, observations: &[u8], CellsWindows(found): &mut CellsWindows) {
+        found.resize_with(1 + self.further.len(), Distinct::default);
+        let (squares, further) = found.split_first_mut().expect("an encoder has a convolution");
+        squares.find(&self.squares, observations);
         let mut images = &squares.which;
-        for (layer, memory) in self.further.iter().zip(further) {
-            memory.distinct.find(&layer.windows, images);
-            images = &memory.distinct.which;
+        for (layer, distinct) in self.further.iter().zip(further) {
+            distinct.find(&layer.windows, images);
+            images = &distinct.which;
+        }
+    }
+
+    /// Chooses the distinct windows of some rows from those of all.
+    fn choose(
+        &self,
+        CellsWindows(all): &CellsWindows,
+        rows: &[u32],
+        CellsWindows(chosen): &mut CellsWindows,
+    ) {
+        chosen.resize_with(all.len(), Distinct::default);
+        let windows = std::iter::once(&self.squares).chain(self.further.iter().map(Layer::windows));
+        let mut below = None;
+        for ((windows, of), distinct) in windows.zip(all).zip(chosen) {
+            distinct.choose(windows, of, rows, below);
+            below = Some(distinct);
         }
     }
 
     pub(super) fn backward(
         &self,
         prepared: &PreparedEncoder,
+        observations: Observations<'_>,
         memory: &mut CellsMemory,
         feature_gradients: &DMatrix<f32>,
         vectors: &mut Vec<Vector16>,
         gradient: &mut [f32],
     ) {
-        let CellsMemory { cells, pixels, winners, further, gradients, .. } = memory;
+        let CellsMemory { windows, cells, pixels, winners, further, gradients } = memory;
         let Gradients { outputs, inputs } = gradients;
-        let last = further.last().expect("a dense layer ends the encoder");
+        let (_, windows) = windows_of(observations, windows);
         outputs.clear();
-        outputs.resize(last.output.len(), 0.0);
-        last.distinct.sum(feature_gradients.as_slice(), self.features(), outputs);
+        outputs.resize(further.last().map_or(0, |layer| layer.output.len()), 0.0);
+        last(windows).sum(feature_gradients.as_slice(), self.features(), outputs);
         for (index, layer) in self.further.iter().enumerate().rev() {
-            let LayerMemory { distinct, input, output } = &further[index];
+            let LayerMemory { input, output } = &further[index];
             layer.dense.activation.backward(output, outputs);
             let own = &mut gradient[self.ranges[index + 1].clone()];
             layer.dense.parameter_gradient(input, outputs, vectors, own);
@@ -202,7 +219,7 @@ impl CellsEncoder {
             let before =
                 index.checked_sub(1).map_or(pixels.len(), |before| further[before].output.len());
             outputs.resize(before, 0.0);
-            distinct.spread(inputs, layer.channels, outputs);
+            windows[index].spread(inputs, layer.channels, outputs);
         }
         Activation::Relu.backward(pixels, outputs);
         let own = &mut gradient[self.ranges[0].clone()];
@@ -210,9 +227,29 @@ impl CellsEncoder {
     }
 }
 
+/// The distinct windows of the first layer and of those behind it, for what was evaluated last.
+fn windows_of<'a>(
+    observations: Observations<'a>,
+    found: &'a CellsWindows,
+) -> (&'a Distinct, &'a [Distinct]) {
+    let CellsWindows(layers) = match observations {
+        Observations::Indexed(indexed) => &indexed.windows.cells,
+        Observations::Bytes(_) | Observations::Rows(..) => found,
+    };
+    layers.split_first().expect("windows were found")
+}
+
+fn last(windows: &[Distinct]) -> &Distinct {
+    windows.last().expect("a dense layer ends the encoder")
+}
+
 impl Layer {
     fn new(windows: Windows, channels: usize, outputs: usize) -> Layer {
         let inputs = windows.len() * channels;
         Layer { windows, channels, dense: Dense { inputs, outputs, activation: Activation::Relu } }
+    }
+
+    fn windows(&self) -> &Windows {
+        &self.windows
     }
 }

@@ -9,7 +9,8 @@ use protocol::encoder::CellsArchitecture;
 use protocol::seed::Stream;
 use protocol::task::{ObservationSpec, floats};
 
-use crate::encoder::cells::{CellsEncoder, CellsMemory};
+use crate::batch::{Indexed, Observations};
+use crate::encoder::cells::{CellsEncoder, CellsMemory, CellsWindows};
 use crate::layer::dense::Panels;
 use crate::layer::kernel::Vector16;
 use crate::layer::stack::GradientMemory;
@@ -37,6 +38,12 @@ pub(crate) struct PreparedEncoder {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct EncoderMemory {
     cells: CellsMemory,
+}
+
+/// What repeats itself in observations; memory that is reused from one [`Indexed`] to the next.
+#[derive(Clone, Debug, Default)]
+pub struct WindowIndex {
+    cells: CellsWindows,
 }
 
 impl Encoder {
@@ -94,6 +101,18 @@ impl Encoder {
         }
     }
 
+    /// Finds what repeats itself in observations.
+    pub(crate) fn index<'a>(
+        &self,
+        observations: &'a [u8],
+        windows: &'a mut WindowIndex,
+    ) -> Indexed<'a> {
+        if let Encoder::Cells(cells) = self {
+            cells.find_windows(observations, &mut windows.cells);
+        }
+        Indexed { bytes: observations, windows }
+    }
+
     /// Writes the features of observations, as many to a column of `features` as it has rows.
     ///
     /// # Panics
@@ -101,15 +120,12 @@ impl Encoder {
     pub(crate) fn forward(
         &self,
         prepared: &PreparedEncoder,
-        observations: &[u8],
+        observations: Observations<'_>,
         memory: &mut EncoderMemory,
         features: &mut DMatrix<f32>,
     ) {
         match self {
-            Encoder::Vector { .. } => {
-                let numbers = features.iter_mut().zip(floats(observations));
-                numbers.for_each(|(feature, number)| *feature = number);
-            }
+            Encoder::Vector { len } => copy(observations, *len, features),
             Encoder::Cells(cells) => {
                 cells.forward(prepared, observations, &mut memory.cells, features);
             }
@@ -120,13 +136,34 @@ impl Encoder {
     pub(crate) fn backward(
         &self,
         prepared: &PreparedEncoder,
+        observations: Observations<'_>,
         memory: &mut EncoderMemory,
         gradients: &mut GradientMemory,
         gradient: &mut [f32],
     ) {
         if let Encoder::Cells(cells) = self {
             let GradientMemory { outputs, vectors, .. } = gradients;
-            cells.backward(prepared, &mut memory.cells, outputs, vectors, gradient);
+            let memory = &mut memory.cells;
+            cells.backward(prepared, observations, memory, outputs, vectors, gradient);
+        }
+    }
+}
+
+/// Copies the numbers of vectors, `len` to a row.
+fn copy(observations: Observations<'_>, len: usize, features: &mut DMatrix<f32>) {
+    let copy = |features: &mut [f32], bytes: &[u8]| {
+        features.iter_mut().zip(floats(bytes)).for_each(|(feature, number)| *feature = number);
+    };
+    let features = features.as_mut_slice();
+    match observations {
+        Observations::Bytes(bytes) | Observations::Indexed(Indexed { bytes, .. }) => {
+            copy(features, bytes);
+        }
+        Observations::Rows(Indexed { bytes, .. }, rows) => {
+            let row_bytes = len * size_of::<f32>();
+            for (features, &row) in features.chunks_exact_mut(len).zip(rows) {
+                copy(features, &bytes[row as usize * row_bytes..][..row_bytes]);
+            }
         }
     }
 }

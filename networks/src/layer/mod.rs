@@ -6,6 +6,7 @@
 pub(crate) mod activation;
 pub(crate) mod cells;
 pub(crate) mod dense;
+pub(crate) mod distinct;
 pub(crate) mod kernel;
 pub(crate) mod stack;
 pub(crate) mod windows;

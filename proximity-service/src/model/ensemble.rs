@@ -6,7 +6,7 @@
 
 use networks::{
     Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore, Shard,
-    ShardedTrainer, Squashing, Step, Workspace,
+    ShardedTrainer, Squashing, Step, WindowIndex, Workspace,
 };
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
@@ -30,6 +30,8 @@ pub struct TrainedEnsemble {
     normalizer: RunningNormalizer,
     ensemble: Ensemble,
     trainers: Vec<ShardedTrainer<Network>>,
+    /// Of minibatches.
+    windows: WindowIndex,
     prepared: Vec<Prepared>,
     threads: ThreadPool,
 }
@@ -60,6 +62,7 @@ impl TrainedEnsemble {
             input,
             normalizer,
             trainers: ensemble.members.iter().map(trainer).collect(),
+            windows: WindowIndex::default(),
             prepared: ensemble.prepare(),
             ensemble,
             threads,
@@ -85,12 +88,12 @@ impl TrainedEnsemble {
         learning_rate: f64,
     ) -> Result<Losses, String> {
         let network = &self.ensemble.network;
+        let batch = minibatch.rows.indexed(network, &mut self.windows);
         let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
         let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
             differentiate(shard, minibatch, &loss, sum)
         };
         let train = |(member, trainer): (&mut Vec<f32>, &mut ShardedTrainer<Network>)| {
-            let batch = minibatch.rows.batch();
             // A loss is a mean over pairs of rows, so a minibatch is one shard.
             trainer.step(network, member, batch, usize::MAX, learning_rate, of_member)
         };
@@ -122,14 +125,15 @@ impl TrainedEnsemble {
 
     /// Scores of rows, in order.
     pub fn scores(&self, rows: &[u8]) -> Vec<RowScore> {
-        let score = |workspace: &mut Workspace, shard: &[u8]| {
+        let score = |(workspace, windows): &mut (Workspace, WindowIndex), shard: &[u8]| {
             let (mut outputs, mut scores) = (Vec::new(), Vec::new());
             let rows = self.normalized(shard.to_vec());
-            self.ensemble.score(&self.prepared, rows.batch(), workspace, &mut outputs, &mut scores);
+            let batch = rows.indexed(&self.ensemble.network, windows);
+            self.ensemble.score(&self.prepared, batch, workspace, &mut outputs, &mut scores);
             scores
         };
         let shards = rows.par_chunks(SHARD_ROWS * self.input.row_bytes());
-        let scores = || shards.map_init(Workspace::default, score).collect::<Vec<_>>();
+        let scores = || shards.map_init(Default::default, score).collect::<Vec<_>>();
         self.threads.install(scores).concat()
     }
 

@@ -2,7 +2,7 @@
 //!
 //! A row is its observations' bytes and, behind them, its extra inputs as little-endian `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
 
-use networks::{Batch, NetworkShape, RewardArchitecture};
+use networks::{Batch, Network, NetworkShape, Observations, RewardArchitecture, WindowIndex};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use run::config::RewardInput;
 
@@ -26,7 +26,14 @@ pub struct Rows {
 impl Rows {
     /// The rows as a network's batch.
     pub fn batch(&self) -> Batch<'_> {
-        Batch { observations: &self.observations, extra_inputs: &self.extra_inputs }
+        let observations = Observations::Bytes(&self.observations);
+        Batch { observations, extra_inputs: &self.extra_inputs }
+    }
+
+    /// The rows as a batch that several networks of this kind are evaluated on.
+    pub fn indexed<'a>(&'a self, network: &Network, windows: &'a mut WindowIndex) -> Batch<'a> {
+        let observations = Observations::Indexed(network.index(&self.observations, windows));
+        Batch { observations, ..self.batch() }
     }
 }
 

@@ -5,7 +5,7 @@ mod loss;
 mod tests;
 
 use anyhow::Result;
-use networks::{ActorCritic, Adam, Distribution, RunningMoments};
+use networks::{ActorCritic, Adam, Distribution, Observations, RunningMoments, WindowIndex};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
@@ -113,10 +113,13 @@ impl PpoUpdate {
         batch: &Batch,
         schedule: &Schedule,
     ) -> Result<Metrics, Final> {
-        let targets = self.targets(parameters, batch);
         // A batch of fewer rows than minibatches has one of each row.
         let size = (batch.len() / self.config.minibatches as usize).max(1);
         let mut rows: Vec<u32> = (0..batch.len() as u32).collect();
+        let mut windows = WindowIndex::default();
+        let observations = self.trainer.index(&batch.observations, &mut windows);
+        let all = Observations::Rows(observations, &rows);
+        let targets = self.targets(parameters, batch, all);
         let mut metrics = Metrics::default();
         let mut epochs = 0;
         for epoch in 0..self.config.epochs {
@@ -135,7 +138,6 @@ impl PpoUpdate {
                     targets: &targets,
                     weight: 1.0 / minibatch.len() as f32,
                 };
-                let observations = &batch.observations;
                 let own =
                     self.trainer.step(parameters, observations, minibatch, &loss, learning_rate);
                 own.expect_finite(format_args!("epoch {}, minibatch {}", epoch + 1, number + 1))?;
@@ -152,13 +154,21 @@ impl PpoUpdate {
         Ok(metrics.divided_by(f64::from(epochs)))
     }
 
-    /// Values under the current policy, and from them advantages and returns.
-    fn targets(&mut self, parameters: &[f32], batch: &Batch) -> Targets {
-        let values = self.trainer.values(parameters, &batch.observations);
+    /// Values of a batch, whose observations are these, under the current policy, and from them
+    /// advantages and returns.
+    fn targets(
+        &mut self,
+        parameters: &[f32],
+        batch: &Batch,
+        observations: Observations<'_>,
+    ) -> Targets {
+        let values = self.trainer.values(parameters, observations);
         let bootstrap = self.config.bootstrap_truncated;
         let cut = batch.episodes.iter().filter(|episode| bootstrap && episode.truncated);
         let cut: Vec<&[u8]> = cut.map(|episode| &episode.last_observation[..]).collect();
-        let mut last_values = self.trainer.values(parameters, &cut.concat()).into_iter();
+        let cut = cut.concat();
+        let last_values = self.trainer.values(parameters, Observations::Bytes(&cut));
+        let mut last_values = last_values.into_iter();
         let (gamma, lambda) = (self.config.gamma as f32, self.config.gae_lambda as f32);
         let (mut advantages, mut returns) = (Vec::new(), Vec::new());
         let mut start = 0;

@@ -238,14 +238,19 @@ fn a_cut_episode_is_bootstrapped_with_the_value_of_its_last_state_and_no_other_i
     let parameters = network.initial_parameters(&mut stream);
     let mut update = PpoUpdate::new(spec, config(0.2, 0.2), network);
 
-    let last_value = update.trainer.values(&parameters, &batch.episodes[0].last_observation)[0];
+    let observations = Observations::Bytes(&batch.observations);
+    let last = Observations::Bytes(&batch.episodes[0].last_observation);
+    let last_value = update.trainer.values(&parameters, last)[0];
     assert!(last_value.abs() > 0.01, "a value that would be noticed, not {last_value}");
     let near = |found: Vec<f32>, expected: [f32; 2]| {
         let close =
             found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-6);
         assert!(close, "expected {expected:?}, found {found:?}");
     };
-    near(update.targets(&parameters, &batch).returns, [0.25, 0.25]);
+    near(update.targets(&parameters, &batch, observations).returns, [0.25, 0.25]);
     update.config.bootstrap_truncated = true;
-    near(update.targets(&parameters, &batch).returns, [0.25 + 0.9 * last_value, 0.25]);
+    near(
+        update.targets(&parameters, &batch, observations).returns,
+        [0.25 + 0.9 * last_value, 0.25],
+    );
 }

@@ -1,7 +1,7 @@
 //! A soft actor-critic for continuous actions (Haarnoja et al., 2018): two Q-functions, a squashed
 //! normal policy that follows the smaller of them, and a temperature tuned to an entropy.
 
-use networks::{ActorCritic, Adam, Batch, Distribution};
+use networks::{ActorCritic, Adam, Batch, Distribution, Observations, WindowIndex};
 use protocol::seed::Stream;
 use protocol::task::{ActionSpec, Spec, floats};
 use protocol::tensors::Tensors;
@@ -85,7 +85,7 @@ impl SoftActorCritic {
     ) -> f64 {
         let temperature = self.temperature();
         let next = self.draw(policy, &minibatch.next_observations, stream);
-        let observations = &minibatch.next_observations;
+        let observations = Observations::Bytes(&minibatch.next_observations);
         let batch = Batch { observations, extra_inputs: &next.actions };
         let [first, second] = self.q_functions.each_ref().map(|one| one.target_values(batch));
         let values = first.iter().zip(&second).zip(&next.log_probs);
@@ -95,7 +95,8 @@ impl SoftActorCritic {
         let targets = minibatch.targets(&values, self.config.gamma as f32);
         let actions: Vec<f32> =
             floats(&minibatch.actions).map(|number| number.clamp(-1.0, 1.0)).collect();
-        let batch = Batch { observations: &minibatch.observations, extra_inputs: &actions };
+        let observations = Observations::Bytes(&minibatch.observations);
+        let batch = Batch { observations, extra_inputs: &actions };
         let fit = |one: &mut QFunction| one.fit(batch, &targets, learning_rate);
         self.q_functions.iter_mut().map(fit).sum::<f64>() / 2.0
     }
@@ -110,7 +111,8 @@ impl SoftActorCritic {
     ) -> Metrics {
         let observations = &minibatch.observations;
         let drawn = self.draw(policy, observations, stream);
-        let batch = Batch { observations, extra_inputs: &drawn.actions };
+        let own = Observations::Bytes(observations);
+        let batch = Batch { observations: own, extra_inputs: &drawn.actions };
         let [first, second] = self.q_functions.each_ref().map(|one| one.action_gradients(batch));
         let smaller = first.0.iter().zip(&second.0).map(|(first, second)| first <= second);
         let rows =
@@ -129,6 +131,8 @@ impl SoftActorCritic {
             drawn: &drawn,
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
+        let mut windows = WindowIndex::default();
+        let observations = self.actor.index(observations, &mut windows);
         let metrics = self.actor.step(policy, observations, &rows, &loss, learning_rate);
         if self.config.tune_temperature {
             self.tune_temperature(&drawn.log_probs, learning_rate);

@@ -1,7 +1,7 @@
 //! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`,
 //! and the policy that goes with it draws actions by `Q / temperature`.
 
-use networks::ActorCritic;
+use networks::{ActorCritic, WindowIndex};
 use protocol::seed::Stream;
 use protocol::tensors::Tensors;
 use run::config::{PpoConfig, RunConfig, SqilConfig};
@@ -61,7 +61,8 @@ impl SoftLearner for SoftQ {
             weight: 1.0 / minibatch.len() as f32,
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
-        let observations = &minibatch.observations;
+        let mut windows = WindowIndex::default();
+        let observations = self.trainer.index(&minibatch.observations, &mut windows);
         let parameters = &mut self.parameters;
         let metrics = self.trainer.step(parameters, observations, &rows, &loss, learning_rate);
         follow(&mut self.targets, &self.parameters, target_rate);
