@@ -83,13 +83,13 @@ if [ "${1:-}" = --to ]; then
         begun=$(date +%s%N)
         "$goalward" train "$@" --seed "$seed" --run "$run" >"$folder/progress.txt"
         whole=$((($(date +%s%N) - begun) / 1000000000))
-        read -r steps wall processors <<<"$(time_to "$run" "$level") inf inf inf"
+        read -r steps wall processors _ <<<"$(time_to "$run" "$level") inf inf inf"
         evaluation=$(sed -n 's/^    "success_rate": \([0-9.]*\).*/\1/p' "$run/summary.json" | head -1)
-        printf "$row" "$seed" "$steps" "$wall" "$processors" "$evaluation" "$whole"
+        printf "$row" "$seed" "$steps" "${wall%.*}" "${processors%.*}" "$evaluation" "$whole"
         printf '%s\n' "$wall" >>"$folder/walls"
         rm -rf "$run"
     done
-    printf 'median time to %s: %s s\n' "$level" "$(median <"$folder/walls")"
+    printf 'median time to %s: %.1f s\n' "$level" "$(median <"$folder/walls")"
     exit
 fi
 if [ "${1:-}" = --memory ]; then
