@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::encoder::WindowIndex;
+use crate::encoder::{Indexed, Observations};
 
 /// Size of a row of a [`Batch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,25 +11,6 @@ pub struct RowSize {
     pub observation_bytes: usize,
     /// Numbers that join them.
     pub extra_inputs: usize,
-}
-
-/// Observations that one network and all with the same encoder can evaluate again and again, in whole or
-/// in part, without finding once more what repeats itself in them ([`crate::Network::index`]).
-#[derive(Clone, Copy, Debug)]
-pub struct Indexed<'a> {
-    pub(crate) bytes: &'a [u8],
-    pub(crate) windows: &'a WindowIndex,
-}
-
-/// The observations of a batch, `frames` to a row.
-#[derive(Clone, Copy, Debug)]
-pub enum Observations<'a> {
-    /// Their bytes.
-    Bytes(&'a [u8]),
-    /// All that were indexed.
-    Indexed(Indexed<'a>),
-    /// Some of the rows that were indexed, by their positions.
-    Rows(Indexed<'a>, &'a [u32]),
 }
 
 /// What a network is evaluated on: rows one after another.

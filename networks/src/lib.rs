@@ -23,9 +23,9 @@ mod policy;
 mod shape;
 mod training;
 
-pub use batch::{Batch, Indexed, Observations, RowSize};
+pub use batch::{Batch, RowSize};
 pub use distribution::Distribution;
-pub use encoder::WindowIndex;
+pub use encoder::{Indexed, Observations, WindowIndex};
 pub use ensemble::{Ensemble, Score, Squashing};
 pub use initialization::Initialization;
 pub use layer::activation::{Activation, tanh};

@@ -8,8 +8,8 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 use protocol::seed::Stream;
 
-use crate::batch::{Batch, Indexed, RowSize};
-use crate::encoder::{Encoder, EncoderMemory, PreparedEncoder, WindowIndex};
+use crate::batch::{Batch, RowSize};
+use crate::encoder::{Encoder, EncoderMemory, Indexed, PreparedEncoder, WindowIndex};
 use crate::layer::activation::Activation;
 use crate::layer::dense::{Dense, Panels};
 use crate::layer::reshape;

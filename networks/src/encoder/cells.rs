@@ -11,8 +11,7 @@ use nalgebra::DMatrix;
 use protocol::encoder::CellsArchitecture;
 use protocol::seed::Stream;
 
-use super::PreparedEncoder;
-use crate::batch::Observations;
+use super::{Observations, PreparedEncoder};
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 use crate::layer::cells::Cells;

@@ -9,7 +9,6 @@ use protocol::encoder::CellsArchitecture;
 use protocol::seed::Stream;
 use protocol::task::{ObservationSpec, floats};
 
-use crate::batch::{Indexed, Observations};
 use crate::encoder::cells::{CellsEncoder, CellsMemory, CellsWindows};
 use crate::layer::dense::Panels;
 use crate::layer::kernel::Vector16;
@@ -44,6 +43,25 @@ pub(crate) struct EncoderMemory {
 #[derive(Clone, Debug, Default)]
 pub struct WindowIndex {
     cells: CellsWindows,
+}
+
+/// Observations that one network and all with the same encoder can evaluate again and again, in whole or
+/// in part, without finding once more what repeats itself in them ([`crate::Network::index`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Indexed<'a> {
+    pub(crate) bytes: &'a [u8],
+    pub(crate) windows: &'a WindowIndex,
+}
+
+/// The observations of a batch, `frames` to a row.
+#[derive(Clone, Copy, Debug)]
+pub enum Observations<'a> {
+    /// Their bytes.
+    Bytes(&'a [u8]),
+    /// All that were indexed.
+    Indexed(Indexed<'a>),
+    /// Some of the rows that were indexed, by their positions.
+    Rows(Indexed<'a>, &'a [u32]),
 }
 
 impl Encoder {
