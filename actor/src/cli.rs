@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use environments::{Registration, Setting};
+use run::config::ActionChoice;
 use run::diagnostics::Diagnostics;
 use run::folder::RunFolder;
 use run::process::{self, Stop};
@@ -113,6 +114,9 @@ enum Command {
         /// How many.
         #[arg(long)]
         episodes: u64,
+        /// How actions are chosen; by default as at the end of training.
+        #[arg(long)]
+        actions: Option<ActionChoice>,
     },
     /// Writes the policy of a run as a file that other programs read.
     Export {
@@ -210,10 +214,11 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             crate::serve::serve(&factory, &mut std::io::stdin(), &mut std::io::stdout())
         }
-        Command::Evaluate { run, episodes } => {
+        Command::Evaluate { run, episodes, actions } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             process::end_with_parent()?;
-            let evaluation = crate::evaluate::evaluate(tasks, &RunFolder::new(run), episodes)?;
+            let folder = RunFolder::new(run);
+            let evaluation = crate::evaluate::evaluate(tasks, &folder, episodes, actions)?;
             print(&evaluation)
         }
         Command::Export { run, checkpoint, out } => {

@@ -56,7 +56,7 @@ mod tests {
         let found = found.expect("a description");
         let complete = |noise| {
             setting(&format!(
-                "coverage = 1.0\nnoise = {noise}\nranges = \"symmetric\"\naction_scale = []"
+                "coverage = 1.0\nnoise = {noise}\nranges = \"symmetric\"\naction_scale = []\nend_at_goal = true"
             ))
         };
         assert_eq!(found.environment, complete("2.0"));

@@ -8,7 +8,7 @@ use mcap_log::{FileWriter, Topic};
 use protocol::messages::Lease;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
-use run::config::RunConfig;
+use run::config::{ActionChoice, RunConfig};
 use run::folder::RunFolder;
 use run::headway::{Headway, Teller};
 use run::metadata;
@@ -44,8 +44,14 @@ pub struct Evaluation {
 ///
 /// # Errors
 /// When the run has no checkpoint that holds, an environment fails, or the file cannot be written.
-pub fn evaluate(tasks: Tasks, folder: &RunFolder, episodes: u64) -> Result<Evaluation> {
-    let config = folder.config()?;
+pub fn evaluate(
+    tasks: Tasks,
+    folder: &RunFolder,
+    episodes: u64,
+    actions: Option<ActionChoice>,
+) -> Result<Evaluation> {
+    let mut config = folder.config()?;
+    config.evaluation.actions = actions.unwrap_or(config.evaluation.actions);
     let weights = newest_weights(folder)?;
     let factory = Factory::of_run(tasks, &config)?;
     let trajectories = act(&factory, &config, &weights, episodes)?;
@@ -109,7 +115,8 @@ fn record(
     trajectories: &[Trajectory],
 ) -> Result<PathBuf> {
     let version = trajectories.first().map_or(0, |trajectory| trajectory.policy_version);
-    let file = folder.evaluation_file(version, trajectories.len() as u64);
+    let file =
+        folder.evaluation_file(version, trajectories.len() as u64, config.evaluation.actions);
     let metadata = metadata::of_run(config);
     let topics = [Topic::EvaluationTrajectory, Topic::Scene];
     let mut writer = FileWriter::create_anew(&file, &metadata, &topics)?;

@@ -13,7 +13,8 @@ const SIZE: usize = 19;
 const CELLS: usize = SIZE * SIZE;
 
 fn open(coverage: f64) -> Navigation {
-    Navigation::new(NavigationSetting { coverage }).expect("a coverage of the paper")
+    Navigation::new(NavigationSetting { coverage, ..NavigationSetting::default() })
+        .expect("a coverage of the paper")
 }
 
 fn reset(environment: &mut dyn Environment, episode: u64) -> [u8; CELLS] {
@@ -117,6 +118,31 @@ fn a_random_policy_succeeds_as_often_as_in_the_authors_code() {
     }
     let percent = 100.0 * f64::from(successes) / episodes as f64;
     assert!((percent - 12.8).abs() < 2.0, "a random policy succeeds in {percent} %");
+}
+
+#[test]
+fn an_episode_that_does_not_end_at_the_goal_goes_on_to_the_horizon() {
+    let setting = NavigationSetting { end_at_goal: false, ..NavigationSetting::default() };
+    let mut environment = Navigation::new(setting).expect("a valid setting");
+    let mut ends = open(1.0);
+    for episode in 0..20 {
+        assert_eq!(reset(&mut environment, episode), reset(&mut ends, episode));
+        let (at_goal, path, arrival) = finish(&mut ends, expert);
+        let mut observation = [0; CELLS];
+        for _ in 1..path {
+            let action = expert(&mut environment);
+            environment.step(&[action], &mut observation).expect("a valid action");
+        }
+        let action = expert(&mut environment);
+        let step = environment.step(&[action], &mut observation).expect("a valid action");
+        assert_eq!((step, observation), (Step { ending: None, ..arrival }, at_goal));
+        let asked = environment.expert_action(&mut [0]).expect("a script does not fail");
+        assert!(!asked, "the expert has arrived");
+        // Success is of the episode, and earned once.
+        let (_, further, last) = finish(&mut environment, |_| 0);
+        let truncated = Step { reward: 0.0, ending: Some(Ending::Truncated), success: true };
+        assert_eq!((path + further, last), (100, truncated));
+    }
 }
 
 #[test]

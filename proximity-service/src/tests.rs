@@ -38,6 +38,7 @@ pub(crate) fn config() -> RewardConfig {
         batch: 11,
         samples: 11,
         experience: 100,
+        experience_after_goal: false,
         order: UpdateOrder::ScoreFirst,
     }
 }
@@ -152,6 +153,17 @@ fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
     assert_eq!(last.unwrap().experience, 100);
 }
 
+#[test]
+fn what_the_agent_saw_after_the_goal_is_experience_only_where_it_is_asked_for() {
+    let walk = Trajectory { steps_to_goal: 6, ..walk(1.0, Source::Training) };
+    let batch = [Encoded::encode(walk)];
+    for (experience_after_goal, expected) in [(false, 7), (true, 11)] {
+        let mut model: Learned<GoalProximity> =
+            learned(&RewardConfig { experience_after_goal, ..config() }, 1);
+        assert_eq!(model.improve(0, &batch).unwrap().experience, expected);
+    }
+}
+
 /// `reward.samples` and `reward.batch` mean the same for every model: whole batches of what there is.
 #[test]
 fn every_model_trains_on_what_rows_there_are() {
@@ -180,13 +192,15 @@ fn online_training_ends_when_the_learning_rate_is_zero() {
 #[test]
 fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
     assert_reproducible::<GoalProximity>(&config());
-    let actions = RewardConfig { input: RewardInput::StateAction, ..config() };
+    // With actions the walk has ten rows.
+    let actions = RewardConfig { input: RewardInput::StateAction, batch: 10, ..config() };
     assert_reproducible::<GoalProximity>(&actions);
 }
 
 #[test]
 fn proximity_with_actions_depends_on_the_action_and_needs_one() {
-    let config = RewardConfig { input: RewardInput::StateAction, uncertainty: 0.0, ..config() };
+    let config =
+        RewardConfig { input: RewardInput::StateAction, uncertainty: 0.0, batch: 10, ..config() };
     let mut model: Learned<GoalProximity> = learned(&config, 2);
     pretrained(&mut model);
     let right = walk(0.0, Source::Training);
@@ -201,6 +215,28 @@ fn proximity_with_actions_depends_on_the_action_and_needs_one() {
     assert!(right > wrong + 0.3, "right {right}, wrong {wrong}");
     let message = model.estimate(&place(0.5, 0.0)).unwrap_err().to_string();
     assert!(message.contains("single states") && message.contains("states and actions"));
+}
+
+/// Where a row of the last observation had no action, that alone said that an episode was over.
+#[test]
+fn with_actions_the_end_of_an_episode_changes_no_proximity() {
+    let config = RewardConfig { input: RewardInput::StateAction, batch: 10, ..config() };
+    let mut model: Learned<GoalProximity> = learned(&config, 1);
+    pretrained(&mut model);
+    let whole = walk(0.0, Source::Training);
+    let cut = Trajectory {
+        steps: 5,
+        values: whole.values.slice(..6 * 8),
+        discrete_actions: whole.discrete_actions.slice(..5),
+        log_probs: whole.log_probs.slice(..20),
+        environment_rewards: whole.environment_rewards.slice(..20),
+        success: false,
+        steps_to_goal: 0,
+        ..whole.clone()
+    };
+    let scores = model.score(0, &[whole, cut].map(Encoded::encode));
+    assert_eq!(scores[0].proximity[..6], scores[1].proximity);
+    assert_eq!(scores[0].proximity[0], scores[0].proximity[1], "nothing led to the first");
 }
 
 #[test]

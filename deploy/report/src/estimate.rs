@@ -76,10 +76,11 @@ fn evaluated(folder: &RunFolder) -> Result<Option<PathBuf>> {
     Ok(found.into_iter().max().map(|(_, path)| path))
 }
 
-/// Policy version and episodes of a file such as `evaluation-v000367-200.mcap`.
+/// Policy version and episodes of a file such as `evaluation-v000367-200-sample.mcap`.
 fn evaluation_numbers(name: &str) -> Option<(u64, u64)> {
     let numbers = name.strip_prefix("evaluation-v")?.strip_suffix(".mcap")?;
-    let (version, episodes) = numbers.split_once('-')?;
+    let (version, rest) = numbers.split_once('-')?;
+    let (episodes, _actions) = rest.split_once('-')?;
     Some((version.parse().ok()?, episodes.parse().ok()?))
 }
 
@@ -89,8 +90,8 @@ mod tests {
 
     #[test]
     fn evaluations_are_known_by_their_names() {
-        assert_eq!(evaluation_numbers("evaluation-v000367-200.mcap"), Some((367, 200)));
-        assert_eq!(evaluation_numbers("evaluation-v000367-200.csv"), None);
+        assert_eq!(evaluation_numbers("evaluation-v000367-200-mode.mcap"), Some((367, 200)));
+        assert_eq!(evaluation_numbers("evaluation-v000367-200-mode.csv"), None);
         assert_eq!(evaluation_numbers("demonstrations.mcap"), None);
     }
 }

@@ -5,6 +5,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use run::config::ActionChoice;
 use run::folder::RunFolder;
 use serde::Deserialize;
 
@@ -22,6 +23,9 @@ pub(crate) struct Arguments {
     /// Episodes to run; by default as many as at the end of training.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
+    /// How actions are chosen, `sample` or `mode`; by default as at the end of training.
+    #[arg(long, value_name = "CHOICE")]
+    actions: Option<ActionChoice>,
     /// Replaces the file of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
@@ -43,13 +47,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
+    let actions = arguments.actions.unwrap_or(config.evaluation.actions);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
     if let Some((version, _)) = folder.newest_checkpoint() {
-        destination::own_file(&folder.evaluation_file(version, episodes), arguments.force)?;
+        let file = folder.evaluation_file(version, episodes, actions);
+        destination::own_file(&file, arguments.force)?;
     }
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
-    actor.args(["--episodes", &episodes.to_string()]);
+    actor.args(["--episodes", &episodes.to_string(), "--actions", actions.name()]);
     print_line(table(&programs::result(&mut actor, "evaluating")?).trim_end());
     Ok(())
 }
@@ -72,13 +78,13 @@ mod tests {
     #[test]
     fn the_actors_figures_become_a_table() {
         let text = r#"{"episodes": 200, "success_rate": 0.965, "mean_return": 0.5, "mean_steps": 14.25,
-            "policy_version": 367, "file": "r/evaluation-v000367-200.mcap"}"#;
+            "policy_version": 367, "file": "r/evaluation-v000367-200-sample.mcap"}"#;
         let table = table(&serde_json::from_str(text).unwrap());
         for part in [
             "96.5 % of 200 episodes; mean return 0.5",
             "14.2",
             "367\n",
-            "r/evaluation-v000367-200.mcap",
+            "r/evaluation-v000367-200-sample.mcap",
         ] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }

@@ -28,9 +28,10 @@
 //! | 13 to 15 | position of the goal | m |
 //!
 //! # Ending, success and reward
-//! The cube's center within 0.05 m of the goal after a step is success and terminates the episode;
-//! otherwise step 50 of Fetch Pick and step 60 of Fetch Push truncates it. The environment's own reward
-//! is that of Gym's Fetch tasks: 0 for a step that ends in success, -1 for every other.
+//! The cube's center within 0.05 m of the goal after a step is success and terminates the episode, unless
+//! [`end_at_goal`](FetchSetting::end_at_goal) is off; otherwise step 50 of Fetch Pick and step 60 of Fetch
+//! Push truncates it. The environment's own reward is that of Gym's Fetch tasks: 0 for a step that ends
+//! with the cube at the goal, -1 for every other.
 
 mod expert;
 mod observation;
@@ -91,6 +92,9 @@ pub struct FetchSetting {
     pub ranges: Ranges,
     /// What each number of an action is multiplied with; empty for one.
     pub action_scale: Vec<f64>,
+    /// Whether the cube at the goal ends an episode; otherwise it goes on to the horizon, as on a robot
+    /// that cannot tell success.
+    pub end_at_goal: bool,
 }
 
 /// Where cubes and goals lie around their centers.
@@ -107,7 +111,13 @@ pub enum Ranges {
 impl Default for FetchSetting {
     fn default() -> Self {
         let ranges = Ranges::default();
-        FetchSetting { coverage: 1.0, noise: 1.0, ranges, action_scale: Vec::new() }
+        FetchSetting {
+            coverage: 1.0,
+            noise: 1.0,
+            ranges,
+            action_scale: Vec::new(),
+            end_at_goal: true,
+        }
     }
 }
 
@@ -124,6 +134,8 @@ pub struct Fetch {
     steps: u32,
     /// Whether the episode has begun and not ended.
     running: bool,
+    /// Whether the cube has been at the goal in the episode.
+    success: bool,
 }
 
 impl Fetch {
@@ -142,6 +154,7 @@ impl Fetch {
             goal: Vector::ZERO,
             steps: 0,
             running: false,
+            success: false,
         })
     }
 
@@ -186,6 +199,7 @@ impl Environment for Fetch {
         self.expert = Expert::new(self.task);
         self.steps = 0;
         self.running = false;
+        self.success = false;
         self.observe(observation)?;
         self.running = true;
         Ok(())
@@ -205,10 +219,11 @@ impl Environment for Fetch {
         self.running = false;
         self.observe(observation)?;
 
-        let success = self.scene.cube().distance(self.goal) < GOAL_RADIUS;
-        let ending = spec.ending(success, self.steps);
+        let at_goal = self.scene.cube().distance(self.goal) < GOAL_RADIUS;
+        self.success |= at_goal;
+        let ending = spec.ending(at_goal && self.setting.end_at_goal, self.steps);
         self.running = ending.is_none();
-        Ok(Step { reward: if success { 0.0 } else { -1.0 }, ending, success })
+        Ok(Step { reward: if at_goal { 0.0 } else { -1.0 }, ending, success: self.success })
     }
 
     fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
@@ -237,7 +252,7 @@ impl Environment for Fetch {
             hasher.update(&number.to_le_bytes());
         }
         hasher.update(&self.steps.to_le_bytes());
-        hasher.update(&[u8::from(self.running)]);
+        hasher.update(&[u8::from(self.running) + u8::from(self.running && self.success)]);
         hasher.digest()
     }
 

@@ -29,8 +29,10 @@
 //! | 3 [`AGENT`] | agent | 1 |
 //!
 //! # Ending, success and reward
-//! Entering the goal is success and terminates the episode; otherwise step 100 truncates it. The
-//! environment's own reward is `1 - 0.9 t / 100` for success at step `t` and 0 for every other step.
+//! Entering the goal is success and terminates the episode, unless
+//! [`end_at_goal`](NavigationSetting::end_at_goal) is off; otherwise step 100 truncates it. The
+//! environment's own reward is `1 - 0.9 t / 100` where the goal is entered first, at step `t`, and 0 for
+//! every other step.
 
 mod class;
 mod expert;
@@ -63,11 +65,14 @@ pub struct NavigationSetting {
     /// The part of the cells that they lie in, above 0 and at most 1. The paper has 0.25, 0.5, 0.75
     /// and 1.
     pub coverage: f64,
+    /// Whether the goal ends an episode; otherwise it goes on to the horizon, as on a robot that cannot
+    /// tell that it has arrived.
+    pub end_at_goal: bool,
 }
 
 impl Default for NavigationSetting {
     fn default() -> Self {
-        NavigationSetting { coverage: 1.0 }
+        NavigationSetting { coverage: 1.0, end_at_goal: true }
     }
 }
 
@@ -85,6 +90,8 @@ pub struct Navigation {
     steps: u32,
     /// Whether the episode has begun and not ended.
     running: bool,
+    /// Whether the goal has been reached in the episode.
+    success: bool,
     /// What the expert knows, once it has been asked in this episode.
     distances: Option<Distances>,
 }
@@ -104,6 +111,7 @@ impl Navigation {
             goal: universe[1],
             steps: 0,
             running: false,
+            success: false,
             distances: None,
         })
     }
@@ -136,6 +144,7 @@ impl Environment for Navigation {
         (self.agent, self.goal) = self.draw_start_and_goal(stream);
         self.steps = 0;
         self.running = true;
+        self.success = false;
         self.distances = None;
         observation::write(&self.rooms, self.agent, self.goal, observation);
         Ok(())
@@ -151,12 +160,13 @@ impl Environment for Navigation {
         self.steps += 1;
         observation::write(&self.rooms, self.agent, self.goal, observation);
 
-        let success = self.agent == self.goal;
-        let ending = spec.ending(success, self.steps);
+        let arrives = self.agent == self.goal && !self.success;
+        self.success |= arrives;
+        let ending = spec.ending(arrives && self.setting.end_at_goal, self.steps);
         self.running = ending.is_none();
         let reward =
-            if success { 1.0 - 0.9 * self.steps as f32 / spec.horizon_steps as f32 } else { 0.0 };
-        Ok(Step { reward, ending, success })
+            if arrives { 1.0 - 0.9 * self.steps as f32 / spec.horizon_steps as f32 } else { 0.0 };
+        Ok(Step { reward, ending, success: self.success })
     }
 
     fn expert_action(&mut self, action: &mut [u8]) -> Result<bool, EnvironmentError> {
@@ -167,8 +177,10 @@ impl Environment for Navigation {
         let (rooms, goal) = (&self.rooms, self.goal);
         let distances = self.distances.get_or_insert_with(|| Distances::search(rooms, goal));
         let toward_goal = distances.first_move(self.agent);
-        action[0] = toward_goal.expect("a running episode keeps its agent off the goal");
-        Ok(true)
+        if let Some(toward_goal) = toward_goal {
+            action[0] = toward_goal;
+        }
+        Ok(toward_goal.is_some())
     }
 
     fn state_hash(&self) -> u64 {
@@ -178,7 +190,7 @@ impl Environment for Navigation {
         rest[0..2].copy_from_slice(&(self.agent.index() as u16).to_le_bytes());
         rest[2..4].copy_from_slice(&(self.goal.index() as u16).to_le_bytes());
         rest[4..8].copy_from_slice(&self.steps.to_le_bytes());
-        rest[8] = u8::from(self.running);
+        rest[8] = u8::from(self.running) + u8::from(self.running && self.success);
         xxh3_64(&state)
     }
 }

@@ -1,8 +1,9 @@
 //! The scripted experts: how often and how soon they succeed, and that asking them changes nothing.
 
 use super::{Fetch, TASKS, lowest_corner, noise};
-use environments::Environment;
 use environments::fetch::{FetchSetting, FetchTask, Ranges};
+use environments::{Environment, Step};
+use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
 use rand::RngExt;
 
@@ -99,5 +100,33 @@ fn asking_the_expert_changes_nothing() {
             assert_eq!(asked.step(action), left.step(action), "{task:?}");
             assert_eq!(asked.environment.state_hash(), left.environment.state_hash(), "{task:?}");
         }
+    }
+}
+
+#[test]
+fn an_episode_that_does_not_end_at_the_goal_goes_on_to_the_horizon() {
+    for task in TASKS {
+        let setting = FetchSetting { end_at_goal: false, ..FetchSetting::default() };
+        let mut fetch = Fetch::open(task, &setting);
+        let mut ends = Fetch::open(task, &FetchSetting::default());
+        assert_eq!(fetch.reset(0), ends.reset(0));
+        let mut steps = 0;
+        let mut arrived = false;
+        let last = loop {
+            let action = if arrived { [0.0, 0.0, 1.0, 0.0] } else { fetch.expert() };
+            let (observation, step) = fetch.step(action);
+            steps += 1;
+            if !arrived {
+                let (expected, other) = ends.step(action);
+                assert_eq!((observation, step), (expected, Step { ending: None, ..other }));
+                arrived = other.ending == Some(Ending::GoalReached);
+            }
+            if step.ending.is_some() {
+                break step;
+            }
+        };
+        assert!(arrived, "the expert reaches the goal");
+        assert_eq!(steps, task.spec().horizon_steps);
+        assert!(last.success && last.ending == Some(Ending::Truncated), "{last:?}");
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use mcap_log::log_files;
 use protocol::Error;
 
-use crate::config::RunConfig;
+use crate::config::{ActionChoice, RunConfig};
 
 /// The folder of a run. Everything in it but the log is derived from configuration, seed and log.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,8 +66,14 @@ impl RunFolder {
     }
 
     /// What an evaluation of a version of the policy in so many episodes is recorded in.
-    pub fn evaluation_file(&self, policy_version: u64, episodes: u64) -> PathBuf {
-        self.path.join(format!("evaluation-v{policy_version:06}-{episodes}.mcap"))
+    pub fn evaluation_file(
+        &self,
+        policy_version: u64,
+        episodes: u64,
+        actions: ActionChoice,
+    ) -> PathBuf {
+        let actions = actions.name();
+        self.path.join(format!("evaluation-v{policy_version:06}-{episodes}-{actions}.mcap"))
     }
 
     /// How many actors the run is to have from now on, if that was changed while it trained.

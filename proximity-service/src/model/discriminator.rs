@@ -21,7 +21,7 @@ impl Objective for Discriminator {
     /// A proximity is the probability that a row is the expert's.
     const SQUASHING: Squashing = Squashing::SigmoidOfMean;
 
-    fn new(_config: &RewardConfig, _demonstrations: &[Trajectory]) -> Self {
+    fn new(_config: &RewardConfig, _input: &Input, _demonstrations: &[Trajectory]) -> Self {
         Discriminator
     }
 

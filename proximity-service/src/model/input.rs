@@ -89,17 +89,36 @@ impl Input {
         }
     }
 
-    /// Appends a row for every observation of an episode. The last one, where no action was
-    /// taken, has zeros for it. The authors sample one from the policy if the episode is the agent's;
-    /// this service has no policy, and the expert's last action is zeros there, too.
+    /// Rows of an episode of so many steps that tell how far it has come.
+    pub fn places(&self, steps: usize) -> usize {
+        if self.sees == RewardInput::StateAction { steps } else { steps + 1 }
+    }
+
+    /// Appends rows that tell how far an episode has come: its observations or, where the model sees
+    /// actions, its steps, each of which stands for the observation it leads to.
     ///
     /// # Panics
     /// If the model sees transitions: the last observation begins none.
-    pub fn append_observations(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
+    pub fn append_places(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
         assert_ne!(self.sees, RewardInput::Transition, "a single observation is no transition");
         self.append_steps(observations, actions, rows);
-        rows.extend(&observations[observations.len() - self.observation.bytes()..]);
-        rows.resize(rows.len() + 4 * self.extra_inputs(), 0);
+        if self.sees == RewardInput::State {
+            rows.extend(&observations[observations.len() - self.observation.bytes()..]);
+        }
+    }
+
+    /// Appends a row for every observation of an episode. Where the model sees actions nothing has led to
+    /// the first one; it has the row of the second, so that the first step makes no difference.
+    ///
+    /// # Panics
+    /// As [`Input::append_places`].
+    pub fn append_observations(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
+        let first = rows.len();
+        self.append_places(observations, actions, rows);
+        if self.sees == RewardInput::StateAction {
+            let row = rows[first..first + self.row_bytes()].to_vec();
+            rows.splice(first..first, row);
+        }
     }
 
     fn append_action(&self, action: &[u8], rows: &mut Vec<u8>) {
@@ -155,11 +174,17 @@ mod tests {
     }
 
     #[test]
-    fn no_action_is_taken_at_the_last_observation() {
-        let (input, mut rows) = (Input::new(&TINY, RewardInput::StateAction), Vec::new());
-        input.append_observations(&[1, 2, 3, 4], &[1], &mut rows);
-        let found = input.split(rows);
-        assert_eq!(found.observations, [1, 2, 3, 4]);
-        assert_eq!(found.extra_inputs, [0.0, 1.0, 0.0, 0.0]);
+    fn an_action_stands_for_the_observation_it_leads_to() {
+        let (observations, actions) = ([1, 2, 3, 4, 5, 6], [1, 0]);
+        let input = Input::new(&TINY, RewardInput::StateAction);
+        let (mut places, mut scored) = (Vec::new(), Vec::new());
+        input.append_places(&observations, &actions, &mut places);
+        input.append_observations(&observations, &actions, &mut scored);
+        assert_eq!(places.len(), input.places(2) * input.row_bytes());
+        let [places, scored] = [places, scored].map(|rows| input.split(rows));
+        assert_eq!(places.observations, [1, 2, 3, 4]);
+        assert_eq!(places.extra_inputs, [0.0, 1.0, 1.0, 0.0]);
+        assert_eq!(scored.observations, [1, 2, 1, 2, 3, 4]);
+        assert_eq!(scored.extra_inputs, [0.0, 1.0, 0.0, 1.0, 1.0, 0.0]);
     }
 }

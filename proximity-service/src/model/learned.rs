@@ -52,8 +52,8 @@ impl<O: Objective> Learned<O> {
         demonstrations: &[Trajectory],
         threads: ThreadPool,
     ) -> Self {
-        let objective = O::new(config, demonstrations);
         let input = Input::new(spec, config.input);
+        let objective = O::new(config, &input, demonstrations);
         let mut rows = Vec::new();
         for trajectory in demonstrations {
             let (observations, actions) = (trajectory.observations(), trajectory.actions());
@@ -177,11 +177,14 @@ impl<O: Objective> RewardModel for Learned<O> {
         Ok(Slice::Done(self.updated(0, &offline.progress)?))
     }
 
-    /// Only what the agent saw up to the goal counts as its experience.
     fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final> {
         let begun = Instant::now();
         for Encoded { trajectory, .. } in batch {
-            let (observations, actions) = (trajectory.observations_to_goal(), trajectory.actions());
+            let observations = match self.config.experience_after_goal {
+                true => trajectory.observations(),
+                false => trajectory.observations_to_goal(),
+            };
+            let actions = trajectory.actions();
             let mut rows = Vec::new();
             let seen = EpisodeView { observations, actions };
             self.objective.append_training_rows(&self.input, seen, &mut rows);

@@ -16,7 +16,7 @@ pub trait Objective: Sync {
     const SQUASHING: Squashing;
 
     /// The objective for some demonstrations.
-    fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self;
+    fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self;
 
     /// Appends the rows of an episode that are trained on.
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);

@@ -22,16 +22,18 @@ pub struct GoalProximity {
 impl Objective for GoalProximity {
     const SQUASHING: Squashing = Squashing::ClampedMean;
 
-    /// Labels every observation (Eq. 1).
-    fn new(config: &RewardConfig, demonstrations: &[Trajectory]) -> Self {
+    /// Labels every row (Eq. 1); the last one of a demonstration is at the goal.
+    fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self {
         let label = |steps_to_goal| demonstration_target(steps_to_goal, config);
-        let labels =
-            |trajectory: &Trajectory| (0..=trajectory.steps).rev().map(label).collect::<Vec<_>>();
+        let labels = |trajectory: &Trajectory| {
+            let rows = input.places(trajectory.steps as usize) as u32;
+            (0..rows).rev().map(label).collect::<Vec<_>>()
+        };
         GoalProximity { targets: demonstrations.iter().flat_map(labels).collect() }
     }
 
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        input.append_observations(seen.observations, seen.actions, rows);
+        input.append_places(seen.observations, seen.actions, rows);
     }
 
     fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {

@@ -63,7 +63,8 @@ struct Minibatch {
     next_observations: Vec<u8>,
     /// Rewards, 1 of the expert and 0 of the agent.
     rewards: Vec<f32>,
-    /// What stands for the value of the next observation, where the episode ended at the goal.
+    /// What stands for the value of the next observation, where the episode ended at the goal and
+    /// something does.
     end_values: Vec<Option<f32>>,
 }
 
@@ -109,11 +110,12 @@ impl Sqil {
 
     /// Draws as many transitions of the expert as of the agent.
     fn draw(&self, stream: &mut Stream) -> Minibatch {
-        let SqilConfig { batch, gamma, absorbing, .. } = self.config;
-        let end_value = if absorbing { (1.0 / (1.0 - gamma)) as f32 } else { 0.0 };
+        let SqilConfig { batch, gamma, expert_after_goal, agent_after_goal, .. } = self.config;
         let one = self.spec.observation.bytes();
         let mut minibatch = Minibatch::default();
-        for (replay, reward) in [(&self.expert, 1.0), (&self.agent, 0.0)] {
+        for (replay, reward, end) in
+            [(&self.expert, 1.0, expert_after_goal), (&self.agent, 0.0, agent_after_goal)]
+        {
             for _ in 0..batch {
                 let transition = replay.get(stream.random_range(0..replay.len()));
                 let (observation, next) = transition.observations.split_at(one);
@@ -121,7 +123,8 @@ impl Sqil {
                 minibatch.next_observations.extend(next);
                 minibatch.actions.extend(transition.action);
                 minibatch.rewards.push(reward);
-                minibatch.end_values.push(transition.terminated.then_some(end_value));
+                let end_value = end.value(gamma).filter(|_| transition.terminated);
+                minibatch.end_values.push(end_value);
             }
         }
         self.normalizer.normalize(&mut minibatch.observations);
@@ -178,5 +181,22 @@ fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
     let rate = rate as f32;
     for (target, parameter) in targets.iter_mut().zip(parameters) {
         *target += rate * (parameter - *target);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use run::config::AfterGoal;
+
+    use super::*;
+
+    #[test]
+    fn only_what_is_known_of_the_goal_stands_for_the_value_behind_it() {
+        let end_values = [AfterGoal::Continues, AfterGoal::Terminal, AfterGoal::Absorbing]
+            .map(|after| after.value(0.75))
+            .to_vec();
+        let minibatch =
+            Minibatch { rewards: vec![0.0, 0.0, 1.0], end_values, ..Minibatch::default() };
+        assert_eq!(minibatch.targets(&[8.0; 3], 0.5), [4.0, 0.0, 3.0]);
     }
 }

@@ -7,6 +7,7 @@
 
 mod check;
 mod estimate;
+mod evaluation;
 mod learner;
 mod learning;
 mod parameters;
@@ -28,8 +29,10 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 pub use estimate::{Estimate, Memory, Work};
+pub use evaluation::{ActionChoice, EvaluationConfig};
 pub use learner::{
-    CloningConfig, InverseDynamicsConfig, LEARNERS, Learner, LearnerRules, PpoConfig, SqilConfig,
+    AfterGoal, CloningConfig, InverseDynamicsConfig, LEARNERS, Learner, LearnerRules, PpoConfig,
+    SqilConfig,
 };
 use mcap_log::Metadata;
 pub use parameters::NetworkSize;
@@ -130,26 +133,6 @@ impl RolloutConfig {
         let lanes = self.lanes.min(episodes);
         (0..lanes).map(|lane| episodes / lanes + u64::from(lane < episodes % lanes)).collect()
     }
-}
-
-/// Episodes run when training ends.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EvaluationConfig {
-    /// How many.
-    pub episodes: u64,
-    /// How actions are chosen.
-    pub actions: ActionChoice,
-}
-
-/// How a policy's actions are chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ActionChoice {
-    /// Drawn from the policy, as in training and in the paper's curves.
-    Sample,
-    /// The most probable action, or the mean.
-    Mode,
 }
 
 /// When a run is saved.

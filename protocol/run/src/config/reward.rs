@@ -57,6 +57,9 @@ pub struct RewardConfig {
     pub samples: usize,
     /// Agent observations kept, newest first.
     pub experience: usize,
+    /// Whether what the agent saw after it reached the goal is among them. Where it is not, the reward
+    /// model hears of success from the environment.
+    pub experience_after_goal: bool,
     /// Order within an iteration.
     pub order: UpdateOrder,
 }

@@ -23,7 +23,7 @@ use crate::learning_rate::LearningRate;
 pub use bc::CloningConfig;
 pub use bco::InverseDynamicsConfig;
 pub use ppo::PpoConfig;
-pub use sqil::SqilConfig;
+pub use sqil::{AfterGoal, SqilConfig};
 
 /// The policy learners there are.
 pub const LEARNERS: &[&dyn LearnerRules] = &[&ppo::Ppo, &bc::Bc, &bco::Bco, &sqil::Sqil];

@@ -22,9 +22,11 @@ pub struct SqilConfig {
     pub learning_rate: f64,
     /// Discount factor.
     pub gamma: f64,
-    /// Whether the goal is an absorbing state that earns 1 for ever. Otherwise nothing comes after
-    /// it, and staying away from it earns an expert more.
-    pub absorbing: bool,
+    /// What comes after the goal of a demonstration.
+    pub expert_after_goal: AfterGoal,
+    /// What comes after the goal where the agent's episode ends there. Anything but `continues` is a
+    /// reward, or a punishment, for success.
+    pub agent_after_goal: AfterGoal,
     /// How much of the Q-functions the target functions take over at an update.
     pub target_rate: f64,
     /// Weight of the entropy; the first one, where it is tuned.
@@ -39,6 +41,29 @@ pub struct SqilConfig {
     pub experience: usize,
     /// Environment steps before the first update.
     pub exploration_steps: u64,
+}
+
+/// What a Q-function is told of what comes after an episode that ended at the goal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterGoal {
+    /// Whatever its own target says of the last observation.
+    Continues,
+    /// Nothing: 0.
+    Terminal,
+    /// A state that earns 1 for ever: `1 / (1 - gamma)`.
+    Absorbing,
+}
+
+impl AfterGoal {
+    /// The value of what comes after; none where the last observation has its own.
+    pub fn value(self, gamma: f64) -> Option<f32> {
+        match self {
+            AfterGoal::Continues => None,
+            AfterGoal::Terminal => Some(0.0),
+            AfterGoal::Absorbing => Some((1.0 / (1.0 - gamma)) as f32),
+        }
+    }
 }
 
 impl SqilConfig {

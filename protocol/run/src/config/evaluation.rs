@@ -1,0 +1,49 @@
+//! How a policy is evaluated.
+
+use std::str::FromStr;
+
+use protocol::Error;
+use protocol::error::out_of_range;
+use serde::{Deserialize, Serialize};
+
+/// Episodes run when training ends.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// How many.
+    pub episodes: u64,
+    /// How actions are chosen.
+    pub actions: ActionChoice,
+}
+
+/// How a policy's actions are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActionChoice {
+    /// Drawn from the policy, as in training and in the paper's curves.
+    Sample,
+    /// The most probable action, or the mean.
+    Mode,
+}
+
+impl ActionChoice {
+    /// Its name in a configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            ActionChoice::Sample => "sample",
+            ActionChoice::Mode => "mode",
+        }
+    }
+}
+
+impl FromStr for ActionChoice {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        match name {
+            "sample" => Ok(ActionChoice::Sample),
+            "mode" => Ok(ActionChoice::Mode),
+            _ => Err(out_of_range("actions", "sample or mode", name)),
+        }
+    }
+}
