@@ -128,9 +128,10 @@ fn an_episode_without_noise_starts_at_the_start() {
     }
 }
 
-#[test]
-fn noise_spreads_every_coordinate_as_wide_as_it_says() {
-    let mut run = Run::new(&noisy(0.05));
+/// The smallest and the largest that every coordinate of a start differs from one without noise: the
+/// ant's x and y, then those of [`START`].
+fn spreads(setting: &AntSetting) -> ([f32; 22], [f32; 22]) {
+    let mut run = Run::new(setting);
     let (mut low, mut high) = ([f32::MAX; 22], [f32::MIN; 22]);
     for episode in 0..400 {
         let observation = run.reset(episode);
@@ -143,8 +144,14 @@ fn noise_spreads_every_coordinate_as_wide_as_it_says() {
             high[index] = high[index].max(spread);
         }
     }
-    // The position, the angles of the joints and the height of the mark.
-    for index in [0, 1, 2].into_iter().chain(7..15).chain([17]) {
+    (low, high)
+}
+
+#[test]
+fn noise_spreads_every_coordinate_of_the_ant_as_wide_as_it_says() {
+    let (low, high) = spreads(&noisy(0.05));
+    // The position and the angles of the joints.
+    for index in [0, 1, 2].into_iter().chain(7..15) {
         assert!((-0.05001..-0.047).contains(&low[index]), "{index} from {}", low[index]);
         assert!((0.047..0.05001).contains(&high[index]), "{index} to {}", high[index]);
     }
@@ -152,6 +159,17 @@ fn noise_spreads_every_coordinate_as_wide_as_it_says() {
     for index in 4..7 {
         assert!((-0.055..-0.045).contains(&low[index]), "{index} from {}", low[index]);
         assert!((0.045..0.055).contains(&high[index]), "{index} to {}", high[index]);
+    }
+}
+
+#[test]
+fn the_mark_of_the_goal_has_noise_where_it_is_asked_for() {
+    let (low, high) = spreads(&noisy(0.05));
+    assert!((17..22).all(|index| low[index].abs() < 1e-6 && high[index].abs() < 1e-6));
+    let (low, high) = spreads(&AntSetting { mark_noise: true, ..noisy(0.05) });
+    for index in 17..22 {
+        assert!((-0.06..-0.03).contains(&low[index]), "{index} from {}", low[index]);
+        assert!((0.03..0.06).contains(&high[index]), "{index} to {}", high[index]);
     }
 }
 
@@ -281,7 +299,8 @@ fn a_million_random_steps_stay_sane() {
 /// The bytes of an episode are the same on every machine and in every build.
 #[test]
 fn an_episode_has_its_recorded_bytes() {
-    let mut run = Run::new(&AntSetting { contact_forces: true, ..noisy(0.05) });
+    let setting = AntSetting { contact_forces: true, mark_noise: true, ..noisy(0.05) };
+    let mut run = Run::new(&setting);
     let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
     run.reset(0);
     let mut bytes = run.bytes.clone();

@@ -3,8 +3,7 @@
 //! The ant starts at the origin; the goal is drawn anew for every episode on the half circle of five
 //! meters where y is not negative. An [`AntSetting`]'s coverage keeps that share of the half circle's
 //! twenty parts of nine degrees, spread evenly. Its noise is half the width of a uniform draw that is
-//! added to every coordinate of the start, the height and orientation of the goal's mark included;
-//! velocities start within 0.005 of zero in any case.
+//! added to every coordinate of the ant's start; velocities start within 0.005 of zero in any case.
 //!
 //! # Action
 //! Eight numbers, multiplied with the [`AntSetting`]'s scale and clipped to [-1, 1]. Each turns one joint
@@ -101,6 +100,10 @@ pub struct AntSetting {
     /// Half the width of the uniform noise on the starting pose, meters and radians; 0 for the
     /// demonstrations.
     pub noise: f64,
+    /// Whether the goal's mark gets the noise, too, in its height and attitude: as in the authors' code;
+    /// the paper has noise on the ant's pose alone. It tells an agent's states from those of
+    /// demonstrations without noise, whatever the agent does.
+    pub mark_noise: bool,
     /// Whether contact forces are observed; they are zeros in the authors' runs.
     pub contact_forces: bool,
     /// What each number of an action is multiplied with; empty for one.
@@ -109,7 +112,13 @@ pub struct AntSetting {
 
 impl Default for AntSetting {
     fn default() -> Self {
-        AntSetting { coverage: 1.0, noise: 0.0, contact_forces: false, action_scale: Vec::new() }
+        AntSetting {
+            coverage: 1.0,
+            noise: 0.0,
+            mark_noise: false,
+            contact_forces: false,
+            action_scale: Vec::new(),
+        }
     }
 }
 
@@ -151,7 +160,7 @@ impl Ant {
         Ok(Ant {
             physics,
             body,
-            sampling: Sampling::new(setting.coverage, setting.noise),
+            sampling: Sampling::new(&setting),
             setting,
             scale,
             goal: Goal::NOWHERE,

@@ -1,5 +1,6 @@
 //! Where episodes begin: the goal on its half circle and the noise on the start.
 
+use super::AntSetting;
 use super::anatomy::State;
 use super::observation::Goal;
 use protocol::seed::Stream;
@@ -24,13 +25,17 @@ const VELOCITY_NOISE: f32 = 0.005;
 pub(super) struct Sampling {
     /// Half the width of the noise on every coordinate, meters and radians.
     noise: f32,
+    /// That on the coordinates of the goal's mark.
+    mark_noise: f32,
     /// The parts of the half circle that goals lie in.
     bins: Vec<u8>,
 }
 
 impl Sampling {
-    pub(super) fn new(coverage: f64, noise: f64) -> Sampling {
-        Sampling { noise: noise as f32, bins: bins(coverage) }
+    pub(super) fn new(setting: &AntSetting) -> Sampling {
+        let noise = setting.noise as f32;
+        let mark_noise = if setting.mark_noise { noise } else { 0.0 };
+        Sampling { noise, mark_noise, bins: bins(setting.coverage) }
     }
 
     /// Draws the ant's state and the goal of an episode.
@@ -44,8 +49,8 @@ impl Sampling {
         state.position += Vector::from_array([0; 3].map(|_| noise(self.noise)));
         state.orientation = shaken(state.orientation, || noise(self.noise));
         state.angles = state.angles.map(|angle| angle + noise(self.noise));
-        let height = GOAL_HEIGHT + noise(self.noise);
-        let orientation = shaken(GOAL_ORIENTATION, || noise(self.noise));
+        let height = GOAL_HEIGHT + noise(self.mark_noise);
+        let orientation = shaken(GOAL_ORIENTATION, || noise(self.mark_noise));
 
         state.velocity = Vector::from_array([0; 3].map(|_| noise(VELOCITY_NOISE)));
         state.angular_velocity = Vector::from_array([0; 3].map(|_| noise(VELOCITY_NOISE)));
