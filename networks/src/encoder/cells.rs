@@ -184,7 +184,8 @@ impl CellsEncoder {
         CellsWindows(chosen): &mut CellsWindows,
     ) {
         chosen.resize_with(all.len(), Distinct::default);
-        let windows = std::iter::once(&self.squares).chain(self.further.iter().map(Layer::windows));
+        let windows =
+            std::iter::once(&self.squares).chain(self.further.iter().map(|layer| &layer.windows));
         let mut below = None;
         for ((windows, of), distinct) in windows.zip(all).zip(chosen) {
             distinct.choose(windows, of, rows, below);
@@ -246,9 +247,5 @@ impl Layer {
     fn new(windows: Windows, channels: usize, outputs: usize) -> Layer {
         let inputs = windows.len() * channels;
         Layer { windows, channels, dense: Dense { inputs, outputs, activation: Activation::Relu } }
-    }
-
-    fn windows(&self) -> &Windows {
-        &self.windows
     }
 }
