@@ -98,18 +98,20 @@ def policy(path, log, updates, squashed):
 
 
 def rows(model, trajectory, count):
-    """The inputs of an ensemble for the rows that were scored."""
+    """The inputs of an ensemble for the rows that were scored: steps, or as many observations and one."""
     seen, names = observations(trajectory), [given.name for given in model.get_inputs()]
-    inputs = {"observation": seen[:count]}
+    scored = np.arange(count)
+    if "action" in names and count > trajectory.steps:
+        # An action stands for the observation it leads to; the first one has the row of the second.
+        scored = np.maximum(scored - 1, 0)
+    inputs = {"observation": seen[scored]}
     if "next_observation" in names:
-        inputs["next_observation"] = seen[1 : count + 1]
+        inputs["next_observation"] = seen[scored + 1]
     if "action" in names:
         taken = actions(trajectory)
         width = model.get_inputs()[names.index("action")].shape[1]
-        taken = np.eye(width)[taken] if taken.ndim == 1 else taken
-        padded = np.zeros((count, width), dtype=np.float32)
-        padded[: min(count, len(taken))] = taken[:count]
-        inputs["action"] = padded
+        taken = np.eye(width, dtype=np.float32)[taken] if taken.ndim == 1 else taken
+        inputs["action"] = taken[scored]
     return inputs
 
 
