@@ -73,6 +73,8 @@ pub struct Line {
     pub points: Vec<[f64; 2]>,
     /// Places with lower and upper end of a band around the curve.
     pub band: Vec<[f64; 3]>,
+    /// Where each seed of it ends.
+    pub seeds: Vec<[f64; 2]>,
     /// Height of a dashed line over the whole chart.
     pub level: Option<f64>,
     /// Height of a diamond at the right end.
@@ -208,6 +210,10 @@ fn curve(
         }
     }
     plane.draw_series(LineSeries::new(points, stroke))?;
+    for &[x, y] in &line.seeds {
+        let place = plane.backend_coord(&(x, y));
+        screen.draw(&Circle::new(place, 3 * UNIT, line.style.color.mix(0.6).filled()))?;
+    }
     if let Some(anchor) = line.anchor {
         let (x, y) = plane.backend_coord(&(right, anchor));
         let reach = 6 * UNIT;

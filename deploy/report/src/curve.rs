@@ -1,37 +1,13 @@
-//! Numbers of several seeds as one: means and standard deviations at the same steps.
+//! Curves of several seeds as one: means and intervals at the same steps.
+
+use crate::statistics::Estimate;
 
 /// Most points of a mean curve.
 const POINTS: usize = 100;
 
-/// A mean over seeds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Spread {
-    /// The mean.
-    pub(crate) mean: f64,
-    /// Half of the standard deviation, which a single seed does not have.
-    pub(crate) half_deviation: Option<f64>,
-}
-
-impl Spread {
-    /// Of some numbers; none of none.
-    pub(crate) fn of(values: &[f64]) -> Option<Spread> {
-        let count = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / count;
-        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-        let half_deviation = (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt() / 2.0);
-        (!values.is_empty()).then_some(Spread { mean, half_deviation })
-    }
-
-    /// The ends of a band of half a standard deviation to both sides, within [0, 1].
-    pub(crate) fn band(&self) -> Option<[f64; 2]> {
-        let half = self.half_deviation?;
-        Some([(self.mean - half).max(0.0), (self.mean + half).min(1.0)])
-    }
-}
-
 /// The mean of curves, each of (x, y) by ascending x, at equally spaced places up to `limit`. At each
 /// place it is taken over the curves that have come as far.
-pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Spread)> {
+pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Estimate)> {
     let ends = curves.iter().filter_map(|points| Some(points.last()?[0]));
     let end = ends.fold(0.0, f64::max).min(limit);
     let longest = curves.iter().map(Vec::len).max().unwrap_or(0);
@@ -41,7 +17,7 @@ pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Spread)> {
         let x = width * number as f64;
         let values: Vec<f64> =
             curves.iter().filter_map(|points| value_near(points, x, width / 2.0)).collect();
-        Some((x, Spread::of(&values)?))
+        Some((x, Estimate::of(&values)?))
     };
     (1..=count).filter_map(at).collect()
 }
@@ -68,15 +44,11 @@ mod tests {
         let curves =
             [vec![[1.0, 0.0], [2.0, 0.25], [3.0, 0.5], [4.0, 1.0]], vec![[1.0, 0.5], [2.0, 0.75]]];
         let found = mean(&curves, 5.0);
-        let means: Vec<_> = found.iter().map(|(x, spread)| (*x, spread.mean)).collect();
+        let means: Vec<_> = found.iter().map(|(x, estimate)| (*x, estimate.mean)).collect();
         assert_eq!(means, [(1.0, 0.25), (2.0, 0.5), (3.0, 0.5), (4.0, 1.0)]);
-        // A sample's standard deviation of 0 and 0.5, of which half is drawn.
-        let half = found[0].1.half_deviation.unwrap();
-        assert!((half - 0.125_f64.sqrt() / 2.0).abs() < 1e-12, "{half}");
-        assert_eq!(found[3].1.half_deviation, None);
         assert!(mean(&[], 5.0).is_empty());
         assert_eq!(
-            mean(&curves, 2.0).last().map(|(x, spread)| (*x, spread.mean)),
+            mean(&curves, 2.0).last().map(|(x, estimate)| (*x, estimate.mean)),
             Some((2.0, 0.5))
         );
     }

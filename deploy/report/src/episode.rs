@@ -102,6 +102,7 @@ fn curves(estimates: &Estimates, marks: &[usize]) -> Chart {
         style: Style { color: COLORS[color], marker: Marker::None },
         points: numbers.iter().enumerate().map(|(step, y)| [step as f64, *y]).collect(),
         band: Vec::new(),
+        seeds: Vec::new(),
         level: None,
         anchor: None,
     };

@@ -1,9 +1,10 @@
 //! Learning curves of a panel and the table below them (the paper's Figures 3 to 9, 11 and 12).
 
 use crate::chart::{Axis, Chart, Line};
-use crate::curve::{Spread, mean};
+use crate::curve::mean;
 use crate::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
 use crate::palette::Palette;
+use crate::statistics::Estimate;
 
 /// Shares of the steps at which the table gives success rates.
 pub(crate) const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
@@ -15,11 +16,11 @@ pub(crate) struct Row {
     /// Runs wanted.
     pub(crate) wanted: usize,
     /// Success rate in training when [`SHARES`] of the steps were taken, over the runs that have.
-    pub(crate) during: [Option<Spread>; 3],
+    pub(crate) during: [Option<Estimate>; 3],
     /// Success rate of the last 100 training episodes of the finished runs.
-    pub(crate) last: Option<Spread>,
+    pub(crate) last: Option<Estimate>,
     /// Success rate of the evaluation of the finished runs.
-    pub(crate) evaluation: Option<Spread>,
+    pub(crate) evaluation: Option<Estimate>,
     /// Environment steps per second, mean of the finished runs.
     pub(crate) steps_per_s: Option<f64>,
 }
@@ -28,7 +29,7 @@ impl Row {
     /// Of a curve.
     pub(crate) fn of(curve: &MeasuredCurve) -> Row {
         let over = |value: &dyn Fn(&Measured) -> Option<f64>| {
-            Spread::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
+            Estimate::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
         };
         let acting = |run: &Measured| run.summary.as_ref().filter(|_| run.acts()).cloned();
         let unread =
@@ -38,8 +39,8 @@ impl Row {
             wanted: curve.runs.len() + unread,
             during: SHARES.map(|share| over(&|run| success_at(run, share))),
             last: over(&|run| acting(run)?.success_rate),
-            evaluation: over(&|run| run.summary.as_ref()?.evaluation.success_rate),
-            steps_per_s: over(&|run| Some(acting(run)?.steps_per_s)).map(|spread| spread.mean),
+            evaluation: Estimate::of(&curve.evaluations()),
+            steps_per_s: over(&|run| Some(acting(run)?.steps_per_s)).map(|estimate| estimate.mean),
         }
     }
 }
@@ -61,8 +62,8 @@ pub(crate) enum Against {
     Time,
 }
 
-/// Success rates of a panel's curves, means over seeds with bands of half a standard deviation; the
-/// proximity that batches had where the task does not tell success.
+/// Success rates of a panel's curves, means over seeds with their 95 % intervals, and where each seed
+/// ends; the proximity that batches had where the task does not tell success.
 pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
     let x = |point: &Point| match against {
         Against::Steps => point.environment_steps as f64,
@@ -77,17 +78,20 @@ pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     };
     let tells_success = panel.task.tells_success;
     let y = |point: &Point| if tells_success { point.success_rate } else { point.mean_proximity };
+    let end_of_seed = |point: &Point| [x(point) / unit, y(point)];
     let line = |curve: &MeasuredCurve| {
-        let acting = curve.runs.iter().filter(|run| run.acts());
+        let acting = || curve.runs.iter().filter(|run| run.acts());
         let points =
             |run: &Measured| run.points.iter().map(|point| [x(point) / unit, y(point)]).collect();
-        let means = mean(&acting.map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
-        let band = |(x, spread): &(f64, Spread)| spread.band().map(|[low, high]| [*x, low, high]);
+        let means = mean(&acting().map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
+        let band =
+            |(x, estimate): &(f64, Estimate)| estimate.share().map(|[low, high]| [*x, low, high]);
         Line {
             name: curve.name.clone(),
             style: palette.style(&curve.name),
-            points: means.iter().map(|(x, spread)| [*x, spread.mean]).collect(),
+            points: means.iter().map(|(x, estimate)| [*x, estimate.mean]).collect(),
             band: means.iter().filter_map(band).collect(),
+            seeds: acting().filter_map(|run| run.points.last()).map(end_of_seed).collect(),
             level: level(curve),
             anchor: curve.anchor.filter(|_| against == Against::Steps),
         }
@@ -117,7 +121,7 @@ fn level(curve: &MeasuredCurve) -> Option<f64> {
     if curve.runs.iter().any(Measured::acts) {
         return None;
     }
-    Row::of(curve).evaluation.map(|spread| spread.mean)
+    Row::of(curve).evaluation.map(|estimate| estimate.mean)
 }
 
 fn steps_unit(end: f64) -> (f64, &'static str) {

@@ -11,6 +11,7 @@
 //! | `origin` | which runs are seeds of one curve |
 //! | `measured` | what a run says |
 //! | `curve`, `learning`, `palette` | curves over seeds, their charts and tables (Figures 3 to 9, 11, 12) |
+//! | `statistics`, `over_panels` | intervals, and which methods are told apart |
 //! | `programs` | what a report asks of the programs of a run |
 //! | `estimate` | evaluation episodes to ask about |
 //! | `chart` | curves as SVG |
@@ -30,6 +31,7 @@ mod grid;
 mod learning;
 mod measured;
 pub mod origin;
+mod over_panels;
 mod page;
 mod palette;
 mod pictures;
@@ -38,6 +40,7 @@ mod repeat;
 mod runs;
 mod scene;
 mod solid;
+mod statistics;
 
 use std::collections::BTreeSet;
 use std::fs;

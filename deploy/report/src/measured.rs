@@ -96,6 +96,12 @@ impl MeasuredCurve {
         }
         measured
     }
+
+    /// Success rate in its evaluation of every run that has one.
+    pub(crate) fn evaluations(&self) -> Vec<f64> {
+        let rate = |run: &Measured| run.summary.as_ref()?.evaluation.success_rate;
+        self.runs.iter().filter_map(rate).collect()
+    }
 }
 
 impl Measured {

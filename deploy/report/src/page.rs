@@ -6,11 +6,12 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use run::folder::RunFolder;
 use run::time_to_success::TimeToSuccess;
 
-use crate::curve::Spread;
 use crate::learning::{Against, Row, SHARES};
 use crate::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
+use crate::over_panels::{OverPanels, over_panels};
 use crate::pictures::Pictures;
 use crate::repeat;
+use crate::statistics::{Estimate, Standing};
 use terminal::numbers;
 
 /// Digits of a hash that are shown.
@@ -89,6 +90,7 @@ fn figure(figure: &MeasuredFigure, pictures: &Pictures) -> Markup {
                     article { (self::panel(figure, panel, pictures)) }
                 }
             }
+            (all_panels(&over_panels(figure)))
         }
     }
 }
@@ -135,27 +137,31 @@ fn table(panel: &MeasuredPanel) -> Markup {
                     tr {
                         th { "curve" } th { "seeds" }
                         @for share in SHARES { th { "at " (numbers::percent(share, 0)) " of steps" } }
-                        th { "last 100" } th { "evaluation" }
+                        th { "last 100" } th { "evaluation" } th.text { "against the first" }
                         @if anchored { th { "authors" } }
                         th { "steps/s" }
                         @if missing { th.text { "missing" } }
                     }
                 }
-                tbody { @for curve in &panel.curves { (row(curve, anchored, missing)) } }
+                tbody { @for curve in &panel.curves { (row(curve, &panel.curves[0], anchored, missing)) } }
             }
         }
     }
 }
 
-fn row(curve: &MeasuredCurve, anchored: bool, missing: bool) -> Markup {
+fn row(curve: &MeasuredCurve, first: &MeasuredCurve, anchored: bool, missing: bool) -> Markup {
+    let compared =
+        (curve.name != first.name).then(|| [curve, first].map(MeasuredCurve::evaluations));
+    let standing = compared.and_then(|[own, other]| Standing::of(&own, &other));
     let row = Row::of(curve);
     html! {
         tr {
             td { (curve.name) }
             td { (seeds(&row)) }
-            @for spread in &row.during { td { (success(spread.as_ref())) } }
+            @for estimate in &row.during { td { (success(estimate.as_ref())) } }
             td { (success(row.last.as_ref())) }
             td { (success(row.evaluation.as_ref())) }
+            td.text { (standing.map_or("-", Standing::name)) }
             @if anchored {
                 td { (curve.anchor.map_or("-".to_owned(), |share| numbers::percent(share, 0))) }
             }
@@ -170,12 +176,45 @@ fn seeds(row: &Row) -> String {
     if finished == wanted { finished.to_string() } else { format!("{finished} of {wanted}") }
 }
 
-/// Mean and half a standard deviation in percent.
-fn success(spread: Option<&Spread>) -> String {
-    let Some(Spread { mean, half_deviation }) = spread else { return "-".to_owned() };
-    match half_deviation {
-        Some(half) => format!("{:.1} ± {:.1}", 100.0 * mean, 100.0 * half),
-        None => format!("{:.1}", 100.0 * mean),
+/// Mean and, in brackets, the 95 % interval in percent.
+fn success(estimate: Option<&Estimate>) -> String {
+    let Some(estimate) = estimate else { return "-".to_owned() };
+    match estimate.share() {
+        Some(interval) => bounded((estimate.mean, interval)),
+        None => format!("{:.1}", 100.0 * estimate.mean),
+    }
+}
+
+fn bounded((value, [low, high]): (f64, [f64; 2])) -> String {
+    format!("{:.1} ({:.1} to {:.1})", 100.0 * value, 100.0 * low, 100.0 * high)
+}
+
+/// The methods that all panels have, over all of them.
+fn all_panels(methods: &[OverPanels]) -> Markup {
+    let Some(first) = methods.first() else { return html! {} };
+    html! {
+        h3 { "Over all panels" }
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        th { "method" } th { "runs" } th { "interquartile mean" }
+                        th { "better than " (first.name) } th.text { "in words" }
+                    }
+                }
+                tbody {
+                    @for method in methods {
+                        tr {
+                            td { (method.name) }
+                            td { (method.runs) }
+                            td { (bounded(method.interquartile_mean)) }
+                            td { (method.improvement.map_or("-".to_owned(), bounded)) }
+                            td.text { (method.standing().map_or("-", Standing::name)) }
+                        }
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -263,7 +302,13 @@ fn reading() -> Markup {
             ul {
                 li { "Success is the share of the last 100 training episodes that reached the goal, actions \
                       drawn from the policy. Curves are means over seeds; where a seed has not come as far, \
-                      over the others. Bands are half a standard deviation (n - 1) to both sides." }
+                      over the others. Bands, and what stands in brackets, are 95 % intervals of the mean over seeds \
+                      (Student's; none of fewer than three seeds). A dot is the end of a seed." }
+                li { "Against the first: ahead or behind where the 95 % interval of the difference of the \
+                      evaluations' means leaves 0 out (Welch's), else not told apart." }
+                li { "Over all panels: the mean of the middle half of all evaluations, and the share of pairs \
+                      of seeds in which a method is better than the first one, with stratified bootstrap \
+                      intervals (Agarwal et al., 2021), which are somewhat narrow for few seeds." }
                 li { "A dashed level is the evaluation of a method that takes no environment steps." }
                 li { "Diamonds, and the column \u{201c}authors\u{201d}, are the ends of the curves that the \
                       authors published. Some of their baselines had errors, so a correct one may score higher." }
@@ -291,10 +336,10 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_written_with_their_spread() {
-        let spread = |half_deviation| Spread { mean: 0.975, half_deviation };
-        assert_eq!(success(Some(&spread(Some(0.0125)))), "97.5 ± 1.2");
-        assert_eq!(success(Some(&spread(None))), "97.5");
+    fn shares_are_written_with_their_interval() {
+        let estimate = |interval| Estimate { mean: 0.975, interval };
+        assert_eq!(success(Some(&estimate(Some([0.9375, 1.0125])))), "97.5 (93.8 to 100.0)");
+        assert_eq!(success(Some(&estimate(None))), "97.5");
         assert_eq!(success(None), "-");
     }
 }

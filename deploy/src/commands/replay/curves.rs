@@ -50,6 +50,7 @@ fn panel(title: &str, curve: &[Point], side: fn(&Point) -> Option<[f64; 2]>) -> 
             style: Style { color: COLORS[color], marker: Marker::None },
             points: curve.iter().filter_map(point).collect(),
             band: Vec::new(),
+            seeds: Vec::new(),
             level: None,
             anchor: None,
         }
