@@ -58,14 +58,16 @@ if [ "${1:-}" = --costs ]; then
     task=${2:?expected a task}
     goalward=$("$root/deploy/run_local.sh" --only-build)
     for method in goal-proximity environment-reward gaifo-s ranking bco sqil bc; do
-        short=$(core_seconds "$task" "$method" 20000)
+        steps=(100000 300000)
+        [ "$method" = sqil ] && steps=(20000 60000) # a step of it costs up to thirty times as much
+        short=$(core_seconds "$task" "$method" "${steps[0]}")
         long=$short
         # BC takes no steps.
-        [ "$method" = bc ] || long=$(core_seconds "$task" "$method" 60000)
+        [ "$method" = bc ] || long=$(core_seconds "$task" "$method" "${steps[1]}")
         name=$(sed -n 's/^learner = "\(.*\)"/\1/p; s/^model = "\(.*\)"/\1/p' "$folder/run/config.toml" | paste -sd.)
-        awk -v name="$task.$name" -v short="$short" -v long="$long" 'BEGIN {
-            slope = (long - short) / 0.04
-            printf "%s = { beside = %.1f, million_steps = %.0f }\n", name, short - 0.02 * slope, slope }'
+        awk -v name="$task.$name" -v short="$short" -v long="$long" -v fewer="${steps[0]}" -v more="${steps[1]}" 'BEGIN {
+            slope = (long - short) / (more - fewer) * 1e6
+            printf "%s = { beside = %.1f, million_steps = %.0f }\n", name, short - fewer / 1e6 * slope, slope }'
     done
     exit
 fi
