@@ -90,20 +90,19 @@ def beside(label, source):
 
 
 def draw(path, title, curves):
-    figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
+    figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 5), sharey=True, layout="constrained")
     labels = sorted({label for label, _ in curves})
-    for color, label in zip(["tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"], labels):
+    for color, label in zip(matplotlib.color_sequences["tab10"], labels):
         draw_label(by_steps, by_time, color, label,
                    {seed: rows for (own, seed), rows in sorted(curves.items()) if own == label})
     by_steps.set_xlabel("environment steps, millions")
     by_time.set_xlabel("wall time, minutes")
     by_steps.set_ylabel("success, last 100 training episodes")
-    by_steps.legend(loc="best")
     for axes in (by_steps, by_time):
         axes.set_ylim(0, 1.02)
         axes.grid(alpha=0.3)
     figure.suptitle(title)
-    figure.tight_layout()
+    figure.legend(loc="outside lower center", ncols=3)
     figure.savefig(path)
 
 
