@@ -43,6 +43,9 @@ fn a_run_becomes_a_page() {
     let table = read("summary.csv");
     assert_eq!(table.lines().count(), 2);
     assert!(table.contains(&summary.policy_sha256), "{table}");
+    let curves = read("curves.csv");
+    let fields = curves.lines().map(|line| line.split(',').count()).collect::<Vec<_>>();
+    assert!(fields.len() == 2 && fields[0] == fields[1], "{curves}");
 }
 
 #[test]

@@ -1,11 +1,13 @@
 //! Everything a report shows as tables that any program reads: `results.csv` has every point of
-//! every run, `summary.csv` a line for each run.
+//! every run, `summary.csv` a line for each run, `curves.csv` one for each curve of a panel.
 
 use std::fmt::Write;
 
 use run::time_to_success::{LEVELS, TimeToSuccess};
 
+use crate::learning::Row;
 use crate::measured::{Measured, MeasuredFigure};
+use crate::statistics::{Estimate, Standing};
 
 /// Fields that an unfinished run lacks.
 const UNFINISHED: &str = ",,,,,,,,,,,";
@@ -90,6 +92,44 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
         );
     }
     text
+}
+
+/// Success rates of all curves, means over seeds with their 95 % intervals, and in words how each stands
+/// to the first of its panel.
+pub(crate) fn curves(figures: &[MeasuredFigure]) -> String {
+    let mut text = "figure,panel,task,curve,seeds,of_seeds,success_rate,success_rate_low,\
+                    success_rate_high,evaluation,evaluation_low,evaluation_high,\
+                    against_the_first,authors\n"
+        .to_owned();
+    for figure in figures {
+        for panel in &figure.panels {
+            for curve in &panel.curves {
+                let names = [&*figure.name, &panel.name, &panel.task.name, &curve.name];
+                let [figure, panel_name, task, name] = names.map(field);
+                let Row { finished, wanted, last, evaluation, .. } = Row::of(curve);
+                let [last, evaluation] = [last, evaluation].map(estimate);
+                let standing = curve.standing(&panel.curves[0]).map_or("", Standing::name);
+                let anchor = curve.anchor.map_or(String::new(), |rate| rate.to_string());
+                write_line(
+                    &mut text,
+                    format_args!(
+                        "{figure},{panel_name},{task},{name},{finished},{wanted},{last},\
+                         {evaluation},{standing},{anchor}"
+                    ),
+                );
+            }
+        }
+    }
+    text
+}
+
+/// A mean and the ends of its interval; empty where there is none.
+fn estimate(estimate: Option<Estimate>) -> String {
+    let Some(estimate) = estimate else { return ",,".to_owned() };
+    match estimate.share() {
+        Some([low, high]) => format!("{:.4},{low:.4},{high:.4}", estimate.mean),
+        None => format!("{:.4},,", estimate.mean),
+    }
 }
 
 /// Fields of each level of success; empty where it was not reached.

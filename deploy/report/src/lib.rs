@@ -89,6 +89,7 @@ pub fn write(figures: Vec<Figure>, out: &Path, programs: &dyn Programs) -> Resul
     }
     save("results.csv", &csv::results(&figures))?;
     save("summary.csv", &csv::summary(&figures))?;
+    save("curves.csv", &csv::curves(&figures))?;
     let folder = out.canonicalize().with_context(|| out.display().to_string())?;
     save("index.html", &page::page(&figures, &pictures, &folder).into_string())
 }

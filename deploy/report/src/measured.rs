@@ -10,6 +10,7 @@ use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
 
 use crate::figure::{Curve, Figure, Panel};
+use crate::statistics::Standing;
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, wrong_usage};
@@ -101,6 +102,12 @@ impl MeasuredCurve {
     pub(crate) fn evaluations(&self) -> Vec<f64> {
         let rate = |run: &Measured| run.summary.as_ref()?.evaluation.success_rate;
         self.runs.iter().filter_map(rate).collect()
+    }
+
+    /// How its evaluations stand to those of the first curve of its panel; none for that one itself.
+    pub(crate) fn standing(&self, first: &MeasuredCurve) -> Option<Standing> {
+        let compared = self.name != first.name;
+        compared.then(|| Standing::of(&self.evaluations(), &first.evaluations()))?
     }
 }
 

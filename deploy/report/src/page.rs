@@ -68,7 +68,8 @@ fn measured(figures: &[MeasuredFigure]) -> Markup {
             dt { "this report was made on" } dd { (processor()) ", " (cores) " cores" }
             dt { "data" } dd {
                 a href="results.csv" { "results.csv" } " (every update), "
-                a href="summary.csv" { "summary.csv" } " (every run)"
+                a href="summary.csv" { "summary.csv" } " (every run), "
+                a href="curves.csv" { "curves.csv" } " (every curve)"
             }
         }
     }
@@ -150,9 +151,6 @@ fn table(panel: &MeasuredPanel) -> Markup {
 }
 
 fn row(curve: &MeasuredCurve, first: &MeasuredCurve, anchored: bool, missing: bool) -> Markup {
-    let compared =
-        (curve.name != first.name).then(|| [curve, first].map(MeasuredCurve::evaluations));
-    let standing = compared.and_then(|[own, other]| Standing::of(&own, &other));
     let row = Row::of(curve);
     html! {
         tr {
@@ -161,7 +159,7 @@ fn row(curve: &MeasuredCurve, first: &MeasuredCurve, anchored: bool, missing: bo
             @for estimate in &row.during { td { (success(estimate.as_ref())) } }
             td { (success(row.last.as_ref())) }
             td { (success(row.evaluation.as_ref())) }
-            td.text { (standing.map_or("-", Standing::name)) }
+            td.text { (curve.standing(first).map_or("-", Standing::name)) }
             @if anchored {
                 td { (curve.anchor.map_or("-".to_owned(), |share| numbers::percent(share, 0))) }
             }

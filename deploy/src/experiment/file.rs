@@ -23,6 +23,9 @@ pub(super) struct PlanFile {
     /// Methods of every panel, each a curve.
     #[serde(default)]
     pub(super) methods: Vec<String>,
+    /// Settings of every panel.
+    #[serde(default)]
+    pub(super) set: Vec<String>,
     /// Pictures, the most important first.
     #[serde(default, rename = "panel")]
     pub(super) panels: Vec<PanelEntry>,

@@ -160,7 +160,7 @@ impl PlannedPanel {
         for curve in curves {
             let anchor = curve.anchor;
             let runs = seeds.iter().map(|&seed| {
-                let settings = settings_of(panel, &curve, seed, quick.then_some(&file.quick));
+                let settings = settings_of(file, panel, &curve, seed, quick);
                 PlannedRun::of(&panel.task, &curve.method, seed, settings)
             });
             let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
@@ -182,19 +182,21 @@ impl PlannedPanel {
 
 /// From the general to the special; a quick plan's are laid over all others.
 fn settings_of(
+    PlanFile { set, quick: at_reduced_size, .. }: &PlanFile,
     panel: &PanelEntry,
     curve: &CurveEntry,
     seed: u64,
-    quick: Option<&Quick>,
+    quick: bool,
 ) -> Vec<String> {
     let mut settings = vec![format!("method={}", curve.method), format!("seed={seed}")];
     let steps = |steps| format!("steps={steps}");
     settings.extend(panel.steps.map(steps));
-    settings.extend(panel.set.iter().chain(&curve.set).cloned());
-    if let Some(quick) = quick {
-        settings.extend(quick.steps.map(steps));
-        let of_method = quick.method.get(&curve.method).into_iter().flatten();
-        settings.extend(quick.set.iter().chain(of_method).cloned());
+    settings.extend(set.iter().chain(&panel.set).chain(&curve.set).cloned());
+    if quick {
+        let Quick { steps: fewer, set, method, .. } = at_reduced_size;
+        settings.extend(fewer.map(steps));
+        let of_method = method.get(&curve.method).into_iter().flatten();
+        settings.extend(set.iter().chain(of_method).cloned());
     }
     settings
 }

@@ -21,6 +21,7 @@ const PLAN: &str = r#"
 title = "A comparison"
 seeds = [1, 2]
 methods = ["goal-proximity", "no-final"]
+set = ["evaluation.episodes=500"]
 
 [[panel]]
 name = "half"
@@ -75,6 +76,7 @@ fn a_plan_is_every_run_once() {
     let configs: Vec<_> = all.iter().map(|run| &run.config).collect();
     assert_eq!(configs.iter().map(|config| config.steps).max(), Some(1_500_000));
     assert_eq!((configs[1].reward.uncertainty, configs[2].steps), (1.0, 9000));
+    assert!(configs.iter().all(|config| config.evaluation.episodes == 500));
     let half = Setting("coverage = 0.5".parse().unwrap());
     assert!(configs[..2].iter().all(|config| config.demonstrations.environment == half));
 }
