@@ -22,6 +22,7 @@ pub(crate) fn config() -> RewardConfig {
         final_bonus: true,
         uncertainty: 0.1,
         gradient_penalty: 0.0,
+        agent_weight: 1.0,
         discounting: Discounting::Linear,
         delta: 0.1,
         ensemble: 5,
@@ -136,21 +137,35 @@ fn offline_training_fits_the_labels_and_is_sure_only_where_it_was_shown() {
     assert!(never_shown > 3.0 * shown, "shown {shown}, never shown {never_shown}");
 }
 
+/// Proximity of a place that only the agent visits, before and after eighty updates; the model.
+fn visited(agent_weight: f64) -> ([f32; 2], Learned<GoalProximity>) {
+    let mut model: Learned<GoalProximity> = learned(&RewardConfig { agent_weight, ..config() }, 2);
+    pretrained(&mut model);
+    let elsewhere =
+        |model: &Learned<GoalProximity>| model.estimate(&place(0.9, 1.0)).unwrap().proximity[0];
+    let before = elsewhere(&model);
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    for iteration in 0..80 {
+        assert_eq!(model.improve(iteration, &batch).unwrap().gradient_steps, 1);
+    }
+    ([before, elsewhere(&model)], model)
+}
+
 #[test]
 fn online_training_lowers_the_proximity_of_what_only_the_agent_visits() {
-    let mut model = model(2);
-    pretrained(&mut model);
-    let elsewhere = place(0.9, 1.0);
-    let before = model.estimate(&elsewhere).unwrap().proximity[0];
-    let batch = [Encoded::encode(walk(1.0, Source::Training))];
-    let mut last = None;
-    for iteration in 0..80 {
-        last = Some(model.improve(iteration, &batch).unwrap());
-    }
-    let after = model.estimate(&elsewhere).unwrap().proximity[0];
+    let ([before, after], mut model) = visited(1.0);
     assert!(before > 0.4 && after < 0.2, "before {before}, after {after}");
     assert!(model.estimate(&place(0.9, 0.0)).unwrap().proximity[0] > 0.6);
-    assert_eq!(last.unwrap().experience, 100);
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    assert_eq!(model.improve(80, &batch).unwrap().experience, 100);
+}
+
+#[test]
+fn the_weight_of_the_agents_loss_says_by_how_much() {
+    let [_, whole] = visited(1.0).0;
+    let [before, gentle] = visited(0.1).0;
+    let [_, none] = visited(0.0).0;
+    assert!(whole + 0.1 < gentle && gentle + 0.1 < none, "{whole}, {gentle}, {none} of {before}");
 }
 
 #[test]

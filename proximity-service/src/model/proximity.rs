@@ -17,6 +17,8 @@ use crate::target::{AGENT_TARGET, demonstration_target};
 pub struct GoalProximity {
     /// Labels of the demonstrations' rows, in [0, 1].
     targets: Vec<f32>,
+    /// Weight of the second term of Eq. 4.
+    agent_weight: f32,
 }
 
 impl Objective for GoalProximity {
@@ -29,7 +31,10 @@ impl Objective for GoalProximity {
             let rows = input.places(trajectory.steps as usize) as u32;
             (0..rows).rev().map(label).collect::<Vec<_>>()
         };
-        GoalProximity { targets: demonstrations.iter().flat_map(labels).collect() }
+        GoalProximity {
+            targets: demonstrations.iter().flat_map(labels).collect(),
+            agent_weight: config.agent_weight as f32,
+        }
     }
 
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
@@ -63,9 +68,10 @@ impl Objective for GoalProximity {
         let (own_gradients, other_gradients) = gradients.split_at_mut(demonstrations.len());
         let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;
         let agent_targets = vec![AGENT_TARGET; agent.len()];
+        let agent_weight = self.agent_weight * weight(others);
         Losses {
             demonstrations: squared_error(own, &targets, weight(own), own_gradients),
-            agent: squared_error(others, &agent_targets, weight(others), other_gradients),
+            agent: squared_error(others, &agent_targets, agent_weight, other_gradients),
         }
     }
 

@@ -40,6 +40,7 @@ impl RunConfig {
             ("reward.learning_rate", reward.learning_rate, RATE),
             ("reward.uncertainty", reward.uncertainty, ANY),
             ("reward.gradient_penalty", reward.gradient_penalty, ANY),
+            ("reward.agent_weight", reward.agent_weight, ANY),
         ];
         if let Some(cloning) = &self.cloning {
             numbers.push(("cloning.learning_rate", cloning.learning_rate, RATE));

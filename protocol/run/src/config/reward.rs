@@ -22,6 +22,8 @@ pub struct RewardConfig {
     pub uncertainty: f64,
     /// Weight of a discriminator's gradient penalty, for vector tasks; 0 switches it off.
     pub gradient_penalty: f64,
+    /// Weight of the loss on the agent's observations (Eq. 4, second term), for proximity.
+    pub agent_weight: f64,
     /// Discounting of proximity with the steps to the goal.
     pub discounting: Discounting,
     /// Delta of the discounting: per step if linear (Eq. 1), base if exponential.
@@ -156,7 +158,7 @@ impl RewardModel {
         let read = match key {
             "model" => true,
             _ if !self.trains => self.reads.contains(&key),
-            "discounting" | "delta" => self.labels,
+            "agent_weight" | "discounting" | "delta" => self.labels,
             "pretraining_epochs" | "final_bonus" => !self.adversarial,
             _ => true,
         };
