@@ -1,5 +1,5 @@
 //! Rewards divided by the running standard deviation of the discounted return, between scoring and
-//! advantages. The authors' setting; it makes their "reward scale" (Table 3) have no effect.
+//! advantages. The authors' setting; it makes their "reward scale" (Table 2) have no effect.
 
 use networks::RunningMoments;
 

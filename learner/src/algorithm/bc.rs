@@ -1,4 +1,4 @@
-//! Behavioral cloning (paper, Section 4.1 and Appendix F): one pass over the expert's observations
+//! Behavioral cloning (paper, Section 4.1 and Appendix G.3): one pass over the expert's observations
 //! and actions an iteration, until the loss on demonstrations held out no longer falls.
 
 use anyhow::Result;

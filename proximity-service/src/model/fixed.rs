@@ -11,7 +11,7 @@ use super::RewardModel;
 /// A reward that stays as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FixedReward {
-    /// The environment's own: an upper reference, not imitation.
+    /// The environment's own, which is no imitation.
     Environment,
     /// Zero.
     None,

@@ -1,4 +1,4 @@
-//! Soft Q imitation learning (Reddy et al., 2020; paper, Appendix D.3): off-policy learning from
+//! Soft Q imitation learning (Reddy et al., 2020; paper, Appendix F): off-policy learning from
 //! transitions of the expert, which earn 1, and of the agent, which earn 0. Soft Q-learning for
 //! discrete actions, a soft actor-critic for continuous ones.
 

@@ -141,7 +141,7 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         reads: &["normalize_observations"],
         ..TRAINED
     },
-    // The environment's own reward, an upper reference.
+    // The environment's own reward.
     RewardModel { name: "environment", ..FIXED },
     // No reward.
     RewardModel { name: "none", rewards: false, ..FIXED },

@@ -1,5 +1,5 @@
 //! Policy learners, as far as configurations, demonstrations and estimates have to know them (Table 2;
-//! paper, Section 4.1 and Appendix E for the baselines). Each says in a file of its own what it needs;
+//! paper, Section 4.1 and Appendix F for the baselines). Each says in a file of its own what it needs;
 //! how it learns only the learner's process knows, which has a constructor for each name.
 
 mod bc;

@@ -12,7 +12,7 @@ use crate::config::estimate::{Memory, Work};
 use crate::learning_rate::LearningRate;
 
 /// Soft Q imitation learning: soft Q-learning for discrete actions, a soft actor-critic for
-/// continuous ones (paper, Appendix D.3).
+/// continuous ones (paper, Appendix F).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SqilConfig {
