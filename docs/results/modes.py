@@ -1,6 +1,6 @@
 """Evaluates finished runs with sampled actions and with the most probable ones, 500 episodes each.
 
-    python docs/results/modes.py GOALWARD OUT.csv RUN...
+python docs/results/modes.py GOALWARD OUT.csv RUN...
 """
 
 import csv
