@@ -31,10 +31,10 @@ def session(path):
     return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
 
 
-def version(model, updates, name):
-    """The version that an exported model has in the log, told by the hash of its weights."""
+def versions(model, updates, name):
+    """The versions that an exported model has in the log, told by the hash of its weights: several if it learned nothing."""
     sha256 = model.get_modelmeta().custom_metadata_map["weights_sha256"]
-    return next(getattr(update, name) for update in updates if update.weights_sha256 == sha256)
+    return {getattr(update, name) for update in updates if update.weights_sha256 == sha256}
 
 
 def observations(trajectory):
@@ -83,8 +83,8 @@ def outputs_of(model, inputs):
 def policy(path, log, updates, squashed):
     """Steps compared, and the largest difference of their log-probabilities, relative where they are above 1."""
     model = session(path)
-    of = version(model, updates["/policy/update"], "policy_version")
-    own = [trajectory for trajectory in log["/trajectory"] if trajectory.policy_version == of]
+    of = versions(model, updates["/policy/update"], "policy_version")
+    own = [trajectory for trajectory in log["/trajectory"] if trajectory.policy_version in of]
     steps, difference = 0, 0.0
     for trajectory in own:
         outputs = outputs_of(model, {"observation": observations(trajectory)[:-1]})
@@ -118,11 +118,11 @@ def rows(model, trajectory, count):
 def ensemble(path, log, updates):
     """Rows compared, and the largest differences of proximity and uncertainty."""
     model = session(path)
-    of = version(model, updates["/proximity/update"], "model_version")
+    of = versions(model, updates["/proximity/update"], "model_version")
     trajectories = {(one.lane, one.episode): one for one in log["/trajectory"]}
     count, differences = 0, [0.0, 0.0]
     for score in log["/proximity/score"]:
-        if score.model_version != of:
+        if score.model_version not in of:
             continue
         trajectory = trajectories[score.lane, score.episode]
         outputs = outputs_of(model, rows(model, trajectory, len(score.proximity)))

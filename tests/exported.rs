@@ -17,13 +17,14 @@ const LARGEST: f64 = 1e-5;
 const CHECKPOINT: &str = "4";
 
 /// Methods whose networks differ in kind, with the task they are trained in.
-const METHODS: [(&str, &str, &[&str]); 8] = [
+const METHODS: [(&str, &str, &[&str]); 9] = [
     ("navigation", "goal-proximity", &["reward.batch=32"]),
     ("navigation", "goal-proximity", &["reward.batch=32", "policy.shared_trunk=false"]),
     ("navigation", "gaifo", &["reward.batch=32"]),
     ("navigation", "proximity-with-actions", &["reward.batch=32"]),
     ("fetch-push", "goal-proximity", &[]),
     ("fetch-push", "ranking", &[]),
+    ("fetch-push", "temporal-distance", &[]),
     ("fetch-push", "gail", &[]),
     (
         "fetch-push",

@@ -50,6 +50,7 @@ fn every_method_trains_and_evaluates() {
         "gaifo-s-uncertainty",
         "gaifo",
         "ranking",
+        "temporal-distance",
         "proximity-with-actions",
         "nearest-state",
         "bc",

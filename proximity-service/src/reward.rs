@@ -27,18 +27,16 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
     (0..steps).map(reward).collect()
 }
 
-/// Rewards of a discriminator, one per row: of its mean logit, less the penalty for the standard deviation of
-/// the members' logits. There is no final bonus, which is proximity's.
-pub fn discriminator_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
+/// Rewards of a model with a row for each step: a discriminator's of its mean logit, temporal distance as it is;
+/// less the penalty for the standard deviation of the members. There is no final bonus, which is proximity's.
+pub fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     let penalty = config.uncertainty as f32;
     let reward = |row: &RowScore| {
         let own = match config.form {
             // The logarithms of D and of 1 - D differ by the logit.
-            RewardForm::Airl => row.mean,
+            RewardForm::Airl | RewardForm::Difference => row.mean,
             RewardForm::Gail => softplus(row.mean),
-            RewardForm::Difference | RewardForm::Absolute => {
-                unreachable!("a configuration has them for proximity only")
-            }
+            RewardForm::Absolute => unreachable!("a configuration has it for proximity only"),
         };
         own - penalty * row.standard_deviation
     };
@@ -120,13 +118,13 @@ mod tests {
     }
 
     #[test]
-    fn a_discriminator_rewards_its_logit_or_what_the_agent_would_not_do() {
+    fn a_step_rewards_its_logit_or_what_the_agent_would_not_do() {
         let airl = RewardConfig { uncertainty: 0.5, form: RewardForm::Airl, ..config() };
         let row = RowScore { mean: 2.0, standard_deviation: 0.5 };
-        assert_eq!(discriminator_rewards(&[row], &airl), [1.75]);
+        assert_eq!(step_rewards(&[row], &airl), [1.75]);
         let gail = RewardConfig { form: RewardForm::Gail, ..airl };
         let agents = 1.0 - 1.0 / (1.0 + libm::expf(-2.0));
-        let found = discriminator_rewards(&[row], &gail);
+        let found = step_rewards(&[row], &gail);
         assert!((found[0] - (-libm::logf(agents) - 0.25)).abs() < 1e-6, "{found:?}");
     }
 }

@@ -91,6 +91,7 @@ pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
         "bc" | "bco" | "sqil" => &["ppo.", "reward."],
         "environment-reward" | "nearest-state" => &["reward."],
         "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" => &["reward.pretraining_epochs"],
+        "temporal-distance" => &["reward.samples", "reward.experience"],
         _ => &[],
     };
     let is_read = |setting: &&str| !unread.iter().any(|start| setting.starts_with(start));

@@ -232,6 +232,18 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=environment-reward demonstrations.coverage=0.25", &[]),
             ("method=ranking reward.delta=0.9", &["`reward.delta`", OUT, "ranking"]),
             ("method=ranking reward.pretraining_epochs=3", &[]),
+            ("method=temporal-distance reward.delta=0.9", &[]),
+            (
+                "method=temporal-distance reward.samples=64",
+                &["`reward.samples`", OUT, "temporal-distance"],
+            ),
+            ("method=temporal-distance reward.agent_weight=0.5", &["`reward.agent_weight`", OUT]),
+            ("method=temporal-distance reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
+            ("method=temporal-distance reward.form=absolute", &["`reward.form`", "difference"]),
+            (
+                "method=temporal-distance reward.pretraining_epochs=0",
+                &["reward.pretraining_epochs"],
+            ),
             ("method=gail reward.discounting=linear", &["`reward.discounting`", OUT]),
             ("method=gail reward.pretraining_epochs=3", &["`reward.pretraining_epochs`", OUT]),
             ("method=gail reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
@@ -285,7 +297,16 @@ fn no_value_breaks_the_judgement() {
         "[]",
         "[9223372036854775807, 9223372036854775807, 9223372036854775807]",
     ];
-    let methods = ["goal-proximity", "ranking", "gail", "bc", "bco", "sqil", "environment-reward"];
+    let methods = [
+        "goal-proximity",
+        "temporal-distance",
+        "ranking",
+        "gail",
+        "bc",
+        "bco",
+        "sqil",
+        "environment-reward",
+    ];
     let mut taken = 0;
     for (task, method) in ["navigation", "ant-reach"]
         .into_iter()

@@ -77,7 +77,7 @@ fn what_is_wrong_is_named() {
         ("learner=bc", "`reward.model` must be none for bc, which asks for no rewards"),
         ("reward.model=none", "`reward.model` must be some for ppo"),
         ("reward.form=gail", "`reward.form`"),
-        ("reward.input=transition", "`reward.input` must be state or state-action"),
+        ("reward.input=transition", "`reward.input` must be state or state-action with proximity"),
         ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
     ] {
         let message = refusal("goalward", &[setting]);

@@ -11,7 +11,7 @@ use run::config::{RewardConfig, RewardInput};
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{EpisodeView, Learning, Objective};
-use crate::reward::discriminator_rewards;
+use crate::reward::step_rewards;
 
 /// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ impl Objective for Discriminator {
 
     /// The row of a step is the state acted in, so that of the last state goes without a reward.
     fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32> {
-        discriminator_rewards(&rows[..steps], config)
+        step_rewards(&rows[..steps], config)
     }
 }
 

@@ -73,7 +73,7 @@ impl<O: Objective> Learned<O> {
             input,
             run_seed,
             demonstrations: rows,
-            replay_buffer: ReplayBuffer::new(config.experience, input.row_bytes()),
+            replay_buffer: ReplayBuffer::new(config.experience, O::kept_bytes(&input)),
             ensemble,
             version: 0,
             offline: None,
@@ -85,12 +85,12 @@ impl<O: Objective> Learned<O> {
         Learning {
             config: &self.config,
             run_seed: self.run_seed,
-            demonstrations: self.demonstrations.len() / self.input.row_bytes(),
+            demonstrations: self.demonstrations.len() / O::kept_bytes(&self.input),
         }
     }
 
     fn minibatch(&self, drawn: MinibatchRows) -> Minibatch {
-        let size = self.input.row_bytes();
+        let size = O::kept_bytes(&self.input);
         let mut rows = Vec::new();
         for position in &drawn.demonstrations {
             rows.extend(&self.demonstrations[position * size..(position + 1) * size]);
@@ -278,10 +278,11 @@ impl<O: Objective> RewardModel for Learned<O> {
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
         self.version = tensors.exactly("version", 1, Tensors::u64)?[0];
         let bytes = tensors.u8("experience")?;
-        if !bytes.len().is_multiple_of(self.input.row_bytes()) {
+        let size = O::kept_bytes(&self.input);
+        if !bytes.len().is_multiple_of(size) {
             return Err(format!("array `experience`: found {} bytes", bytes.len()));
         }
-        self.replay_buffer = ReplayBuffer::new(self.config.experience, self.input.row_bytes());
+        self.replay_buffer = ReplayBuffer::new(self.config.experience, size);
         self.replay_buffer.push(&bytes);
         (self.offline, self.resumed) = (None, Progress::restored(tensors)?);
         self.ensemble.restore(tensors)

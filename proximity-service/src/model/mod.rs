@@ -13,6 +13,7 @@ mod penalty;
 mod proximity;
 mod ranking;
 mod registry;
+mod temporal_distance;
 
 use std::time::Duration;
 
@@ -35,6 +36,7 @@ pub use penalty::GradientPenalty;
 pub use proximity::GoalProximity;
 pub use ranking::Ranking;
 pub use registry::of_run;
+pub use temporal_distance::TemporalDistance;
 
 /// A reward model. With a policy learner it makes a method. One that trains nothing scores batches, and
 /// has nothing else to do.

@@ -18,6 +18,11 @@ pub trait Objective: Sync {
     /// The objective for some demonstrations.
     fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self;
 
+    /// Length of what training draws by its position: a row, unless rows are put together of several.
+    fn kept_bytes(input: &Input) -> usize {
+        input.row_bytes()
+    }
+
     /// Appends the rows of an episode that are trained on.
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);
 

@@ -6,7 +6,7 @@ use run::folder::RunFolder;
 
 use super::{
     Discriminator, FixedReward, GoalProximity, Learned, NearestState, Objective, Ranking,
-    RewardModel,
+    RewardModel, TemporalDistance,
 };
 
 type Constructor = fn(&RunFolder, &RunConfig) -> Result<Box<dyn RewardModel>>;
@@ -16,6 +16,7 @@ const MODELS: &[(&str, Constructor)] = &[
     ("proximity", learned::<GoalProximity>),
     ("ranking", learned::<Ranking>),
     ("discriminator", learned::<Discriminator>),
+    ("temporal-distance", learned::<TemporalDistance>),
     ("nearest-state", NearestState::of_run),
     ("environment", |_, _| Ok(Box::new(FixedReward::Environment))),
     ("none", |_, _| Ok(Box::new(FixedReward::None))),

@@ -5,7 +5,7 @@ use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
 use protocol::task::ObservationSpec;
 
-use super::{InverseDynamicsConfig, RewardForm, RewardInput, RunConfig};
+use super::{InverseDynamicsConfig, RewardForm, RewardInput, RewardModel, RunConfig};
 
 /// The place of a number in its pooled square is kept in a byte.
 const POOL_MOST: usize = 16;
@@ -116,22 +116,13 @@ impl RunConfig {
         let reward = &self.reward;
         let rewards = reward.model.rewards || !self.learner.is_rewarded();
         within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
-        let adversarial = reward.model.adversarial;
-        let (expected, fits) = match reward.form {
-            RewardForm::Difference | RewardForm::Absolute => {
-                ("airl or gail for a discriminator", !adversarial)
-            }
-            RewardForm::Gail => ("another than gail but for a discriminator", adversarial),
-            RewardForm::Airl => ("airl", true),
-        };
-        within(
-            "reward.form",
-            fits || !reward.model.trains,
-            expected,
-            format!("{:?}", reward.form),
-        )?;
-        let single = reward.input != RewardInput::Transition;
-        within("reward.input", single || adversarial, "state or state-action", "transition")?;
+        let RewardModel { name, trains, adversarial, inputs, forms, .. } = *reward.model;
+        let one_of = |names: Vec<String>| format!("{} with {name}", names.join(" or "));
+        let expected = one_of(forms.iter().map(RewardForm::to_string).collect());
+        let fits = !trains || forms.contains(&reward.form);
+        within("reward.form", fits, &expected, reward.form)?;
+        let expected = one_of(inputs.iter().map(RewardInput::to_string).collect());
+        within("reward.input", inputs.contains(&reward.input), &expected, reward.input)?;
         let penalty = reward.gradient_penalty;
         let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
         within(

@@ -178,7 +178,8 @@ impl RunConfig {
         let (members, batch) = (reward.ensemble as f64, reward.batch as f64);
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let offline = reward.pretraining_epochs as f64 * rows;
-        let online = iterations * (reward.samples as f64).min(rows);
+        let samples = if reward.model.online { reward.samples as f64 } else { 0.0 };
+        let online = iterations * samples.min(rows);
         let scored = iterations * self.iteration_steps() as f64;
         Work {
             gradient_steps: members * (offline + online) / batch,

@@ -76,7 +76,8 @@ impl RunConfig {
         within("reward.samples", samples <= kept, &expected, samples)?;
         let adversarial = reward.model.adversarial;
         within("reward.samples", samples > 0 || !adversarial, "above 0 for a discriminator", 0)?;
-        let trains = samples > 0 || reward.pretraining_epochs > 0;
+        let online = reward.model.online && samples > 0;
+        let trains = online || reward.pretraining_epochs > 0;
         within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;
         let (episodes, horizon) = (self.demonstrations.episodes, self.task.spec().horizon_steps);
         let most = episodes.saturating_mul(u64::from(horizon) + u64::from(!adversarial));

@@ -1,5 +1,7 @@
 //! Reward models and the rewards made from them (Table 3).
 
+use std::fmt;
+
 use protocol::dropped::shortened;
 use protocol::encoder::CellsArchitecture;
 use protocol::error::FOUND_CHARS;
@@ -107,6 +109,12 @@ pub struct RewardModel {
     pub labels: bool,
     /// Whether its rows come in pairs.
     pub pairs: bool,
+    /// Whether it goes on learning while the agent acts, from what it sees.
+    pub online: bool,
+    /// What it may see of a step.
+    pub inputs: &'static [RewardInput],
+    /// The rewards that it gives.
+    pub forms: &'static [RewardForm],
     /// The keys of its table that it reads, where it trains no ensemble.
     pub reads: &'static [&'static str],
 }
@@ -120,6 +128,9 @@ const TRAINED: RewardModel = RewardModel {
     adversarial: false,
     labels: false,
     pairs: false,
+    online: true,
+    inputs: &[RewardInput::State, RewardInput::StateAction],
+    forms: &[RewardForm::Difference, RewardForm::Absolute, RewardForm::Airl],
     reads: &[],
 };
 
@@ -133,7 +144,22 @@ pub const REWARD_MODELS: &[RewardModel] = &[
     // How close a state is to the goal, by which of two states comes later (Figure 7).
     RewardModel { name: "ranking", pairs: true, ..TRAINED },
     // Whether a state, transition or state and action is the expert's: GAIfO-s, GAIfO, GAIL.
-    RewardModel { name: "discriminator", adversarial: true, ..TRAINED },
+    RewardModel {
+        name: "discriminator",
+        adversarial: true,
+        inputs: &[RewardInput::State, RewardInput::Transition, RewardInput::StateAction],
+        forms: &[RewardForm::Airl, RewardForm::Gail],
+        ..TRAINED
+    },
+    // How much closer to the goal a state is than another, by regression on the steps between them.
+    RewardModel {
+        name: "temporal-distance",
+        labels: true,
+        online: false,
+        inputs: &[RewardInput::Transition],
+        forms: &[RewardForm::Difference],
+        ..TRAINED
+    },
     // How close a state is to the nearest one of the demonstrations.
     RewardModel {
         name: "nearest-state",
@@ -158,8 +184,11 @@ impl RewardModel {
         let read = match key {
             "model" => true,
             _ if !self.trains => self.reads.contains(&key),
-            "agent_weight" | "discounting" | "delta" => self.labels,
-            "pretraining_epochs" | "final_bonus" => !self.adversarial,
+            "discounting" | "delta" => self.labels,
+            "agent_weight" => self.labels && self.online,
+            "samples" | "experience" | "experience_after_goal" | "order" => self.online,
+            "pretraining_epochs" => !self.adversarial,
+            "final_bonus" => !self.adversarial && self.online,
             _ => true,
         };
         (!read).then(|| format!("the reward model {} does not read it", self.name))
@@ -210,6 +239,18 @@ pub enum RewardForm {
     Airl,
     /// `-log(1 - D)` of a discriminator: the form of GAIL.
     Gail,
+}
+
+impl fmt::Display for RewardInput {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(formatter)
+    }
+}
+
+impl fmt::Display for RewardForm {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(formatter)
+    }
 }
 
 /// How proximity falls with the steps to the goal.

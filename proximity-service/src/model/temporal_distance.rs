@@ -1,0 +1,174 @@
+//! Pairwise temporal distance (TimeRewarder, arXiv 2509.26627): how much closer to the goal the second of two
+//! states is than the first, learned from pairs of a demonstration in either order. A step earns what the
+//! ensemble says of the states before and after it.
+//!
+//! TimeRewarder classifies distances into bins; this is regression, as proximity is. It learns nothing of
+//! the agent's experience: what the agent undoes is a pair in the wrong order.
+
+use networks::{Score as RowScore, Squashing, squared_error};
+use protocol::seed::{self, Purpose, Stream};
+use protocol::trajectory::Trajectory;
+use rand::RngExt;
+use run::config::RewardConfig;
+
+use super::input::Input;
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::objective::{EpisodeView, Learning, Objective};
+use crate::reward::step_rewards;
+use crate::target::demonstration_target;
+
+/// Regression on the distance between two observations of a demonstration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TemporalDistance {
+    /// First observation of each demonstration, and the end of the last one.
+    starts: Vec<usize>,
+    /// The demonstration of each observation.
+    owners: Vec<usize>,
+    /// Distance of so many steps towards the goal, in [0, 1).
+    distances: Vec<f32>,
+}
+
+impl TemporalDistance {
+    /// A pair whose one observation is given: the other lies a gap away that is uniform in its logarithm,
+    /// so that short ones are frequent, and in either direction.
+    fn other(&self, one: usize, stream: &mut Stream) -> usize {
+        let owner = self.owners[one];
+        let (first, last) = (self.starts[owner], self.starts[owner + 1] - 1);
+        let (before, after) = (one - first, last - one);
+        let forwards = before == 0 || (after > 0 && stream.random_bool(0.5));
+        let most = if forwards { after } else { before };
+        let gap = libm::pow(most as f64 + 1.0, stream.random()) as usize;
+        let gap = gap.clamp(1, most);
+        if forwards { one + gap } else { one - gap }
+    }
+
+    fn target(&self, from: usize, to: usize) -> f32 {
+        let distance = self.distances[from.abs_diff(to)];
+        if to > from { distance } else { -distance }
+    }
+}
+
+impl Objective for TemporalDistance {
+    const SQUASHING: Squashing = Squashing::ClampedMean;
+
+    fn new(config: &RewardConfig, _input: &Input, demonstrations: &[Trajectory]) -> Self {
+        let mut starts = vec![0];
+        let mut owners = Vec::new();
+        for (number, trajectory) in demonstrations.iter().enumerate() {
+            owners.extend(vec![number; trajectory.steps as usize + 1]);
+            starts.push(owners.len());
+        }
+        let longest = demonstrations.iter().map(|trajectory| trajectory.steps).max().unwrap_or(0);
+        let distance = |steps| 1.0 - demonstration_target(steps, config);
+        TemporalDistance { starts, owners, distances: (0..=longest).map(distance).collect() }
+    }
+
+    /// Observations are kept one by one, and make rows in pairs.
+    fn kept_bytes(input: &Input) -> usize {
+        input.row_bytes() / input.frames()
+    }
+
+    fn append_training_rows(&self, _input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
+        rows.extend(seen.observations);
+    }
+
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
+        input.append_steps(seen.observations, seen.actions, rows);
+    }
+
+    /// As many pairs an epoch as the demonstrations have observations.
+    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
+        let RewardConfig { batch, pretraining_epochs, .. } = *learning.config;
+        let epoch = |epoch| {
+            let purpose = Purpose::PretrainingBatches;
+            let mut stream = seed::stream(learning.run_seed, purpose, epoch, 0);
+            let mut pair = || {
+                let one = stream.random_range(0..learning.demonstrations as u64) as usize;
+                [one, self.other(one, &mut stream)]
+            };
+            let minibatch = |_| MinibatchRows {
+                demonstrations: (0..batch).flat_map(|_| pair()).collect(),
+                agent: Vec::new(),
+            };
+            (0..learning.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
+        };
+        (0..pretraining_epochs).flat_map(epoch).collect()
+    }
+
+    /// None: what is learned comes from the demonstrations alone.
+    fn online(&self, _: &Learning<'_>, _agent: usize, _: &mut Stream) -> Vec<MinibatchRows> {
+        Vec::new()
+    }
+
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
+        let pairs = minibatch.drawn.demonstrations.chunks_exact(2);
+        let targets: Vec<f32> = pairs.map(|pair| self.target(pair[0], pair[1])).collect();
+        let weight = 1.0 / targets.len().max(1) as f32;
+        let demonstrations = squared_error(outputs, &targets, weight, gradients);
+        Losses { demonstrations, agent: 0.0 }
+    }
+
+    fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
+        step_rewards(rows, config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Learned, RewardModel};
+    use crate::tests::{config, learned, pretrained, walk, walk_back};
+    use protocol::trajectory::{Encoded, Source};
+    use run::config::{RewardInput, RewardModel as Model};
+
+    fn transitions() -> RewardConfig {
+        let model = Model::named("temporal-distance").unwrap();
+        RewardConfig { model, input: RewardInput::Transition, uncertainty: 0.0, ..config() }
+    }
+
+    #[test]
+    fn pairs_are_of_one_demonstration_in_either_order_and_mostly_close() {
+        let long = walk(0.0, Source::Demonstration);
+        let short = Trajectory { steps: 1, ..long.clone() };
+        let input = Input::new(&crate::tests::CORRIDOR, RewardInput::Transition);
+        let model = TemporalDistance::new(&transitions(), &input, &[short, long]);
+        let mut stream = seed::stream(1, Purpose::PretrainingBatches, 0, 0);
+        assert_eq!([0, 1].map(|one| model.other(one, &mut stream)), [1, 0]);
+        let mut counts = [0; 13];
+        (0..4000).for_each(|_| counts[model.other(7, &mut stream)] += 1);
+        assert_eq!(counts[..2], [0, 0]);
+        assert!(counts[2..7].is_sorted() && counts[8..].is_sorted_by(|a, b| a >= b), "{counts:?}");
+        assert!(counts[2..7].iter().sum::<u32>().abs_diff(2000) < 130, "{counts:?}");
+        assert_eq!(counts[7], 0);
+        assert!(
+            (model.target(2, 5) - 0.3).abs() < 1e-6 && model.target(5, 2) == -model.target(2, 5)
+        );
+    }
+
+    #[test]
+    fn a_step_towards_the_goal_earns_as_much_as_one_back_costs() {
+        let mut model: Learned<TemporalDistance> = learned(&transitions(), 2);
+        assert_eq!(pretrained(&mut model).gradient_steps, 200);
+        let batch = [walk(0.0, Source::Training), walk_back(0.0, Source::Training)];
+        let scores = model.score(0, &batch.map(Encoded::encode));
+        for (score, expected) in scores.iter().zip([0.1, -0.1]) {
+            assert_eq!(score.rewards.len(), 10);
+            assert!(
+                score.rewards.iter().all(|reward| (reward - expected).abs() < 0.05),
+                "{score:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_the_agent_sees_changes_nothing_and_threads_change_no_bit() {
+        let mut one: Learned<TemporalDistance> = learned(&transitions(), 1);
+        let before = pretrained(&mut one).weights_sha256;
+        let batch = [Encoded::encode(walk(1.0, Source::Training))];
+        let update = one.improve(0, &batch).unwrap();
+        assert_eq!((update.gradient_steps, update.weights_sha256), (0, before));
+        let mut other: Learned<TemporalDistance> = learned(&transitions(), 3);
+        other.restore(&one.save()).unwrap();
+        assert_eq!(one.score(1, &batch), other.score(1, &batch));
+    }
+}
