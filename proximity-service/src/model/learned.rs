@@ -116,6 +116,43 @@ impl<O: Objective> Learned<O> {
         trained.map_err(|message| diverged(&format!("minibatch {number}, {message}")))
     }
 
+    /// Keeps what a batch shows of the agent.
+    fn remember(&mut self, batch: &[Encoded]) {
+        for Encoded { trajectory, .. } in batch {
+            let observations = match self.config.experience_after_goal {
+                true => trajectory.observations(),
+                false => trajectory.observations_to_goal(),
+            };
+            let actions = trajectory.actions();
+            let mut rows = Vec::new();
+            let seen = EpisodeView { observations, actions };
+            self.objective.append_training_rows(&self.input, seen, &mut rows);
+            self.replay_buffer.push(&rows);
+        }
+    }
+
+    /// Trains on demonstrations and what is kept of the agent.
+    fn train_online(&mut self, iteration: u64) -> Result<Progress, Final> {
+        let mut taken = Progress::default();
+        let learning_rate = self.learning_rate.at(iteration);
+        if learning_rate <= 0.0 || self.config.samples == 0 {
+            return Ok(taken);
+        }
+        let mut stream = seed::stream(self.run_seed, Purpose::ImprovementBatches, iteration, 0);
+        let agent = self.replay_buffer.len();
+        for drawn in self.objective.online(&self.learning(), agent, &mut stream) {
+            let mut minibatch = self.minibatch(drawn);
+            if self.config.gradient_penalty > 0.0 {
+                let weight = self.config.gradient_penalty as f32;
+                let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
+                let penalty = GradientPenalty::between(rows, pairs, weight, &mut stream);
+                minibatch.penalty = Some(penalty);
+            }
+            taken.add(self.train(&minibatch, taken.done + 1, learning_rate)?);
+        }
+        Ok(taken)
+    }
+
     fn updated(&mut self, iteration: u64, taken: &Progress) -> Result<RewardUpdate, Final> {
         self.version += 1;
         self.ensemble.expect_finite().map_err(|message| diverged(&message))?;
@@ -179,33 +216,10 @@ impl<O: Objective> RewardModel for Learned<O> {
 
     fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final> {
         let begun = Instant::now();
-        for Encoded { trajectory, .. } in batch {
-            let observations = match self.config.experience_after_goal {
-                true => trajectory.observations(),
-                false => trajectory.observations_to_goal(),
-            };
-            let actions = trajectory.actions();
-            let mut rows = Vec::new();
-            let seen = EpisodeView { observations, actions };
-            self.objective.append_training_rows(&self.input, seen, &mut rows);
-            self.replay_buffer.push(&rows);
-        }
-        let learning_rate = self.learning_rate.at(iteration);
         let mut taken = Progress::default();
-        if learning_rate > 0.0 && self.config.samples > 0 {
-            let purpose = Purpose::ImprovementBatches;
-            let mut stream = seed::stream(self.run_seed, purpose, iteration, 0);
-            let agent = self.replay_buffer.len();
-            for drawn in self.objective.online(&self.learning(), agent, &mut stream) {
-                let mut minibatch = self.minibatch(drawn);
-                if self.config.gradient_penalty > 0.0 {
-                    let weight = self.config.gradient_penalty as f32;
-                    let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
-                    let penalty = GradientPenalty::between(rows, pairs, weight, &mut stream);
-                    minibatch.penalty = Some(penalty);
-                }
-                taken.add(self.train(&minibatch, taken.done + 1, learning_rate)?);
-            }
+        if self.config.model.online {
+            self.remember(batch);
+            taken = self.train_online(iteration)?;
         }
         taken.seconds = begun.elapsed().as_secs_f64();
         self.updated(iteration, &taken)

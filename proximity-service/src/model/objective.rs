@@ -2,7 +2,7 @@
 //! loss, and the rewards made of their scores.
 
 use networks::{Score as RowScore, Squashing};
-use protocol::seed::Stream;
+use protocol::seed::{self, Purpose, Stream};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
 use run::config::RewardConfig;
@@ -70,6 +70,20 @@ pub struct Learning<'a> {
 }
 
 impl Learning<'_> {
+    /// Minibatches of offline training whose rows are drawn anew: so many batches an epoch as the demonstrations
+    /// have. Of so many pairs `draw` gives the positions.
+    pub fn drawn(&self, draw: impl Fn(usize, &mut Stream) -> Vec<usize>) -> Vec<MinibatchRows> {
+        let RewardConfig { batch, pretraining_epochs, .. } = *self.config;
+        let epoch = |epoch| {
+            let purpose = Purpose::PretrainingBatches;
+            let mut stream = seed::stream(self.run_seed, purpose, epoch, 0);
+            let minibatch =
+                |_| MinibatchRows { demonstrations: draw(batch, &mut stream), agent: Vec::new() };
+            (0..self.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
+        };
+        (0..pretraining_epochs).flat_map(epoch).collect()
+    }
+
     /// Minibatches of one online update, in whole batches of both kinds: from as many rows of each,
     /// without repetition, as the configuration's samples, or as there are of the rarer kind.
     pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<MinibatchRows> {

@@ -6,7 +6,7 @@
 //! themselves.
 
 use networks::{Score as RowScore, Squashing, ranking};
-use protocol::seed::{self, Purpose, Stream};
+use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::RngExt;
 use run::config::RewardConfig;
@@ -71,17 +71,7 @@ impl Objective for Ranking {
 
     /// As many pairs an epoch as the demonstrations have rows.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        let RewardConfig { batch, pretraining_epochs, .. } = *learning.config;
-        let epoch = |epoch| {
-            let purpose = Purpose::PretrainingBatches;
-            let mut stream = seed::stream(learning.run_seed, purpose, epoch, 0);
-            let minibatch = |_| MinibatchRows {
-                demonstrations: self.draw(batch, &mut stream),
-                agent: Vec::new(),
-            };
-            (0..learning.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
-        };
-        (0..pretraining_epochs).flat_map(epoch).collect()
+        learning.drawn(|pairs, stream| self.draw(pairs, stream))
     }
 
     /// Behind as many pairs within demonstrations come the expert's rows of pairs with the agent.
@@ -129,6 +119,7 @@ mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
     use crate::tests::{CORRIDOR, assert_reproducible, config, learned, place, pretrained, walk};
+    use protocol::seed::{self, Purpose};
     use protocol::trajectory::{Encoded, Source};
     use run::config::RewardInput;
 

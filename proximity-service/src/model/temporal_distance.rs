@@ -6,7 +6,7 @@
 //! the agent's experience: what the agent undoes is a pair in the wrong order.
 
 use networks::{Score as RowScore, Squashing, squared_error};
-use protocol::seed::{self, Purpose, Stream};
+use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::RngExt;
 use run::config::RewardConfig;
@@ -29,8 +29,14 @@ pub struct TemporalDistance {
 }
 
 impl TemporalDistance {
-    /// A pair whose one observation is given: the other lies a gap away that is uniform in its logarithm,
-    /// so that short ones are frequent, and in either direction.
+    /// Draws a pair: any observation, and another one of its demonstration.
+    fn pair(&self, stream: &mut Stream) -> [usize; 2] {
+        let one = stream.random_range(0..self.owners.len() as u64) as usize;
+        [one, self.other(one, stream)]
+    }
+
+    /// Draws the other observation of a pair: it lies a gap away that is uniform in its logarithm, so that
+    /// short ones are frequent, and in either direction.
     fn other(&self, one: usize, stream: &mut Stream) -> usize {
         let owner = self.owners[one];
         let (first, last) = (self.starts[owner], self.starts[owner + 1] - 1);
@@ -78,26 +84,7 @@ impl Objective for TemporalDistance {
 
     /// As many pairs an epoch as the demonstrations have observations.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        let RewardConfig { batch, pretraining_epochs, .. } = *learning.config;
-        let epoch = |epoch| {
-            let purpose = Purpose::PretrainingBatches;
-            let mut stream = seed::stream(learning.run_seed, purpose, epoch, 0);
-            let mut pair = || {
-                let one = stream.random_range(0..learning.demonstrations as u64) as usize;
-                [one, self.other(one, &mut stream)]
-            };
-            let minibatch = |_| MinibatchRows {
-                demonstrations: (0..batch).flat_map(|_| pair()).collect(),
-                agent: Vec::new(),
-            };
-            (0..learning.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
-        };
-        (0..pretraining_epochs).flat_map(epoch).collect()
-    }
-
-    /// None: what is learned comes from the demonstrations alone.
-    fn online(&self, _: &Learning<'_>, _agent: usize, _: &mut Stream) -> Vec<MinibatchRows> {
-        Vec::new()
+        learning.drawn(|pairs, stream| (0..pairs).flat_map(|_| self.pair(stream)).collect())
     }
 
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
@@ -118,6 +105,7 @@ mod tests {
     use super::*;
     use crate::model::{Learned, RewardModel};
     use crate::tests::{config, learned, pretrained, walk, walk_back};
+    use protocol::seed::{self, Purpose};
     use protocol::trajectory::{Encoded, Source};
     use run::config::{RewardInput, RewardModel as Model};
 

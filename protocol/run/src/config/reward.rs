@@ -188,7 +188,7 @@ impl RewardModel {
             "agent_weight" => self.labels && self.online,
             "samples" | "experience" | "experience_after_goal" | "order" => self.online,
             "pretraining_epochs" => !self.adversarial,
-            "final_bonus" => !self.adversarial && self.online,
+            "final_bonus" => self.forms.contains(&RewardForm::Absolute), // it is a proximity, too
             _ => true,
         };
         (!read).then(|| format!("the reward model {} does not read it", self.name))
