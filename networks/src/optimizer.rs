@@ -17,13 +17,16 @@ pub struct Adam {
     pub beta2: f64,
     /// What is added to the root of the second moment.
     pub epsilon: f64,
+    /// By how much of the learning rate a step shortens the parameters, 0 unless changed (AdamW).
+    pub weight_decay: f64,
 }
 
 impl Adam {
     /// A fresh optimizer for as many parameters.
     pub fn new(parameter_count: usize, epsilon: f64) -> Self {
         let [first_moment, second_moment] = [(); 2].map(|()| vec![0.0; parameter_count]);
-        Self { first_moment, second_moment, step: 0, beta1: 0.9, beta2: 0.999, epsilon }
+        let (beta1, beta2, weight_decay) = (0.9, 0.999, 0.0);
+        Self { first_moment, second_moment, step: 0, beta1, beta2, epsilon, weight_decay }
     }
 
     /// Adds its state to arrays, under its name.
@@ -59,13 +62,14 @@ impl Adam {
         let scale = (1.0 / remaining(self.beta2).sqrt()) as f32;
         let (follow1, follow2) = ((1.0 - self.beta1) as f32, (1.0 - self.beta2) as f32);
         let (keep2, epsilon) = (self.beta2 as f32, self.epsilon as f32);
+        let keep = (1.0 - learning_rate * self.weight_decay) as f32;
         let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
         for ((parameter, derivative), (first, second)) in
             parameters.iter_mut().zip(gradient).zip(moments)
         {
             *first += follow1 * (derivative - *first);
             *second = keep2 * *second + follow2 * derivative * derivative;
-            *parameter -= rate * *first / (second.sqrt() * scale + epsilon);
+            *parameter = keep * *parameter - rate * *first / (second.sqrt() * scale + epsilon);
         }
     }
 }
@@ -116,6 +120,14 @@ mod tests {
         assert_eq!(clip_global_norm(&mut gradient, 0.5), 5.0);
         assert!((square_sum(&gradient).sqrt() - 0.5).abs() < 1e-6);
         assert_eq!(clip_global_norm(&mut [0.0; 11], 0.5), 0.0);
+    }
+
+    #[test]
+    fn weights_decay_by_a_part_of_the_learning_rate_whatever_the_gradient() {
+        let mut adam = Adam { weight_decay: 0.5, ..Adam::new(2, 1e-8) };
+        let mut parameters = [2.0, -4.0];
+        adam.update(&mut parameters, &[0.0, 0.0], 0.1);
+        assert_eq!(parameters, [1.9, -3.8]);
     }
 
     #[test]

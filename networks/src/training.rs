@@ -130,6 +130,13 @@ impl<N: Trainable> ShardedTrainer<N> {
         }
     }
 
+    /// The same, whose steps shorten the parameters by so much of the learning rate.
+    #[must_use]
+    pub fn with_weight_decay(mut self, weight_decay: f64) -> Self {
+        self.optimizer.weight_decay = weight_decay;
+        self
+    }
+
     /// The optimizer.
     pub fn optimizer(&self) -> &Adam {
         &self.optimizer

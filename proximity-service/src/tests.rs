@@ -26,6 +26,8 @@ pub(crate) fn config() -> RewardConfig {
         discounting: Discounting::Linear,
         delta: 0.1,
         ensemble: 5,
+        bootstrap: false,
+        weight_decay: 0.0,
         convolution_channels: vec![4, 4, 4],
         convolution_kernel: 2,
         pool: 2,

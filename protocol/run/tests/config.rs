@@ -79,11 +79,14 @@ fn what_is_wrong_is_named() {
         ("reward.form=gail", "`reward.form`"),
         ("reward.input=transition", "`reward.input` must be state or state-action with proximity"),
         ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
+        ("reward.weight_decay=-1.0", "`reward.weight_decay` must be between 0e0 and 1e6"),
     ] {
         let message = refusal("goalward", &[setting]);
         assert!(message.contains(words), "{setting}: expected {words} in: {message}");
         assert!(!message.contains('\n'), "{setting}: one line, found: {message}");
     }
+    let message = refusal("goalward", &["method=ranking", "reward.bootstrap=true"]);
+    assert!(message.contains("`reward.bootstrap` must be false with ranking"), "{message}");
     assert!(refusal("best", &[]).contains("one of goalward, authors, paper"));
 }
 

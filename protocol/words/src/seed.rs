@@ -34,7 +34,7 @@ pub enum Purpose {
     PolicyMinibatches = 9,
     /// Batches of offline reward-model training; major is the epoch.
     PretrainingBatches = 10,
-    /// Batches of online reward-model training; major is the iteration.
+    /// Batches of online reward-model training; major is the iteration, minor the member that draws its own.
     ImprovementBatches = 11,
     /// Which demonstrations are held out from cloning.
     HeldOutDemonstrations = 12,
@@ -48,6 +48,8 @@ pub enum Purpose {
     QWeights = 16,
     /// Replayed transitions and the actions drawn at them; major is the update.
     Replay = 17,
+    /// Which demonstrations a member of the ensemble learns from; major is the member.
+    Resample = 18,
 }
 
 /// Opens the stream named by its four parts.

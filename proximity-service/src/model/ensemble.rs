@@ -1,6 +1,6 @@
 //! The ensemble of every learned reward model: its training step, its scores, its state.
 //!
-//! Every member sees the same minibatches; their only difference is where they start. Members are
+//! Unless members have minibatches of their own, their only difference is where they start. Members are
 //! trained, and shards of rows scored, on several threads: each result is computed by one thread in
 //! a fixed order, so the number of threads never changes a bit.
 
@@ -30,8 +30,8 @@ pub struct TrainedEnsemble {
     normalizer: RunningNormalizer,
     ensemble: Ensemble,
     trainers: Vec<ShardedTrainer<Network>>,
-    /// Of minibatches.
-    windows: WindowIndex,
+    /// Of minibatches: one for all members, or one for each.
+    windows: Vec<WindowIndex>,
     prepared: Vec<Prepared>,
     threads: ThreadPool,
 }
@@ -56,13 +56,15 @@ impl TrainedEnsemble {
         let streams =
             members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
         let ensemble = Ensemble::new(network, streams, squashing);
-        let trainer =
-            |member: &Vec<f32>| ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
+        let trainer = |member: &Vec<f32>| {
+            let trainer = ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
+            trainer.with_weight_decay(config.weight_decay)
+        };
         TrainedEnsemble {
             input,
             normalizer,
             trainers: ensemble.members.iter().map(trainer).collect(),
-            windows: WindowIndex::default(),
+            windows: Vec::new(),
             prepared: ensemble.prepare(),
             ensemble,
             threads,
@@ -76,24 +78,31 @@ impl TrainedEnsemble {
         rows
     }
 
-    /// One optimizer step of every member. The loss takes the outputs of one member and gives their
-    /// gradients. [`TrainedEnsemble::prepare`] has to follow before rows are scored.
+    /// One optimizer step of every member, on the one minibatch or on its own of several. The loss takes
+    /// the outputs of one member and gives their gradients. [`TrainedEnsemble::prepare`] has to follow
+    /// before rows are scored.
     ///
     /// # Errors
     /// When a loss or the gradient of a member is no number; which one.
     pub fn train(
         &mut self,
-        minibatch: &Minibatch,
+        minibatches: &[Minibatch],
         loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses + Sync,
         learning_rate: f64,
     ) -> Result<Losses, String> {
         let network = &self.ensemble.network;
-        let batch = minibatch.rows.indexed(network, &mut self.windows);
-        let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers);
-        let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
-            differentiate(shard, minibatch, &loss, sum)
-        };
-        let train = |(member, trainer): (&mut Vec<f32>, &mut ShardedTrainer<Network>)| {
+        self.windows.resize_with(minibatches.len(), WindowIndex::default);
+        let indexed = minibatches.iter().zip(&mut self.windows);
+        let batches: Vec<_> = indexed
+            .map(|(minibatch, windows)| (minibatch, minibatch.rows.indexed(network, windows)))
+            .collect();
+        let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers).enumerate();
+        type Member<'a> = (usize, (&'a mut Vec<f32>, &'a mut ShardedTrainer<Network>));
+        let train = |(number, (member, trainer)): Member<'_>| {
+            let (minibatch, batch) = batches[number % batches.len()];
+            let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
+                differentiate(shard, minibatch, &loss, sum)
+            };
             // A loss is a mean over pairs of rows, so a minibatch is one shard.
             trainer.step(network, member, batch, usize::MAX, learning_rate, of_member)
         };

@@ -2,11 +2,12 @@
 //! trained on both. Models differ in their [`Objective`] alone.
 
 use std::time::{Duration, Instant};
+use std::vec::IntoIter;
 
 use anyhow::{Result, bail};
 use networks::RunningNormalizer;
 use protocol::messages::{Estimates, RewardUpdate, Score};
-use protocol::seed::{self, Purpose};
+use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
@@ -16,6 +17,7 @@ use run::learning_rate::LearningRate;
 use run::process::Final;
 
 use super::RewardModel;
+use super::bootstrap::Resamples;
 use super::ensemble::TrainedEnsemble;
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
@@ -33,6 +35,7 @@ pub struct Learned<O> {
     run_seed: u64,
     /// Rows of the demonstrations.
     demonstrations: Vec<u8>,
+    resamples: Resamples,
     replay_buffer: ReplayBuffer,
     ensemble: TrainedEnsemble,
     version: u64,
@@ -54,14 +57,16 @@ impl<O: Objective> Learned<O> {
     ) -> Self {
         let input = Input::new(spec, config.input);
         let objective = O::new(config, &input, demonstrations);
-        let mut rows = Vec::new();
+        let (mut rows, mut counts) = (Vec::new(), Vec::new());
         for trajectory in demonstrations {
+            let before = rows.len();
             let (observations, actions) = (trajectory.observations(), trajectory.actions());
             objective.append_training_rows(
                 &input,
                 EpisodeView { observations, actions },
                 &mut rows,
             );
+            counts.push((rows.len() - before) / O::kept_bytes(&input));
         }
         let normalizer = normalizer(spec.observation, config, demonstrations);
         let ensemble =
@@ -73,6 +78,7 @@ impl<O: Objective> Learned<O> {
             input,
             run_seed,
             demonstrations: rows,
+            resamples: Resamples::new(config, run_seed, &counts),
             replay_buffer: ReplayBuffer::new(config.experience, O::kept_bytes(&input)),
             ensemble,
             version: 0,
@@ -89,8 +95,10 @@ impl<O: Objective> Learned<O> {
         }
     }
 
-    fn minibatch(&self, drawn: MinibatchRows) -> Minibatch {
+    /// What a member sees of the positions drawn.
+    fn minibatch(&self, member: usize, drawn: MinibatchRows) -> Minibatch {
         let size = O::kept_bytes(&self.input);
+        let drawn = self.resamples.of_member(member, drawn);
         let mut rows = Vec::new();
         for position in &drawn.demonstrations {
             rows.extend(&self.demonstrations[position * size..(position + 1) * size]);
@@ -101,10 +109,10 @@ impl<O: Objective> Learned<O> {
         Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
     }
 
-    /// One optimizer step of every member; `number` is the minibatch's.
+    /// One optimizer step of every member, on one minibatch or its own; `number` is that of the step.
     fn train(
         &mut self,
-        minibatch: &Minibatch,
+        minibatches: &[Minibatch],
         number: usize,
         learning_rate: f64,
     ) -> Result<Losses, Final> {
@@ -112,7 +120,7 @@ impl<O: Objective> Learned<O> {
         let losses = |minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]| {
             objective.losses(minibatch, outputs, gradients)
         };
-        let trained = self.ensemble.train(minibatch, losses, learning_rate);
+        let trained = self.ensemble.train(minibatches, losses, learning_rate);
         trained.map_err(|message| diverged(&format!("minibatch {number}, {message}")))
     }
 
@@ -138,19 +146,35 @@ impl<O: Objective> Learned<O> {
         if learning_rate <= 0.0 || self.config.samples == 0 {
             return Ok(taken);
         }
-        let mut stream = seed::stream(self.run_seed, Purpose::ImprovementBatches, iteration, 0);
         let agent = self.replay_buffer.len();
-        for drawn in self.objective.online(&self.learning(), agent, &mut stream) {
-            let mut minibatch = self.minibatch(drawn);
-            if self.config.gradient_penalty > 0.0 {
-                let weight = self.config.gradient_penalty as f32;
-                let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
-                let penalty = GradientPenalty::between(rows, pairs, weight, &mut stream);
-                minibatch.penalty = Some(penalty);
-            }
-            taken.add(self.train(&minibatch, taken.done + 1, learning_rate)?);
+        let mut draws: Vec<_> = (0..self.resamples.minibatches())
+            .map(|member| {
+                let purpose = Purpose::ImprovementBatches;
+                let mut stream = seed::stream(self.run_seed, purpose, iteration, member as u64);
+                let drawn = self.objective.online(&self.learning(), agent, &mut stream);
+                (member, stream, drawn.into_iter())
+            })
+            .collect();
+        let mut next = |model: &Self| {
+            let minibatch = |(member, stream, drawn): &mut (usize, Stream, IntoIter<_>)| {
+                Some(model.penalized(model.minibatch(*member, drawn.next()?), stream))
+            };
+            draws.iter_mut().map(minibatch).collect::<Option<Vec<_>>>()
+        };
+        while let Some(minibatches) = next(self) {
+            taken.add(self.train(&minibatches, taken.done + 1, learning_rate)?);
         }
         Ok(taken)
+    }
+
+    /// A minibatch with the gradient penalty, if there is one.
+    fn penalized(&self, mut minibatch: Minibatch, stream: &mut Stream) -> Minibatch {
+        if self.config.gradient_penalty > 0.0 {
+            let weight = self.config.gradient_penalty as f32;
+            let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
+            minibatch.penalty = Some(GradientPenalty::between(rows, pairs, weight, stream));
+        }
+        minibatch
     }
 
     fn updated(&mut self, iteration: u64, taken: &Progress) -> Result<RewardUpdate, Final> {
@@ -201,8 +225,10 @@ impl<O: Objective> RewardModel for Learned<O> {
         });
         let before_s = offline.progress.seconds;
         while let Some((number, drawn)) = offline.next() {
-            let minibatch = self.minibatch(drawn.clone());
-            let losses = self.train(&minibatch, number, self.learning_rate.first)?;
+            let minibatches: Vec<_> = (0..self.resamples.minibatches())
+                .map(|member| self.minibatch(member, drawn.clone()))
+                .collect();
+            let losses = self.train(&minibatches, number, self.learning_rate.first)?;
             offline.progress.add(losses);
             offline.progress.seconds = before_s + begun.elapsed().as_secs_f64();
             if begun.elapsed() >= time && offline.next().is_some() {

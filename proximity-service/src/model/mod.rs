@@ -1,5 +1,6 @@
 //! Reward models: what learns the reward and answers for it.
 
+mod bootstrap;
 mod discriminator;
 mod ensemble;
 mod fixed;

@@ -116,7 +116,8 @@ impl RunConfig {
         let reward = &self.reward;
         let rewards = reward.model.rewards || !self.learner.is_rewarded();
         within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
-        let RewardModel { name, trains, adversarial, inputs, forms, .. } = *reward.model;
+        let RewardModel { name, trains, adversarial, inputs, forms, pairs, online, .. } =
+            *reward.model;
         let one_of = |names: Vec<String>| format!("{} with {name}", names.join(" or "));
         let expected = one_of(forms.iter().map(RewardForm::to_string).collect());
         let fits = !trains || forms.contains(&reward.form);
@@ -132,7 +133,10 @@ impl RunConfig {
             penalty,
         )?;
         let holds = penalty == 0.0 || (adversarial && vector);
-        within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)
+        within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)?;
+        let alone = online && !pairs;
+        let expected = format!("false with {name}, whose rows belong together");
+        within("reward.bootstrap", alone || !reward.bootstrap, &expected, true)
     }
 
     fn check_limits(&self) -> Result<(), Error> {

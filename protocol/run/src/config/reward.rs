@@ -32,6 +32,11 @@ pub struct RewardConfig {
     pub delta: f64,
     /// Members of the ensemble.
     pub ensemble: usize,
+    /// Whether each member learns from a bootstrap resample of the demonstrations, in minibatches of its
+    /// own; otherwise all see the same.
+    pub bootstrap: bool,
+    /// By how much of the learning rate each gradient step shortens the weights (AdamW); 0 switches it off.
+    pub weight_decay: f64,
     /// Output channels of the convolutions, for grid tasks.
     pub convolution_channels: Vec<usize>,
     /// Side of the convolutions' windows.

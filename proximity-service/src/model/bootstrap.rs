@@ -1,0 +1,105 @@
+//! Which demonstrations a member of the ensemble learns from: all of them, or a bootstrap resample of its
+//! own.
+//!
+//! A resample draws whole demonstrations with replacement, since rows of one are alike: of rows drawn one
+//! by one every member would see something of nearly every demonstration.
+
+use protocol::seed::{self, Purpose};
+use rand::RngExt;
+use run::config::RewardConfig;
+
+use super::minibatch::MinibatchRows;
+
+/// The demonstrations' rows that each member has at each position.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Resamples {
+    /// All members see the same minibatches of the rows as they are.
+    Shared,
+    /// Every member sees minibatches of its own resample, as long as the rows as they are.
+    Own(Vec<Vec<usize>>),
+}
+
+impl Resamples {
+    /// Those of a configuration; `rows` are the numbers of rows of the demonstrations, in order.
+    pub(super) fn new(config: &RewardConfig, run_seed: u64, rows: &[usize]) -> Self {
+        if !config.bootstrap {
+            return Resamples::Shared;
+        }
+        let first = |demonstration: usize| rows[..demonstration].iter().sum::<usize>();
+        let firsts: Vec<usize> = (0..rows.len()).map(first).collect();
+        let total: usize = rows.iter().sum();
+        let resample = |member| {
+            let mut stream = seed::stream(run_seed, Purpose::Resample, member, 0);
+            let mut resample = Vec::with_capacity(total);
+            while resample.len() < total {
+                let drawn = stream.random_range(0..rows.len());
+                resample.extend(firsts[drawn]..firsts[drawn] + rows[drawn]);
+            }
+            resample.truncate(total);
+            resample
+        };
+        Resamples::Own((0..config.ensemble as u64).map(resample).collect())
+    }
+
+    /// How many minibatches a gradient step takes: one for all members, or one for each.
+    pub(super) fn minibatches(&self) -> usize {
+        match self {
+            Resamples::Shared => 1,
+            Resamples::Own(members) => members.len(),
+        }
+    }
+
+    /// The rows that a member has at the positions drawn.
+    pub(super) fn of_member(&self, member: usize, mut drawn: MinibatchRows) -> MinibatchRows {
+        if let Resamples::Own(members) = self {
+            for position in &mut drawn.demonstrations {
+                *position = members[member][*position];
+            }
+        }
+        drawn
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{GoalProximity, Learned, RewardModel};
+    use crate::tests::{assert_reproducible, config, learned, place, pretrained};
+
+    #[test]
+    fn a_resample_is_of_whole_demonstrations_and_each_member_has_another() {
+        let bootstrapped = RewardConfig { bootstrap: true, ..config() };
+        let rows = [3; 40];
+        let resamples = Resamples::new(&bootstrapped, 7, &rows);
+        let Resamples::Own(members) = &resamples else { panic!("{resamples:?}") };
+        assert_eq!((members.len(), resamples.minibatches()), (5, 5));
+        for member in members {
+            assert_eq!(member.len(), 120);
+            let whole = |rows: &[usize]| rows[0].is_multiple_of(3) && rows[2] == rows[0] + 2;
+            assert!(member.chunks_exact(3).all(whole), "{member:?}");
+            let mut seen: Vec<usize> = member.iter().map(|row| row / 3).collect();
+            seen.sort_unstable();
+            seen.dedup();
+            // 1 - 1/e of them, 25, in the mean.
+            assert!((18..33).contains(&seen.len()), "{} of 40", seen.len());
+        }
+        assert_ne!(members[0], members[1]);
+        assert_eq!(resamples, Resamples::new(&bootstrapped, 7, &rows));
+        let drawn = MinibatchRows { demonstrations: vec![5, 0], agent: vec![9] };
+        let own = resamples.of_member(1, drawn.clone());
+        assert_eq!(own.demonstrations, [members[1][5], members[1][0]]);
+        assert_eq!(own.agent, [9]);
+        let shared = Resamples::new(&config(), 7, &rows);
+        assert_eq!((shared.minibatches(), shared.of_member(0, drawn.clone())), (1, drawn));
+    }
+
+    #[test]
+    fn bootstrapped_members_learn_and_threads_and_a_restore_change_no_bit() {
+        let bootstrapped = RewardConfig { bootstrap: true, ..config() };
+        assert_reproducible::<GoalProximity>(&bootstrapped);
+        let mut model: Learned<GoalProximity> = learned(&bootstrapped, 2);
+        assert_eq!(pretrained(&mut model).gradient_steps, 200);
+        let near = model.estimate(&place(0.9, 0.0)).unwrap().proximity[0];
+        assert!((near - 0.9).abs() < 0.1, "{near}");
+    }
+}
