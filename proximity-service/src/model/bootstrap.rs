@@ -25,15 +25,17 @@ impl Resamples {
         if !config.bootstrap {
             return Resamples::Shared;
         }
-        let first = |demonstration: usize| rows[..demonstration].iter().sum::<usize>();
-        let firsts: Vec<usize> = (0..rows.len()).map(first).collect();
-        let total: usize = rows.iter().sum();
+        let mut total = 0;
+        let mut demonstrations = Vec::with_capacity(rows.len());
+        for count in rows {
+            demonstrations.push(total..total + count);
+            total += count;
+        }
         let resample = |member| {
             let mut stream = seed::stream(run_seed, Purpose::Resample, member, 0);
             let mut resample = Vec::with_capacity(total);
             while resample.len() < total {
-                let drawn = stream.random_range(0..rows.len());
-                resample.extend(firsts[drawn]..firsts[drawn] + rows[drawn]);
+                resample.extend(demonstrations[stream.random_range(0..rows.len())].clone());
             }
             resample.truncate(total);
             resample

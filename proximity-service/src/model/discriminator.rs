@@ -1,8 +1,8 @@
 //! Discriminators: whether a state (GAIfO-s), a transition (GAIfO) or a state and action (GAIL) is the
 //! expert's, by logistic regression (Section 4.1, baselines).
 //!
-//! Each member of an ensemble is trained on its own, on the same minibatches, as all our ensembles
-//! are; the authors train the mean of five logits by one loss.
+//! Each member of an ensemble is trained on its own, on the same minibatches unless bootstrapped, as
+//! all our ensembles are; the authors train the mean of five logits by one loss.
 
 use networks::{Score as RowScore, Squashing, binary_cross_entropy};
 use protocol::trajectory::Trajectory;

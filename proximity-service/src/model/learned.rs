@@ -2,7 +2,6 @@
 //! trained on both. Models differ in their [`Objective`] alone.
 
 use std::time::{Duration, Instant};
-use std::vec::IntoIter;
 
 use anyhow::{Result, bail};
 use networks::RunningNormalizer;
@@ -147,22 +146,21 @@ impl<O: Objective> Learned<O> {
             return Ok(taken);
         }
         let agent = self.replay_buffer.len();
-        let mut draws: Vec<_> = (0..self.resamples.minibatches())
+        let mut draws: Vec<(Stream, Vec<MinibatchRows>)> = (0..self.resamples.minibatches() as u64)
             .map(|member| {
                 let purpose = Purpose::ImprovementBatches;
-                let mut stream = seed::stream(self.run_seed, purpose, iteration, member as u64);
+                let mut stream = seed::stream(self.run_seed, purpose, iteration, member);
                 let drawn = self.objective.online(&self.learning(), agent, &mut stream);
-                (member, stream, drawn.into_iter())
+                (stream, drawn)
             })
             .collect();
-        let mut next = |model: &Self| {
-            let minibatch = |(member, stream, drawn): &mut (usize, Stream, IntoIter<_>)| {
-                Some(model.penalized(model.minibatch(*member, drawn.next()?), stream))
-            };
-            draws.iter_mut().map(minibatch).collect::<Option<Vec<_>>>()
-        };
-        while let Some(minibatches) = next(self) {
-            taken.add(self.train(&minibatches, taken.done + 1, learning_rate)?);
+        for step in 0..draws[0].1.len() {
+            let of_member =
+                |(member, (stream, drawn)): (usize, &mut (Stream, Vec<MinibatchRows>))| {
+                    self.penalized(self.minibatch(member, drawn[step].clone()), stream)
+                };
+            let minibatches: Vec<_> = draws.iter_mut().enumerate().map(of_member).collect();
+            taken.add(self.train(&minibatches, step + 1, learning_rate)?);
         }
         Ok(taken)
     }
