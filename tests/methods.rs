@@ -53,6 +53,8 @@ fn every_method_trains_and_evaluates() {
         "temporal-distance",
         "proximity-with-actions",
         "nearest-state",
+        "segment-matching",
+        "proximity-discriminator",
         "bc",
         "bco",
         "sqil",

@@ -21,9 +21,9 @@ pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<
     let mut model = model::of_run(folder, &config)?;
     let iteration = restore(&mut *model, folder, iteration)?;
     let name = config.reward.model.name;
-    let ensemble = model
-        .ensemble()
-        .with_context(|| format!("expected a reward model that is trained, found {name}"))?;
+    let ensemble = model.ensemble().with_context(|| {
+        format!("expected a reward model of one trained ensemble, found {name}")
+    })?;
     let (ensemble, normalizer) = ensemble.networks();
     let graph = export::ensemble(ensemble, normalizer);
     let graph = graph.with(metadata::of_export(&config, iteration, &model.sha256()));

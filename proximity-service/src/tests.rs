@@ -23,6 +23,7 @@ pub(crate) fn config() -> RewardConfig {
         uncertainty: 0.1,
         gradient_penalty: 0.0,
         agent_weight: 1.0,
+        segments: 1,
         discounting: Discounting::Linear,
         delta: 0.1,
         ensemble: 5,

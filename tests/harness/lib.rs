@@ -89,7 +89,7 @@ pub const SMALL_PHYSICS: [&str; 16] = [
 pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
     let unread: &[&str] = match method {
         "bc" | "bco" | "sqil" => &["ppo.", "reward."],
-        "environment-reward" | "nearest-state" => &["reward."],
+        "environment-reward" | "nearest-state" | "segment-matching" => &["reward."],
         "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" => &["reward.pretraining_epochs"],
         "temporal-distance" => &["reward.samples", "reward.experience"],
         _ => &[],

@@ -47,7 +47,7 @@ impl Format {
     }
 }
 
-/// Exports the policy, and the reward model where one was trained.
+/// Exports the policy, and the reward model where it is a trained ensemble.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     let file = |name: &str| arguments.out.join(name).with_extension(arguments.format.extension());
     let mut rows = vec![("policy", export(&Program::Actor, arguments, &file("policy"))?)];
-    if config.reward.model.trains {
+    if config.reward.model.is_one_ensemble() {
         let ensemble = file("ensemble");
         rows.push(("reward model", export(&Program::ProximityService, arguments, &ensemble)?));
     }

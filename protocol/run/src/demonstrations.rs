@@ -163,9 +163,7 @@ fn require_rows(
     file: &Path,
 ) -> Result<(), Error> {
     let RewardConfig { model, batch, .. } = config.reward;
-    // A discriminator has a row for each step, the others one for each observation.
-    let last = u64::from(!model.adversarial);
-    let rows = demonstrations.iter().map(|trajectory| u64::from(trajectory.steps) + last);
+    let rows = demonstrations.iter().map(|trajectory| model.rows(u64::from(trajectory.steps)));
     let (rows, count) = (rows.sum::<u64>(), demonstrations.len());
     if model.trains && rows < batch as u64 {
         let message = format!(

@@ -205,9 +205,10 @@ fn a_name_is_no_setting() {
     assert!(relabelled.unwrap_err().to_string().contains("--preset paper"));
 }
 
+const OUT: &str = "left out";
+
 #[test]
 fn what_nobody_reads_is_refused_unless_it_is_the_files() {
-    const OUT: &str = "left out";
     judge(
         "navigation",
         &[
@@ -230,20 +231,6 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=environment-reward reward.delta=0.9", &["`reward.delta`", OUT]),
             ("method=environment-reward demonstrations.file=x", &["`demonstrations.file`", OUT]),
             ("method=environment-reward demonstrations.coverage=0.25", &[]),
-            ("method=ranking reward.delta=0.9", &["`reward.delta`", OUT, "ranking"]),
-            ("method=ranking reward.pretraining_epochs=3", &[]),
-            ("method=temporal-distance reward.delta=0.9", &[]),
-            (
-                "method=temporal-distance reward.samples=64",
-                &["`reward.samples`", OUT, "temporal-distance"],
-            ),
-            ("method=temporal-distance reward.agent_weight=0.5", &["`reward.agent_weight`", OUT]),
-            ("method=temporal-distance reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
-            ("method=temporal-distance reward.form=absolute", &["`reward.form`", "difference"]),
-            (
-                "method=temporal-distance reward.pretraining_epochs=0",
-                &["reward.pretraining_epochs"],
-            ),
             ("method=gail reward.discounting=linear", &["`reward.discounting`", OUT]),
             ("method=gail reward.pretraining_epochs=3", &["`reward.pretraining_epochs`", OUT]),
             ("method=gail reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
@@ -267,6 +254,38 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=sqil ppo.max_gradient_norm=0.1", &["`ppo.max_gradient_norm`", OUT]),
             ("method=sqil sqil.hidden=[8]", &[]),
             ("method=sqil sqil.tune_temperature=false", &[]),
+        ],
+    );
+}
+
+#[test]
+fn what_a_reward_model_does_not_read_is_refused() {
+    judge(
+        "navigation",
+        &[
+            ("method=ranking reward.delta=0.9", &["`reward.delta`", OUT, "ranking"]),
+            ("method=ranking reward.pretraining_epochs=3", &[]),
+            ("method=temporal-distance reward.delta=0.9", &[]),
+            (
+                "method=temporal-distance reward.samples=64",
+                &["`reward.samples`", OUT, "temporal-distance"],
+            ),
+            ("method=temporal-distance reward.agent_weight=0.5", &["`reward.agent_weight`", OUT]),
+            ("method=temporal-distance reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
+            ("method=temporal-distance reward.form=absolute", &["`reward.form`", "difference"]),
+            (
+                "method=temporal-distance reward.pretraining_epochs=0",
+                &["reward.pretraining_epochs"],
+            ),
+            ("method=proximity-discriminator reward.form=absolute", &[]),
+            ("method=proximity-discriminator reward.samples=0", &["`reward.samples`", "above 0"]),
+            (
+                "method=proximity-discriminator reward.input=state-action",
+                &["`reward.input`", "state"],
+            ),
+            ("method=segment-matching reward.segments=1", &[]),
+            ("method=segment-matching reward.segments=0", &["`reward.segments`", "from 1"]),
+            ("reward.segments=2", &["`reward.segments`", OUT]),
         ],
     );
 }
@@ -300,6 +319,8 @@ fn no_value_breaks_the_judgement() {
     let methods = [
         "goal-proximity",
         "temporal-distance",
+        "proximity-discriminator",
+        "segment-matching",
         "ranking",
         "gail",
         "bc",

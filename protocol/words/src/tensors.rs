@@ -47,6 +47,21 @@ impl Tensors {
     kind!(put_u64, u64, u64, U64, 8);
     kind!(put_u8, u8, u8, U8, 1);
 
+    /// Adds the arrays of another under names that begin with `prefix`.
+    pub fn put_all(&mut self, prefix: &str, others: Tensors) {
+        let named =
+            others.arrays.into_iter().map(|(name, array)| (format!("{prefix}{name}"), array));
+        self.arrays.extend(named);
+    }
+
+    /// The arrays whose names begin with `prefix`, without it.
+    pub fn all(&self, prefix: &str) -> Tensors {
+        let named = |(name, array): (&String, &Array)| {
+            Some((name.strip_prefix(prefix)?.to_owned(), array.clone()))
+        };
+        Tensors { arrays: self.arrays.iter().filter_map(named).collect() }
+    }
+
     /// An array that has to have so many numbers, read by one of the functions for a kind.
     ///
     /// # Errors

@@ -1,12 +1,14 @@
 //! The nearest demonstrated state: a step earns minus the distance of the state it reaches from the
 //! nearest one of the demonstrations. Nothing is trained; what it rewards is to be where the expert
-//! was, not to come closer to the goal.
+//! was, not to come closer to the goal. In segments, an episode and a demonstration are divided into the
+//! same number of parts, and the nearest state is looked for in the part of the same number (segment
+//! matching, arXiv 2506.06793), so that being where the expert began earns nothing at the end.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use networks::RunningNormalizer;
 use protocol::digest;
 use protocol::messages::{Estimates, Score};
-use protocol::task::{ObservationSpec, floats};
+use protocol::task::{ObservationSpec, Spec, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::prelude::*;
 use run::config::{RewardConfig, RunConfig};
@@ -20,45 +22,66 @@ use super::registry::threads;
 pub struct NearestState {
     observation: ObservationSpec,
     normalizer: RunningNormalizer,
-    /// One after another, normalized.
-    demonstrated: Vec<u8>,
+    /// Of each segment, one after another, normalized.
+    demonstrated: Vec<Vec<u8>>,
+    /// Steps of the longest episode, which the segments divide.
+    horizon_steps: usize,
     threads: rayon::ThreadPool,
 }
 
 impl NearestState {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
         let demonstrations = run::demonstrations::load(folder, config)?;
-        let observation = config.task.observation;
-        Ok(Box::new(Self::new(observation, &config.reward, &demonstrations, threads(config)?)))
+        let spec = config.task.spec();
+        let model = Self::new(&spec, &config.reward, &demonstrations, threads(config)?);
+        if let Some(empty) = model.demonstrated.iter().position(Vec::is_empty) {
+            let segments = config.reward.segments;
+            bail!(
+                "expected demonstrations with a state in each of the {segments} parts that `reward.segments` \
+                 divides them into, found none in part {}",
+                empty + 1
+            );
+        }
+        Ok(Box::new(model))
     }
 
     /// The model of some demonstrations.
     pub fn new(
-        observation: ObservationSpec,
+        spec: &Spec,
         config: &RewardConfig,
         demonstrations: &[Trajectory],
         threads: rayon::ThreadPool,
     ) -> NearestState {
-        let states: Vec<&[u8]> =
-            demonstrations.iter().map(Trajectory::observations_to_goal).collect();
-        let mut demonstrated = states.concat();
+        let (observation, segments) = (spec.observation, config.segments);
+        let mut demonstrated = vec![Vec::new(); segments];
+        for states in demonstrations.iter().map(Trajectory::observations_to_goal) {
+            let steps = states.len() / observation.bytes() - 1;
+            for (step, state) in states.chunks_exact(observation.bytes()).enumerate() {
+                demonstrated[segment(step, steps, segments)].extend(state);
+            }
+        }
         let normalizer = normalizer(observation, config, demonstrations);
-        normalizer.normalize(&mut demonstrated);
-        NearestState { observation, normalizer, demonstrated, threads }
+        for states in &mut demonstrated {
+            normalizer.normalize(states);
+        }
+        let horizon_steps = spec.horizon_steps as usize;
+        NearestState { observation, normalizer, demonstrated, horizon_steps, threads }
     }
 
-    /// Of each observation: the share of cells that differ, or the root of the mean square of the
-    /// numbers' differences.
+    /// Of each observation of an episode: the share of cells that differ, or the root of the mean square
+    /// of the numbers' differences.
     fn distances(&self, observations: &[u8]) -> Vec<f32> {
-        let mut observations = observations.to_vec();
-        self.normalizer.normalize(&mut observations);
-        let one = self.observation.bytes();
-        let nearest = |state: &[u8]| {
-            let distances =
-                self.demonstrated.chunks_exact(one).map(|other| self.distance(state, other));
-            distances.fold(f32::INFINITY, f32::min)
-        };
-        observations.chunks_exact(one).map(nearest).collect()
+        let states = observations.chunks_exact(self.observation.bytes()).enumerate();
+        let of_step = |step| segment(step, self.horizon_steps, self.demonstrated.len());
+        states.map(|(step, state)| self.nearest(state, &self.demonstrated[of_step(step)])).collect()
+    }
+
+    /// The distance to the nearest of some states.
+    fn nearest(&self, state: &[u8], others: &[u8]) -> f32 {
+        let mut state = state.to_vec();
+        self.normalizer.normalize(&mut state);
+        let others = others.chunks_exact(self.observation.bytes());
+        others.map(|other| self.distance(&state, other)).fold(f32::INFINITY, f32::min)
     }
 
     fn distance(&self, one: &[u8], other: &[u8]) -> f32 {
@@ -74,6 +97,11 @@ impl NearestState {
             }
         }
     }
+}
+
+/// The segment of a step among so many.
+fn segment(step: usize, steps: usize, segments: usize) -> usize {
+    (step * segments / (steps + 1)).min(segments - 1)
 }
 
 /// 1 at a demonstrated state, falling with the distance.
@@ -98,27 +126,48 @@ impl RewardModel for NearestState {
         self.threads.install(|| batch.par_iter().map(score).collect())
     }
 
+    /// A single state belongs to no segment, so it is compared to all.
     fn estimate(&self, observations: &[u8]) -> Result<Estimates> {
-        let proximity: Vec<f32> = self.distances(observations).into_iter().map(proximity).collect();
+        let states = observations.par_chunks_exact(self.observation.bytes());
+        let nearest = |state: &[u8]| {
+            let distances = self.demonstrated.iter().map(|others| self.nearest(state, others));
+            proximity(distances.fold(f32::INFINITY, f32::min))
+        };
+        let proximity: Vec<f32> = self.threads.install(|| states.map(nearest).collect());
         let uncertainty = vec![0.0; proximity.len()];
         Ok(Estimates { proximity, uncertainty, ..Estimates::default() })
     }
 
     fn sha256(&self) -> String {
-        digest::sha256([&self.demonstrated])
+        digest::sha256(&self.demonstrated)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::{config, place, walk};
+    use crate::tests::{CORRIDOR, config, place, walk};
+    use protocol::task::ActionSpec;
     use protocol::trajectory::Source;
 
     fn model(threads: usize) -> NearestState {
         let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let shown = [walk(0.0, Source::Demonstration)];
-        NearestState::new(ObservationSpec::Vector { len: 2 }, &config(), &shown, threads)
+        NearestState::new(&CORRIDOR, &config(), &shown, threads)
+    }
+
+    #[test]
+    fn a_state_is_compared_to_its_segment_alone() {
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let shown = [walk(0.0, Source::Demonstration)];
+        let config = RewardConfig { segments: 11, ..config() };
+        let model = NearestState::new(&CORRIDOR, &config, &shown, threads);
+        let walked = walk(0.0, Source::Training);
+        assert_eq!(model.distances(walked.observations()), [0.0; 11]);
+        let stands = place(0.0, 0.0).repeat(11);
+        let distances = model.distances(&stands);
+        assert!(distances.is_sorted() && (distances[10] - 0.5_f32.sqrt()).abs() < 1e-6);
+        assert_eq!(model.estimate(&stands).unwrap().proximity, [1.0; 11]);
     }
 
     #[test]
@@ -143,7 +192,9 @@ mod tests {
             cells: vec![0, 1, 2, 3, 0, 0, 0, 0].into(),
             ..Trajectory::default()
         };
-        let model = NearestState::new(observation, &config(), &[shown], threads);
+        let action = ActionSpec::Discrete { count: 2 };
+        let spec = Spec { observation, action, horizon_steps: 2 };
+        let model = NearestState::new(&spec, &config(), &[shown], threads);
         assert_eq!(model.distances(&[0, 1, 2, 3, 0, 0, 3, 3, 3, 3, 3, 3]), [0.0, 0.5, 0.75]);
     }
 

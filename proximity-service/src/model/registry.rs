@@ -5,8 +5,8 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 
 use super::{
-    Discriminator, FixedReward, GoalProximity, Learned, NearestState, Objective, Ranking,
-    RewardModel, TemporalDistance,
+    Discriminator, FixedReward, GoalProximity, Learned, NearestState, Objective,
+    ProximityDiscriminator, Ranking, RewardModel, TemporalDistance,
 };
 
 type Constructor = fn(&RunFolder, &RunConfig) -> Result<Box<dyn RewardModel>>;
@@ -14,6 +14,7 @@ type Constructor = fn(&RunFolder, &RunConfig) -> Result<Box<dyn RewardModel>>;
 /// A line for each name of [`run::config::REWARD_MODELS`].
 const MODELS: &[(&str, Constructor)] = &[
     ("proximity", learned::<GoalProximity>),
+    ("proximity-discriminator", ProximityDiscriminator::of_run),
     ("ranking", learned::<Ranking>),
     ("discriminator", learned::<Discriminator>),
     ("temporal-distance", learned::<TemporalDistance>),

@@ -123,6 +123,8 @@ impl RunConfig {
         let fits = !trains || forms.contains(&reward.form);
         within("reward.form", fits, &expected, reward.form)?;
         let expected = one_of(inputs.iter().map(RewardInput::to_string).collect());
+        let segments = reward.segments;
+        within("reward.segments", (1..=1000).contains(&segments), "from 1 to 1000", segments)?;
         within("reward.input", inputs.contains(&reward.input), &expected, reward.input)?;
         let penalty = reward.gradient_penalty;
         let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });

@@ -150,7 +150,7 @@ impl RunConfig {
         let spec = self.task.spec();
         let [frames, beside] = self.reward_row();
         let row = (frames * spec.observation.bytes() + 4 * beside) as f64;
-        let (size, members) = (self.member_size(), reward.ensemble as f64);
+        let (size, members) = (self.member_size(), self.reward_members());
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
         // A member computes a minibatch at once.
@@ -169,13 +169,19 @@ impl RunConfig {
             + drawn
     }
 
+    /// Members of all its ensembles.
+    fn reward_members(&self) -> f64 {
+        let ensembles = if self.reward.model.discriminates { 2.0 } else { 1.0 };
+        ensembles * self.reward.ensemble as f64
+    }
+
     fn reward_work(&self) -> Work {
         let reward = &self.reward;
         if !reward.model.trains {
             return Work::default();
         }
         let (rows, iterations) = (self.demonstration_rows(), self.iterations() as f64);
-        let (members, batch) = (reward.ensemble as f64, reward.batch as f64);
+        let (members, batch) = (self.reward_members(), reward.batch as f64);
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let offline = reward.pretraining_epochs as f64 * rows;
         let samples = if reward.model.online { reward.samples as f64 } else { 0.0 };

@@ -75,13 +75,13 @@ impl RunConfig {
         let (samples, kept) = (reward.samples, reward.experience);
         let expected = format!("at most reward.experience = {kept}");
         within("reward.samples", samples <= kept, &expected, samples)?;
-        let adversarial = reward.model.adversarial;
-        within("reward.samples", samples > 0 || !adversarial, "above 0 for a discriminator", 0)?;
+        let learns = samples > 0 || !reward.model.has_discriminator();
+        within("reward.samples", learns, "above 0 for a discriminator", 0)?;
         let online = reward.model.online && samples > 0;
         let trains = online || reward.pretraining_epochs > 0;
         within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;
         let (episodes, horizon) = (self.demonstrations.episodes, self.task.spec().horizon_steps);
-        let most = episodes.saturating_mul(u64::from(horizon) + u64::from(!adversarial));
+        let most = episodes.saturating_mul(reward.model.rows(u64::from(horizon)));
         let expected = format!(
             "at most the {most} rows that demonstrations.episodes = {episodes} can have, of at most \
              {horizon} steps"

@@ -26,6 +26,9 @@ pub struct RewardConfig {
     pub gradient_penalty: f64,
     /// Weight of the loss on the agent's observations (Eq. 4, second term), for proximity.
     pub agent_weight: f64,
+    /// Parts that an episode and a demonstration are divided into for `nearest-state`, which then looks
+    /// for a state in its own part alone; 1 looks everywhere.
+    pub segments: usize,
     /// Discounting of proximity with the steps to the goal.
     pub discounting: Discounting,
     /// Delta of the discounting: per step if linear (Eq. 1), base if exponential.
@@ -110,6 +113,8 @@ pub struct RewardModel {
     /// Whether it tells demonstrations from the agent's experience, of which it needs some: it has a row
     /// for each step, no offline phase, and rewards of its own forms.
     pub adversarial: bool,
+    /// Whether it learns a discriminator of states, too, whose probability its proximity is multiplied by.
+    pub discriminates: bool,
     /// Whether it trains on labels that fall with the steps to the goal.
     pub labels: bool,
     /// Whether its rows come in pairs.
@@ -131,6 +136,7 @@ const TRAINED: RewardModel = RewardModel {
     imitates: true,
     trains: true,
     adversarial: false,
+    discriminates: false,
     labels: false,
     pairs: false,
     online: true,
@@ -146,6 +152,14 @@ const FIXED: RewardModel = RewardModel { imitates: false, trains: false, ..TRAIN
 pub const REWARD_MODELS: &[RewardModel] = &[
     // How close a state is to the goal, by regression on the steps to it: the paper's method.
     RewardModel { name: "proximity", labels: true, ..TRAINED },
+    // The same times the probability that the state is the expert's.
+    RewardModel {
+        name: "proximity-discriminator",
+        discriminates: true,
+        labels: true,
+        inputs: &[RewardInput::State],
+        ..TRAINED
+    },
     // How close a state is to the goal, by which of two states comes later (Figure 7).
     RewardModel { name: "ranking", pairs: true, ..TRAINED },
     // Whether a state, transition or state and action is the expert's: GAIfO-s, GAIfO, GAIL.
@@ -169,7 +183,7 @@ pub const REWARD_MODELS: &[RewardModel] = &[
     RewardModel {
         name: "nearest-state",
         trains: false,
-        reads: &["normalize_observations"],
+        reads: &["normalize_observations", "segments"],
         ..TRAINED
     },
     // The environment's own reward.
@@ -184,11 +198,28 @@ impl RewardModel {
         REWARD_MODELS.iter().find(|model| model.name == name)
     }
 
+    /// Whether it has a discriminator, alone or beside proximity.
+    pub fn has_discriminator(&self) -> bool {
+        self.adversarial || self.discriminates
+    }
+
+    /// Rows of a demonstration of so many steps, those of whichever of its ensembles has fewer: a
+    /// discriminator has one for each step, the others one for each observation.
+    pub fn rows(&self, steps: u64) -> u64 {
+        steps + u64::from(!self.has_discriminator())
+    }
+
+    /// Whether it is a single trained ensemble, and so a network that can be exported.
+    pub fn is_one_ensemble(&self) -> bool {
+        self.trains && !self.discriminates
+    }
+
     /// Why a run with it does not read this key of its table; none if it does.
     pub(super) fn unread(&self, key: &str) -> Option<String> {
         let read = match key {
             "model" => true,
             _ if !self.trains => self.reads.contains(&key),
+            "segments" => false,
             "discounting" | "delta" => self.labels,
             "agent_weight" => self.labels && self.online,
             "samples" | "experience" | "experience_after_goal" | "order" => self.online,
