@@ -5,8 +5,8 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, demonstrations, evaluate, experiment, export, log, replay, report, scale, status,
-    task, train,
+    demonstrate, demonstrations, evaluate, experiment, export, log, methods, replay, report, runs,
+    scale, status, stop, task, tasks, train,
 };
 use terminal::refusal::wrong_usage;
 
@@ -26,6 +26,14 @@ enum Verb {
     Status(status::Arguments),
     /// Give a run more or fewer actors while it trains; the result does not change.
     Scale(scale::Arguments),
+    /// End a run's training as Ctrl-C does; --resume continues it.
+    Stop(stop::Arguments),
+    /// List the runs of a folder, newest first.
+    Runs(runs::Arguments),
+    /// List the tasks that there are.
+    Tasks(tasks::Arguments),
+    /// List the methods that there are.
+    Methods(methods::Arguments),
     /// Write the file of a task that is an environment of Python, such as gym:CartPole-v1.
     Task(task::Arguments),
     /// Let a task's expert record demonstrations.
@@ -60,6 +68,10 @@ pub(crate) fn run() -> Result<()> {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Scale(arguments) => scale::run(&arguments),
+        Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Runs(arguments) => runs::run(&arguments),
+        Verb::Tasks(arguments) => tasks::run(&arguments),
+        Verb::Methods(arguments) => methods::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Demonstrations(verb) => demonstrations::run(&verb),
@@ -101,13 +113,18 @@ mod tests {
             "goalward train --resume --run r",
             "goalward status r",
             "goalward scale r --actors 4",
+            "goalward stop r",
+            "goalward runs",
+            "goalward runs r --json",
+            "goalward tasks --json",
+            "goalward methods --json",
             "goalward task gym:FetchPush-v4 --set environment.kwargs.x=3 --out t.toml --force",
             "goalward demonstrate navigation --episodes 250 --coverage 0.5 --seed 2 --out d.mcap",
             "goalward demonstrate gym:x --expert m:f --set environment.kwargs.x=3 --episodes 9 --out d.mcap",
             "goalward demonstrations import d.npz --task gym:x --out d.mcap --keys a,b --success all",
             "goalward demonstrations info d.mcap",
-            "goalward evaluate r --episodes 100",
-            "goalward export r --format safetensors --checkpoint 40 --out e --force",
+            "goalward evaluate r --episodes 100 --json",
+            "goalward export r --format safetensors --checkpoint 40 --out e --force --json",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",
             "goalward experiment a.toml --dry-run",
             "goalward replay r --verify",

@@ -17,6 +17,7 @@
 //! | `progress` | the progress of a run in one line |
 //! | `progress_file` | the newest progress, for experiments |
 //! | `child`, `programs` | processes that `goalward` starts |
+//! | `figures` | what a verb found out, for people or as JSON |
 //! | `headway` | how far a program is that was started for one piece of work |
 //! | `limits` | whether the system lets a run's processes be large enough |
 //! | `tasks` | tasks as the user names them |
@@ -31,6 +32,7 @@ mod demonstrations;
 mod description;
 mod destination;
 mod experiment;
+mod figures;
 mod full_log;
 mod headway;
 mod limits;

@@ -85,6 +85,13 @@ impl Processes {
         self.processes.iter().any(|process| trains(&process.name) && process.state != State::Gone)
     }
 
+    /// The process that watches over the run, where the system shows it.
+    pub(crate) fn supervisor(&self) -> Option<u32> {
+        let alive = |state| matches!(state, State::Running | State::Stopped);
+        let mut found = self.processes.iter().filter(|process| alive(process.state));
+        found.find(|process| process.name == SUPERVISOR)?.id
+    }
+
     /// In a phrase why the run does not go on as it should, if that can be seen.
     pub(crate) fn trouble(&self) -> Option<String> {
         let stopped = |name: &&str| self.state(name) == State::Stopped;

@@ -7,13 +7,13 @@ use std::path::PathBuf;
 use anyhow::Result;
 use run::config::ActionChoice;
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
+use crate::figures::Figures;
 use crate::programs::{self, Program};
 use crate::summary::success;
 use crate::{destination, machine};
 use terminal::numbers;
-use terminal::print::print_line;
 
 /// Flags of `goalward evaluate`.
 #[derive(Debug, clap::Args)]
@@ -29,10 +29,12 @@ pub(crate) struct Arguments {
     /// Replaces the file of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    figures: Figures,
 }
 
 /// What the actor says.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 struct Evaluation {
     episodes: u64,
     success_rate: Option<f64>,
@@ -56,8 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string(), "--actions", actions.name()]);
-    print_line(table(&programs::result(&mut actor, "evaluating")?).trim_end());
-    Ok(())
+    arguments.figures.print(&programs::result(&mut actor, "evaluating")?, table)
 }
 
 fn table(evaluation: &Evaluation) -> String {

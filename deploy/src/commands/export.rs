@@ -1,16 +1,17 @@
 //! `goalward export`: a run's policy and reward model as files that programs without Goalward read.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
+use serde::Serialize;
 
 use crate::destination;
+use crate::figures::Figures;
 use crate::programs::{self, Program};
 use terminal::numbers;
-use terminal::print::print_line;
 
 /// Flags of `goalward export`.
 #[derive(Debug, clap::Args)]
@@ -29,6 +30,17 @@ pub(crate) struct Arguments {
     /// Replaces files of the folder; never anything of a run.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    figures: Figures,
+}
+
+/// A file that was written.
+#[derive(Debug, Serialize)]
+struct Exported {
+    of: &'static str,
+    file: PathBuf,
+    bytes: u64,
+    iterations: u64,
 }
 
 /// Kind of the exported files.
@@ -54,24 +66,35 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     destination::folder(&arguments.out, arguments.force)?;
     fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     let file = |name: &str| arguments.out.join(name).with_extension(arguments.format.extension());
-    let mut rows = vec![("policy", export(&Program::Actor, arguments, &file("policy"))?)];
+    let mut exported = vec![export("policy", &Program::Actor, arguments, file("policy"))?];
     if config.reward.model.is_one_ensemble() {
-        let ensemble = file("ensemble");
-        rows.push(("reward model", export(&Program::ProximityService, arguments, &ensemble)?));
+        let service = Program::ProximityService;
+        exported.push(export("reward model", &service, arguments, file("ensemble"))?);
     }
-    print_line(numbers::table(&rows).trim_end());
-    Ok(())
+    arguments.figures.print(&exported, |exported| table(exported))
 }
 
-/// Lets a program write its file; what is to be said of it.
-fn export(program: &Program, arguments: &Arguments, out: &Path) -> Result<String> {
+/// Lets a program write its file.
+fn export(
+    of: &'static str,
+    program: &Program,
+    arguments: &Arguments,
+    file: PathBuf,
+) -> Result<Exported> {
     let mut command: Command = program.command()?;
-    command.arg("export").arg("--run").arg(&arguments.run).arg("--out").arg(out);
+    command.arg("export").arg("--run").arg(&arguments.run).arg("--out").arg(&file);
     if let Some(iteration) = arguments.checkpoint {
         command.args(["--checkpoint", &iteration.to_string()]);
     }
-    let iteration: u64 = programs::result(&mut command, "exporting")?;
-    let bytes = fs::metadata(out).with_context(|| out.display().to_string())?.len();
-    let (file, iteration) = (out.display(), numbers::count(iteration));
-    Ok(format!("{file}, {}, after {iteration} iterations", numbers::bytes(bytes)))
+    let iterations: u64 = programs::result(&mut command, "exporting")?;
+    let bytes = fs::metadata(&file).with_context(|| file.display().to_string())?.len();
+    Ok(Exported { of, file, bytes, iterations })
+}
+
+fn table(exported: &[Exported]) -> String {
+    let row = |Exported { of, file, bytes, iterations }: &Exported| {
+        let (file, bytes) = (file.display(), numbers::bytes(*bytes));
+        (*of, format!("{file}, {bytes}, after {} iterations", numbers::count(*iterations)))
+    };
+    numbers::table(&exported.iter().map(row).collect::<Vec<_>>())
 }

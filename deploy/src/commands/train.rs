@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     preset: Option<String>,
     /// Method: goal-proximity (the default), a baseline such as gail, gaifo, gaifo-s, bc, bco or sqil,
-    /// or an ablation; deploy/methods.toml has them all.
+    /// or an ablation; `goalward methods` lists them.
     #[arg(long)]
     method: Option<String>,
     /// Seed of every random stream.

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use protocol::Error;
 use protocol::error::out_of_range;
+use toml::{Table, Value};
 
 use crate::config::RunConfig;
 
@@ -65,6 +66,24 @@ pub fn of_text(
     })
 }
 
+/// Names of the tasks of the paper, in its order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+/// Names of the methods, and what each is in a line.
+///
+/// # Panics
+/// Never: a test reads the file.
+pub fn methods() -> Vec<(String, String)> {
+    let methods = METHODS.parse::<Table>().expect("the file is read by every test");
+    let about = |changes: &Value| changes.get("about").and_then(Value::as_str).map(str::to_owned);
+    methods
+        .iter()
+        .map(|(name, changes)| (name.clone(), about(changes).unwrap_or_default()))
+        .collect()
+}
+
 /// A task's place among those of the paper; those of others come behind.
 pub fn place(task: &str) -> usize {
     BUILT_IN.iter().position(|(name, _)| *name == task).unwrap_or(BUILT_IN.len())
@@ -72,8 +91,6 @@ pub fn place(task: &str) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use toml::Table;
-
     use super::*;
 
     #[test]
@@ -90,6 +107,7 @@ mod tests {
     fn every_method_is_a_whole_configuration_of_every_task() {
         let methods = METHODS.parse::<Table>().unwrap();
         assert!(methods.len() > 15, "{methods:?}");
+        assert!(super::methods().iter().all(|(_, about)| about.len() > 10), "each is explained");
         for (task, method) in
             BUILT_IN.into_iter().flat_map(|(task, _)| methods.keys().map(move |name| (task, name)))
         {

@@ -173,7 +173,7 @@ pub struct ResourceConfig {
 impl RunConfig {
     /// Puts a configuration together: the defaults, a task's file, a preset of it, what a method
     /// changes, then `key=value` settings. `methods` has a table for each method, and in it under
-    /// `task` what it changes for single tasks only.
+    /// `task` what it changes for single tasks only and as `about` what it is.
     ///
     /// # Errors
     /// For the first key that is unknown, out of its range, or without effect.
@@ -203,6 +203,7 @@ impl RunConfig {
             return Err(out_of_range("method", &known, &method));
         };
         let mut changes = changes.clone();
+        changes.remove("about");
         let of_tasks = taken(&mut changes, "task");
         let task = table.get("task").and_then(|task| task.get("name")).and_then(Value::as_str);
         let of_task = of_tasks.get(task.unwrap_or("none")).and_then(Value::as_table).cloned();

@@ -1,0 +1,29 @@
+//! How a verb shows what it found out: to people, or to programs as JSON.
+
+use anyhow::Result;
+use serde::Serialize;
+use terminal::print::print_line;
+
+/// The flag of every verb that prints figures.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct Figures {
+    /// Prints JSON for programs instead of a table for people.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Figures {
+    /// Prints figures; `table` makes them readable.
+    ///
+    /// # Errors
+    /// When they cannot be written as JSON.
+    pub(crate) fn print<T: Serialize>(
+        self,
+        figures: &T,
+        table: impl FnOnce(&T) -> String,
+    ) -> Result<()> {
+        let text = if self.json { serde_json::to_string_pretty(figures)? } else { table(figures) };
+        print_line(text.trim_end());
+        Ok(())
+    }
+}

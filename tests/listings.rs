@@ -1,0 +1,74 @@
+//! What `goalward` lists for people and, as JSON, for programs; and a run that is stopped by name.
+//!
+//! Method: a real run that is looked at while it trains, after `goalward stop` and at its end.
+#![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
+
+use serde_json::Value;
+use system_tests::{TestRun, programs};
+
+/// What a verb prints with `--json`.
+fn json(run: &TestRun, arguments: &[&str]) -> Value {
+    let output = run.program("goalward").args(arguments).arg("--json").output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.is_empty(), "{arguments:?}: {said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn a_run_is_listed_stopped_continued_and_evaluated() {
+    let run = TestRun::new(programs!());
+    let here = run.path("").to_str().unwrap().to_owned();
+    let listed = || json(&run, &["runs", &here])[0].clone();
+    let (well, nothing) = run.goalward(&["runs", &here]);
+    assert!(well && nothing.contains("no runs in"), "{nothing}");
+
+    let mut training = run.train(&["steps=40000"]);
+    training.await_checkpoint(4);
+    let line = listed();
+    assert_eq!((&line["state"], &line["task"]), (&"live".into(), &"navigation".into()));
+    assert!(line["environment_steps"].as_u64() > Some(0), "{line}");
+    let (well, said) = run.goalward(&["stop", "run"]);
+    assert!(well && said.contains("train --resume --run run"), "{said}");
+    assert_eq!(training.end(), Some(130));
+    assert_eq!(listed()["state"], "stopped");
+    let (well, said) = run.goalward(&["stop", "run"]);
+    assert!(!well && said.contains("nobody trains the run"), "{said}");
+
+    let summary = run.resume().finish();
+    let line = listed();
+    assert_eq!(line["state"], "finished");
+    assert_eq!(line["environment_steps"], summary.env_steps);
+    let (well, table) = run.goalward(&["runs", &here]);
+    assert!(well && table.contains("finished") && table.contains("navigation"), "{table}");
+
+    let evaluation = json(&run, &["evaluate", "run", "--episodes", "3"]);
+    assert_eq!(evaluation["episodes"], 3);
+    let exported = json(&run, &["export", "run"]);
+    assert_eq!(exported.as_array().unwrap().len(), 2);
+    assert_eq!(exported[0]["of"], "policy");
+}
+
+#[test]
+fn tasks_and_methods_are_those_that_are_trained() {
+    let run = TestRun::new(programs!());
+    let tasks = json(&run, &["tasks"]);
+    let names: Vec<_> = tasks.as_array().unwrap().iter().map(|task| &task["name"]).collect();
+    assert_eq!(names, ["navigation", "fetch-pick", "fetch-push", "ant-reach"]);
+    let methods = json(&run, &["methods"]);
+    let needs = |name: &str| {
+        let found = methods.as_array().unwrap().iter().find(|method| method["name"] == name);
+        found.unwrap()["needs_actions"].as_bool().unwrap()
+    };
+    assert!(needs("gail") && needs("bc") && !needs("goal-proximity") && !needs("bco"));
+    for (verb, part) in [("tasks", "19 x 19 cells"), ("methods", "discriminator of transitions")] {
+        let (well, table) = run.goalward(&[verb]);
+        assert!(well && table.contains(part), "{table}");
+    }
+}
+
+#[test]
+fn a_folder_that_is_none_is_refused() {
+    let run = TestRun::new(programs!());
+    let (well, said) = run.goalward(&["runs", "nowhere"]);
+    assert!(!well && said.contains("expected a folder of runs, nowhere"), "{said}");
+}
