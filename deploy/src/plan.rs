@@ -4,6 +4,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
@@ -18,6 +19,10 @@ use crate::supervisor::{actors_wanted, forget_actors_wanted};
 use crate::tasks;
 use crate::{demonstrations, description, destination};
 use terminal::refusal::{Refusal, wrong_usage};
+
+/// Who only asks whether a run is trained holds its lock for a moment: another attempt finds it free.
+const LOCK_ATTEMPTS: u32 = 3;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";
@@ -150,13 +155,16 @@ impl Plan {
 pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
     let shown = folder.path().display();
     let lock = File::open(folder.path()).with_context(|| format!("opening {shown}"))?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => {
-            Err(wrong_usage(format!("the run in {shown} is being trained right now")))
+    for _ in 0..LOCK_ATTEMPTS {
+        match lock.try_lock() {
+            Ok(()) => return Ok(lock),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_PAUSE),
+            Err(TryLockError::Error(error)) => {
+                return Err(error).with_context(|| format!("locking {shown}"));
+            }
         }
-        Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("locking {shown}")),
     }
+    Err(wrong_usage(format!("the run in {shown} is being trained right now")))
 }
 
 /// `old` with settings laid over it.

@@ -17,7 +17,6 @@
 //! | `chart` | curves as SVG |
 //! | `grid` | proximity over NAVIGATION's grid (Figure 4d) |
 //! | `episode`, `scene`, `solid` | proximity along an episode and pictures of it (Figure 10) |
-//! | `repeat` | the command that makes a run again |
 //! | `pictures` | all pictures of a report |
 //! | `page`, `csv` | what is written |
 
@@ -36,7 +35,6 @@ mod page;
 mod palette;
 mod pictures;
 pub mod programs;
-mod repeat;
 mod runs;
 mod scene;
 mod solid;

@@ -2,12 +2,12 @@
 //! from the policy updates in its log.
 
 use anyhow::{Context, Result};
-use mcap_log::{Contents, Record, read_contents};
 use protocol::messages::PolicyUpdate;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
+use run::updates::policy_updates;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::statistics::Standing;
@@ -119,15 +119,10 @@ impl Measured {
     pub(crate) fn of(folder: RunFolder) -> Result<Measured> {
         let config = folder.config()?;
         let summary = Summary::of_finished(&folder, print_remark);
-        let records = read_contents(&folder.log(), Contents::Updates)
+        let updates = policy_updates(&folder)
             .map_err(Refusal::usage)
             .with_context(|| folder.path().display().to_string())?;
-        let mut updates = Vec::new();
-        for entry in records {
-            if let Record::PolicyUpdate(update) = entry?.record {
-                updates.push(*update);
-            }
-        }
+        let updates = updates.collect::<Result<Vec<_>, _>>()?;
         if updates.is_empty() {
             let log = folder.log();
             let message = "expected policy updates in the log, found none yet";

@@ -4,13 +4,13 @@ use std::path::{Component, Path, PathBuf};
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use run::folder::RunFolder;
+use run::repeat;
 use run::time_to_success::TimeToSuccess;
 
 use crate::learning::{Against, Row, SHARES};
 use crate::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
 use crate::over_panels::{OverPanels, over_panels};
 use crate::pictures::Pictures;
-use crate::repeat;
 use crate::statistics::{Estimate, Standing};
 use terminal::numbers;
 

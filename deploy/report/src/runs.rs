@@ -10,7 +10,7 @@ use run::folder::RunFolder;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::measured::Measured;
-use crate::repeat::settings;
+use run::repeat::settings;
 use run::tasks::place;
 
 /// Keys by which runs of one curve may differ.

@@ -4,16 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use anyhow::{Context, Result};
-use mcap_log::{Contents, Record, read_contents};
 use run::folder::RunFolder;
-use run::summary::Summary;
-use serde::Serialize;
+use run::overview::{Overview, State};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
 
 use crate::figures::Figures;
-use crate::plan;
 
 /// What stands for what is not known.
 const UNKNOWN: &str = "-";
@@ -28,39 +25,12 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
-/// How far a run is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-enum State {
-    Live,
-    Finished,
-    Stopped,
-}
-
-/// A run in a line.
-#[derive(Debug, Serialize)]
-struct Line {
-    run: PathBuf,
-    state: State,
-    task: String,
-    method: String,
-    preset: String,
-    seed: u64,
-    environment_steps: u64,
-    steps_wanted: u64,
-    /// Of the last 100 training episodes.
-    success_rate: Option<f64>,
-    /// Of the evaluation at the end.
-    evaluated_success_rate: Option<f64>,
-    wall_s: Option<f64>,
-}
-
 /// Prints a line for each run.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = &arguments.folder;
     let mut found = runs_in(folder)?;
     found.sort_by_key(|(begun, run)| (std::cmp::Reverse(*begun), run.clone()));
-    let lines: Vec<Line> = found.into_iter().filter_map(|(_, run)| line(run)).collect();
+    let lines: Vec<Overview> = found.into_iter().filter_map(|(_, run)| line(run)).collect();
     arguments.figures.print(&lines, |lines| table(lines, folder))
 }
 
@@ -80,52 +50,13 @@ fn runs_in(folder: &Path) -> Result<Vec<(SystemTime, PathBuf)>> {
 }
 
 /// What is to be said of a run; one that cannot be read costs its line and is named.
-fn line(path: PathBuf) -> Option<Line> {
-    let folder = RunFolder::new(&path);
-    let config = match folder.config() {
-        Ok(config) => config,
-        Err(error) => {
-            print_remark(&error.to_string());
-            return None;
-        }
-    };
-    let mut line = Line {
-        run: path,
-        state: State::Stopped,
-        task: config.task.name,
-        method: config.method,
-        preset: config.preset,
-        seed: config.seed,
-        environment_steps: 0,
-        steps_wanted: config.steps,
-        success_rate: None,
-        evaluated_success_rate: None,
-        wall_s: None,
-    };
-    if let Some(summary) = Summary::of_finished(&folder, print_remark) {
-        line.state = State::Finished;
-        line.environment_steps = summary.env_steps;
-        line.success_rate = summary.success_rate;
-        line.evaluated_success_rate = summary.evaluation.success_rate;
-        line.wall_s = Some(summary.wall_s);
-        return Some(line);
-    }
-    if plan::lock(&folder).is_err() {
-        line.state = State::Live;
-    }
-    let updates = read_contents(&folder.log(), Contents::Updates).into_iter().flatten().flatten();
-    let newest = updates.filter_map(|entry| match entry.record {
-        Record::PolicyUpdate(update) => Some(update),
-        _ => None,
-    });
-    if let Some(update) = newest.last() {
-        line.environment_steps = update.environment_steps;
-        line.success_rate = Some(update.success_rate);
-    }
-    Some(line)
+fn line(path: PathBuf) -> Option<Overview> {
+    Overview::of(&RunFolder::new(path), print_remark)
+        .inspect_err(|error| print_remark(&error.to_string()))
+        .ok()
 }
 
-fn table(lines: &[Line], folder: &Path) -> String {
+fn table(lines: &[Overview], folder: &Path) -> String {
     if lines.is_empty() {
         return format!("no runs in {}", folder.display());
     }
@@ -143,12 +74,7 @@ fn table(lines: &[Line], folder: &Path) -> String {
     ];
     let share =
         |rate: Option<f64>| rate.map_or(UNKNOWN.to_owned(), |rate| numbers::percent(rate, 1));
-    let row = |line: &Line| {
-        let state = match line.state {
-            State::Live => "live".to_owned(),
-            State::Finished => "finished".to_owned(),
-            State::Stopped => "stopped".to_owned(),
-        };
+    let row = |line: &Overview| {
         let done = numbers::percent_done(line.environment_steps, line.steps_wanted);
         let steps = match line.state {
             State::Finished => numbers::count(line.environment_steps),
@@ -158,7 +84,7 @@ fn table(lines: &[Line], folder: &Path) -> String {
         };
         [
             line.run.display().to_string(),
-            state,
+            line.state.name().to_owned(),
             line.task.clone(),
             line.method.clone(),
             line.preset.clone(),

@@ -7,7 +7,7 @@ use bus::MAX_ACTORS;
 use run::folder::RunFolder;
 
 use crate::machine::Machine;
-use crate::{plan, supervisor};
+use crate::supervisor;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
@@ -26,7 +26,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { run, actors } = arguments;
     let folder = RunFolder::new(run);
     folder.config()?;
-    if plan::lock(&folder).is_ok() {
+    if !folder.is_trained() {
         return Err(wrong_usage(format!(
             "nobody trains the run in {}; --resume takes --actors {actors}",
             run.display()

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use bus::{Bus, BusAddress, Role, SharedMemory};
-use mcap_log::{Contents, Record, read_contents};
 use prost::Message;
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use run::checkpoint;
@@ -15,10 +14,11 @@ use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
+use run::updates::policy_updates;
 
 use crate::processes::Processes;
 use crate::progress::offline;
-use crate::{plan, summary};
+use crate::summary;
 use terminal::numbers;
 use terminal::print::{print_line, print_remark};
 
@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         live(&folder, &address, &config, &processes)?
     } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
         format!("finished\n{}", summary::table(&summary))
-    } else if plan::lock(&folder).is_err() {
+    } else if folder.is_trained() {
         beginning(&folder, &config)
     } else {
         stopped(&folder, &config)
@@ -161,11 +161,7 @@ fn times_to_success(folder: &RunFolder) -> Vec<(&'static str, String)> {
 ///
 /// The log is only looked at for metrics: one that cannot be read costs them, nothing else.
 fn last_update_before(folder: &RunFolder, iteration: u64) -> Option<PolicyUpdate> {
-    let records = read_contents(&folder.log(), Contents::Updates).ok()?;
-    let updates = records.flatten().filter_map(|entry| match entry.record {
-        Record::PolicyUpdate(update) => Some(*update),
-        _ => None,
-    });
+    let updates = policy_updates(folder).ok()?.flatten();
     updates.filter(|update| update.iteration < iteration).last()
 }
 

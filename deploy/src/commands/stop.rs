@@ -10,7 +10,6 @@ use rustix::process::{Pid, Signal, kill_process};
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
-use crate::plan;
 use crate::processes::Processes;
 use crate::programs;
 
@@ -32,12 +31,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     folder.config()?;
     let shown = arguments.run.display();
-    if plan::lock(&folder).is_ok() {
+    if !folder.is_trained() {
         return Err(wrong_usage(format!("nobody trains the run in {shown}")));
     }
     kill_process(supervisor(&folder)?, Signal::INT).context("stopping the supervisor")?;
     let begun = Instant::now();
-    while plan::lock(&folder).is_err() {
+    while folder.is_trained() {
         if begun.elapsed() > PATIENCE {
             bail!("the run in {shown} has not ended within {} s", PATIENCE.as_secs());
         }

@@ -13,7 +13,7 @@ use super::archive::Archive;
 use super::planned_run::PlannedRun;
 use crate::child::Child;
 use crate::output::Output;
-use crate::{plan, progress_file};
+use crate::progress_file;
 
 /// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
 const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;
@@ -45,7 +45,7 @@ impl Training {
 
     /// Whether another `goalward train` has the run right now.
     pub(super) fn is_elsewhere(&self) -> bool {
-        self.folder.path().is_dir() && plan::lock(&self.folder).is_err()
+        self.folder.is_trained()
     }
 
     /// The demonstrations that are to be recorded before it starts.

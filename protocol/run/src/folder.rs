@@ -1,5 +1,6 @@
 //! The folder of a run: what lies where, and which checkpoint is the newest whole one.
 
+use std::fs::{File, TryLockError};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,12 @@ impl RunFolder {
     /// The folder itself.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Whether a `goalward train` has the folder right now. Asking takes its lock for a moment.
+    pub fn is_trained(&self) -> bool {
+        let asked = File::open(&self.path).map(|folder| folder.try_lock_shared());
+        matches!(asked, Ok(Err(TryLockError::WouldBlock)))
     }
 
     /// The effective configuration.

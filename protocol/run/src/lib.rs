@@ -1,6 +1,7 @@
 //! What a run is: [`config`] says what it does, [`folder`] what lies where, [`mod@demonstrations`] what
 //! it learns from, [`checkpoint`] where it goes on from, [`origin`] whether it is still what it began
-//! as, [`summary`] and [`time_to_success`] what came of it, [`process`] what every process of it wears, and
+//! as, [`repeat`] how it is made again, [`summary`] and [`time_to_success`] what came of it, [`overview`] all that in
+//! a line, [`updates`] what its log has of its policy, [`process`] what every process of it wears, and
 //! [`process_stat`] what the system says of one.
 
 pub mod checkpoint;
@@ -12,8 +13,11 @@ pub mod headway;
 pub mod learning_rate;
 pub mod metadata;
 pub mod origin;
+pub mod overview;
 pub mod process;
 pub mod process_stat;
+pub mod repeat;
 pub mod summary;
 pub mod tasks;
 pub mod time_to_success;
+pub mod updates;

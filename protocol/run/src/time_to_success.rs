@@ -1,11 +1,11 @@
 //! How long a run took until it succeeded, from the policy updates in its log.
 
-use mcap_log::{Contents, Record, read_contents};
 use protocol::Error;
 use protocol::messages::PolicyUpdate;
 use serde::{Deserialize, Serialize};
 
 use crate::folder::RunFolder;
+use crate::updates::policy_updates;
 
 /// The success rates whose times are taken.
 pub const LEVELS: [f64; 4] = [0.5, 0.9, 0.95, 0.98];
@@ -29,12 +29,7 @@ impl TimeToSuccess {
     /// # Errors
     /// When the log is not there or cannot be read.
     pub fn of_run(folder: &RunFolder) -> Result<Vec<TimeToSuccess>, Error> {
-        let mut updates = Vec::new();
-        for entry in read_contents(&folder.log(), Contents::Updates)? {
-            if let Record::PolicyUpdate(update) = entry?.record {
-                updates.push(*update);
-            }
-        }
+        let updates = policy_updates(folder)?.collect::<Result<Vec<_>, Error>>()?;
         Ok(TimeToSuccess::of_updates(&updates))
     }
 

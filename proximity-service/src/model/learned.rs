@@ -11,7 +11,8 @@ use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
-use run::config::{RewardConfig, RewardInput};
+use run::config::{RewardConfig, RewardInput, RunConfig};
+use run::folder::RunFolder;
 use run::learning_rate::LearningRate;
 use run::process::Final;
 
@@ -23,6 +24,7 @@ use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{EpisodeView, Learning, Objective};
 use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
+use super::threads::threads;
 use crate::replay_buffer::ReplayBuffer;
 
 /// A learned reward model.
@@ -45,6 +47,13 @@ pub struct Learned<O> {
 }
 
 impl<O: Objective> Learned<O> {
+    pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Self> {
+        let demonstrations = run::demonstrations::load(folder, config)?;
+        let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
+        let (reward, threads) = (&config.reward, threads(config)?);
+        Ok(Learned::new(&spec, reward, rate, config.seed, &demonstrations, threads))
+    }
+
     /// A fresh model for a task.
     pub fn new(
         spec: &Spec,

@@ -16,6 +16,7 @@ mod proximity_discriminator;
 mod ranking;
 mod registry;
 mod temporal_distance;
+mod threads;
 
 use std::time::Duration;
 

@@ -16,7 +16,7 @@ use run::folder::RunFolder;
 
 use super::RewardModel;
 use super::learned::normalizer;
-use super::registry::threads;
+use super::threads::threads;
 
 /// The states of the demonstrations.
 pub struct NearestState {

@@ -6,16 +6,12 @@ use std::time::Duration;
 use anyhow::Result;
 use protocol::digest;
 use protocol::messages::{Estimates, RewardUpdate, Score};
-use protocol::task::Spec;
 use protocol::tensors::Tensors;
-use protocol::trajectory::{Encoded, Trajectory};
-use rayon::ThreadPool;
+use protocol::trajectory::Encoded;
 use run::config::{RewardConfig, RewardForm, RunConfig};
 use run::folder::RunFolder;
-use run::learning_rate::LearningRate;
 use run::process::Final;
 
-use super::registry::threads;
 use super::{Discriminator, GoalProximity, Learned, RewardModel, Slice};
 use crate::reward::rewards;
 
@@ -28,28 +24,14 @@ pub struct ProximityDiscriminator {
 
 impl ProximityDiscriminator {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
-        let demonstrations = run::demonstrations::load(folder, config)?;
-        let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
-        let threads = [threads(config)?, threads(config)?];
-        Ok(Box::new(Self::new(&spec, &config.reward, rate, config.seed, &demonstrations, threads)))
-    }
-
-    /// Fresh models for a task.
-    pub fn new(
-        spec: &Spec,
-        config: &RewardConfig,
-        rate: LearningRate,
-        run_seed: u64,
-        demonstrations: &[Trajectory],
-        [own, others]: [ThreadPool; 2],
-    ) -> Self {
         // A discriminator has a form of its own; its rewards are not used.
-        let told_apart = RewardConfig { form: RewardForm::Airl, ..config.clone() };
-        ProximityDiscriminator {
-            proximity: Learned::new(spec, config, rate, run_seed, demonstrations, own),
-            discriminator: Learned::new(spec, &told_apart, rate, run_seed, demonstrations, others),
-            config: config.clone(),
-        }
+        let told_apart = RewardConfig { form: RewardForm::Airl, ..config.reward.clone() };
+        let told_apart = RunConfig { reward: told_apart, ..config.clone() };
+        Ok(Box::new(ProximityDiscriminator {
+            proximity: Learned::of_run(folder, config)?,
+            discriminator: Learned::of_run(folder, &told_apart)?,
+            config: config.reward.clone(),
+        }))
     }
 
     /// An update of both.
@@ -122,6 +104,8 @@ const DISCRIMINATOR: &str = "discriminator.";
 
 #[cfg(test)]
 mod tests {
+    use run::learning_rate::LearningRate;
+
     use super::*;
     use crate::tests::{CORRIDOR, config, place, pretrained, walk};
     use protocol::trajectory::Source;
@@ -132,16 +116,21 @@ mod tests {
 
     fn model(threads: usize) -> ProximityDiscriminator {
         let rate = LearningRate { first: 0.01, iterations: None };
-        let threads =
-            [0, 1].map(|_| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
-        ProximityDiscriminator::new(
-            &CORRIDOR,
-            &settings(),
-            rate,
-            1,
-            &[walk(0.0, Source::Demonstration)],
-            threads,
-        )
+        let threads = || rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let demonstrations = [walk(0.0, Source::Demonstration)];
+        let told_apart = RewardConfig { form: RewardForm::Airl, ..settings() };
+        ProximityDiscriminator {
+            proximity: Learned::new(&CORRIDOR, &settings(), rate, 1, &demonstrations, threads()),
+            discriminator: Learned::new(
+                &CORRIDOR,
+                &told_apart,
+                rate,
+                1,
+                &demonstrations,
+                threads(),
+            ),
+            config: settings(),
+        }
     }
 
     #[test]

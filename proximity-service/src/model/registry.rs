@@ -38,18 +38,7 @@ fn learned<O: Objective + 'static>(
     folder: &RunFolder,
     config: &RunConfig,
 ) -> Result<Box<dyn RewardModel>> {
-    let demonstrations = run::demonstrations::load(folder, config)?;
-    let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
-    let (reward, threads) = (&config.reward, threads(config)?);
-    Ok(Box::new(Learned::<O>::new(&spec, reward, rate, config.seed, &demonstrations, threads)))
-}
-
-/// The threads that a model computes on.
-pub(super) fn threads(config: &RunConfig) -> Result<rayon::ThreadPool> {
-    Ok(rayon::ThreadPoolBuilder::new()
-        .num_threads(config.resources.service_threads)
-        .thread_name(|number| format!("ensemble-{number}"))
-        .build()?)
+    Ok(Box::new(Learned::<O>::of_run(folder, config)?))
 }
 
 #[cfg(test)]

@@ -1,16 +1,15 @@
 //! How a run is made again: the command line whose configuration is that of the run.
 
-use run::config::RunConfig;
-use run::folder::RunFolder;
-
-use run::tasks;
+use crate::config::RunConfig;
+use crate::folder::RunFolder;
+use crate::tasks;
 
 /// Keys that have flags of their own.
 const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 
 /// What a run changes in the configuration that its task, preset and method have by themselves, as
 /// keys and values; seed and steps left out.
-pub(crate) fn settings(config: &RunConfig) -> Vec<(String, String)> {
+pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let method = format!("method={}", config.method);
     let usual = tasks::configuration(&config.task.name, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
@@ -23,7 +22,7 @@ pub(crate) fn settings(config: &RunConfig) -> Vec<(String, String)> {
 }
 
 /// The command line; a task of the user's own is in the run's own configuration.
-pub(crate) fn command(folder: &RunFolder, config: &RunConfig) -> String {
+pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     let RunConfig { task, method, preset, seed, steps, .. } = config;
     if tasks::configuration(&task.name, preset, &[]).is_err() {
         return format!("goalward train {}", folder.config_file().display());
