@@ -5,8 +5,8 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, demonstrations, evaluate, experiment, export, log, methods, replay, report, runs,
-    scale, status, stop, task, tasks, train,
+    demonstrate, demonstrations, evaluate, experiment, export, log, methods, page, replay, report,
+    runs, scale, status, stop, task, tasks, train,
 };
 use terminal::refusal::wrong_usage;
 
@@ -30,6 +30,8 @@ enum Verb {
     Stop(stop::Arguments),
     /// List the runs of a folder, newest first.
     Runs(runs::Arguments),
+    /// Show runs in a browser: curves that move while they train, settings, what came of them.
+    Page(page::Arguments),
     /// List the tasks that there are.
     Tasks(tasks::Arguments),
     /// List the methods that there are.
@@ -70,6 +72,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Scale(arguments) => scale::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Runs(arguments) => runs::run(&arguments),
+        Verb::Page(arguments) => page::run(arguments),
         Verb::Tasks(arguments) => tasks::run(&arguments),
         Verb::Methods(arguments) => methods::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
@@ -116,6 +119,8 @@ mod tests {
             "goalward stop r",
             "goalward runs",
             "goalward runs r --json",
+            "goalward page",
+            "goalward page r s --host 0.0.0.0 --port 0",
             "goalward tasks --json",
             "goalward methods --json",
             "goalward task gym:FetchPush-v4 --set environment.kwargs.x=3 --out t.toml --force",

@@ -7,6 +7,7 @@ pub(crate) mod experiment;
 pub(crate) mod export;
 pub(crate) mod log;
 pub(crate) mod methods;
+pub(crate) mod page;
 pub(crate) mod replay;
 pub(crate) mod report;
 pub(crate) mod runs;

@@ -7,18 +7,21 @@ use crate::tasks;
 /// Keys that have flags of their own.
 const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 
-/// What a run changes in the configuration that its task, preset and method have by themselves, as
-/// keys and values; seed and steps left out.
-pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
+/// What a run changes in the configuration that its task, preset and method have by themselves, as keys
+/// with its own value and the usual one; seed and steps left out.
+pub fn differences(config: &RunConfig) -> Vec<(String, [String; 2])> {
     let method = format!("method={}", config.method);
     let usual = tasks::configuration(&config.task.name, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
     let Ok(usual) = usual else { return Vec::new() };
     let differences = config.result_differences(&usual).into_iter();
-    differences
-        .filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str()))
-        .map(|(key, [own, _])| (key, own.trim_matches('"').to_owned()))
-        .collect()
+    differences.filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str())).collect()
+}
+
+/// The same as keys and values.
+pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
+    let differences = differences(config).into_iter();
+    differences.map(|(key, [own, _])| (key, own.trim_matches('"').to_owned())).collect()
 }
 
 /// The command line; a task of the user's own is in the run's own configuration.

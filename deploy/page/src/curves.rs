@@ -1,0 +1,113 @@
+//! What a run's log has of its updates, as rows of numbers.
+
+use mcap_log::{Contents, Record, read_contents};
+use protocol::messages::{PolicyUpdate, RewardUpdate};
+use run::folder::RunFolder;
+use serde::Serialize;
+
+/// The names of a row's numbers.
+const COLUMNS: [&str; 21] = [
+    "iteration",
+    "environment_steps",
+    "episodes",
+    "wall_s",
+    "success_rate",
+    "mean_reward",
+    "mean_proximity",
+    "mean_uncertainty",
+    "mean_episode_steps",
+    "entropy",
+    "approximate_kl",
+    "clip_fraction",
+    "policy_loss",
+    "value_loss",
+    "gradient_norm",
+    "learning_rate",
+    "demonstration_loss",
+    "agent_loss",
+    "rollout_s",
+    "scoring_s",
+    "update_s",
+];
+
+/// A number for each of [`COLUMNS`]; not a number where there is none, which JSON has as null.
+type Row = [f64; COLUMNS.len()];
+
+/// The curves of a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Curves {
+    rows: Vec<Row>,
+    /// What of the log cannot be read, a line each.
+    pub(crate) trouble: Vec<String>,
+}
+
+/// The rows from one on, as a browser gets them.
+#[derive(Debug, Serialize)]
+pub(crate) struct Rows<'a> {
+    columns: [&'static str; COLUMNS.len()],
+    rows: &'a [Row],
+    next: usize,
+}
+
+impl Curves {
+    /// Those of a run. What cannot be read costs the rows behind it.
+    pub(crate) fn of(folder: &RunFolder) -> Curves {
+        let mut curves = Curves::default();
+        // A run that has only begun has no log yet, which is no trouble.
+        if !folder.log().exists() {
+            return curves;
+        }
+        let mut reader = match read_contents(&folder.log(), Contents::Updates) {
+            Ok(reader) => reader,
+            Err(error) => {
+                curves.trouble.push(error.to_string());
+                return curves;
+            }
+        };
+        let mut learned = None;
+        for entry in reader.by_ref() {
+            match entry.map(|entry| entry.record) {
+                Ok(Record::PolicyUpdate(update)) => curves.rows.push(row(&update, learned.take())),
+                Ok(Record::RewardUpdate(update)) => learned = Some(update),
+                Ok(_) => {}
+                Err(error) => curves.trouble.push(error.to_string()),
+            }
+        }
+        let lost = reader.endings().iter().filter(|(_, ending)| ending.lost());
+        curves.trouble.extend(lost.map(|(path, ending)| format!("{}: {ending}", path.display())));
+        curves
+    }
+
+    /// The rows from the `from`-th on; none where there are no more.
+    pub(crate) fn from(&self, from: usize) -> Rows<'_> {
+        let rows = self.rows.get(from..).unwrap_or_default();
+        Rows { columns: COLUMNS, rows, next: self.rows.len() }
+    }
+}
+
+fn row(update: &PolicyUpdate, learned: Option<RewardUpdate>) -> Row {
+    let losses = learned.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
+    [
+        update.iteration as f64,
+        update.environment_steps as f64,
+        update.episodes as f64,
+        update.wall_s,
+        update.success_rate,
+        update.mean_reward,
+        update.mean_proximity,
+        update.mean_uncertainty,
+        update.mean_episode_steps,
+        update.entropy,
+        update.approximate_kl,
+        update.clip_fraction,
+        update.policy_loss,
+        update.value_loss,
+        update.gradient_norm,
+        update.learning_rate,
+        losses[0],
+        losses[1],
+        update.rollout_s,
+        update.scoring_s,
+        update.update_s,
+    ]
+}

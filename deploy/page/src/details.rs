@@ -1,0 +1,55 @@
+//! What a run is: its configuration, what of it is not the default, its summary.
+
+use anyhow::Result;
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::repeat;
+use run::summary::Summary;
+use serde::Serialize;
+
+use crate::curves::Curves;
+use crate::runs::Listed;
+
+/// A run, as its view shows it.
+#[derive(Debug, Serialize)]
+pub(crate) struct Details {
+    run: Listed,
+    configuration: String,
+    differences: Vec<Difference>,
+    summary: Option<Summary>,
+    command: String,
+    trouble: Vec<String>,
+}
+
+/// A setting that is not the default of the run's task, preset and method.
+#[derive(Debug, Serialize)]
+struct Difference {
+    key: String,
+    default: String,
+    value: String,
+}
+
+impl Details {
+    /// Those of a run.
+    ///
+    /// # Errors
+    /// When its configuration cannot be read.
+    pub(crate) fn of(folder: &RunFolder, run: Listed, curves: &Curves) -> Result<Details> {
+        let config = folder.config()?;
+        let mut trouble = curves.trouble.clone();
+        let summary = Summary::of_finished(folder, |remark| trouble.push(remark.to_owned()));
+        Ok(Details {
+            run,
+            configuration: config.to_text(),
+            differences: differences(&config),
+            summary,
+            command: repeat::command(folder, &config),
+            trouble,
+        })
+    }
+}
+
+fn differences(config: &RunConfig) -> Vec<Difference> {
+    let differing = repeat::differences(config).into_iter();
+    differing.map(|(key, [value, default])| Difference { key, default, value }).collect()
+}

@@ -1,0 +1,111 @@
+//! Who may ask: browsers of this machine, or whoever has the token. A page of somebody else's in the same
+//! browser may not, whatever name it has given to this address (DNS rebinding), nor may its forms and frames.
+
+use axum::http::{HeaderMap, Uri, header};
+
+/// What a question must have.
+#[derive(Clone, Debug)]
+pub(crate) struct Guard {
+    /// Without one, only this machine's own names are answered to.
+    pub(crate) token: Option<String>,
+}
+
+/// Names by which a browser reaches its own machine.
+const OWN_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
+
+impl Guard {
+    /// Whether a question is answered; otherwise why not.
+    pub(crate) fn admit(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), String> {
+        let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+        let host = text(header::HOST).unwrap_or_default();
+        if let Some(token) = &self.token {
+            if !given_token(uri).is_some_and(|given| is_same(given, token)) {
+                return Err(
+                    "expected the token of the address that goalward page printed".to_owned()
+                );
+            }
+        } else if !OWN_NAMES.contains(&without_port(host)) {
+            return Err(
+                "expected this machine's own name in the address, such as 127.0.0.1".to_owned()
+            );
+        }
+        let own = |origin: &str| origin.split_once("://").is_some_and(|(_, name)| name == host);
+        if text(header::ORIGIN).is_some_and(|origin| !own(origin)) {
+            return Err(
+                "expected a question from this page, found one from another site".to_owned()
+            );
+        }
+        let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
+        // A link on another site may lead here; nothing that it embeds may.
+        let leads_here = headers.get("sec-fetch-mode").is_some_and(|mode| mode == "navigate");
+        if matches!(site, Some("cross-site" | "same-site")) && !leads_here {
+            return Err(
+                "expected a question from this page, found one from another site".to_owned()
+            );
+        }
+        Ok(())
+    }
+}
+
+fn given_token(uri: &Uri) -> Option<&str> {
+    uri.query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
+}
+
+/// Compares without telling by its time where two differ.
+fn is_same(given: &str, token: &str) -> bool {
+    let differing =
+        given.bytes().zip(token.bytes()).fold(0, |all, (one, other)| all | (one ^ other));
+    given.len() == token.len() && differing == 0
+}
+
+fn without_port(host: &str) -> &str {
+    let is_port = |text: &str| text.bytes().all(|letter| letter.is_ascii_digit());
+    host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn admitted(token: Option<&str>, path: &str, headers: &[(&'static str, &str)]) -> bool {
+        let headers = headers
+            .iter()
+            .map(|(name, value)| (header::HeaderName::from_static(name), value.parse().unwrap()));
+        let guard = Guard { token: token.map(str::to_owned) };
+        guard.admit(&path.parse().unwrap(), &headers.collect()).is_ok()
+    }
+
+    #[test]
+    fn this_machine_is_answered_by_its_own_names_alone() {
+        for host in ["127.0.0.1:7878", "localhost:7878", "[::1]:7878", "localhost"] {
+            assert!(admitted(None, "/", &[("host", host)]), "{host}");
+        }
+        for host in ["evil.example:7878", "127.0.0.1.evil.example", "", "[::2]:7878", "::1"] {
+            assert!(!admitted(None, "/", &[("host", host)]), "{host}");
+        }
+        assert!(!admitted(None, "/", &[]));
+    }
+
+    #[test]
+    fn a_token_is_asked_for_where_there_is_one() {
+        let host = ("host", "10.0.0.5:7878");
+        assert!(admitted(Some("abc"), "/api/runs?token=abc", &[host]));
+        assert!(admitted(Some("abc"), "/api/runs?from=3&token=abc", &[host]));
+        for path in ["/", "/?token=", "/?token=abd", "/?token=abcd", "/?nottoken=abc"] {
+            assert!(!admitted(Some("abc"), path, &[host]), "{path}");
+        }
+    }
+
+    #[test]
+    fn other_sites_are_refused() {
+        let host = ("host", "localhost:7878");
+        assert!(admitted(None, "/", &[host, ("origin", "http://localhost:7878")]));
+        for origin in ["http://evil.example", "null", "http://localhost:80"] {
+            assert!(!admitted(None, "/", &[host, ("origin", origin)]), "{origin}");
+        }
+        let site = ("sec-fetch-site", "cross-site");
+        assert!(!admitted(None, "/", &[host, site, ("sec-fetch-mode", "no-cors")]));
+        assert!(admitted(None, "/", &[host, site, ("sec-fetch-mode", "navigate")]));
+        assert!(admitted(None, "/", &[host, ("sec-fetch-site", "same-origin")]));
+    }
+}

@@ -1,0 +1,167 @@
+//! Which runs there are, how far each is, and what was read of them until their files change.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use anyhow::Result;
+use run::folder::RunFolder;
+use run::overview::Overview;
+use serde::Serialize;
+
+use crate::curves::Curves;
+use crate::details::Details;
+use crate::kept::Kept;
+
+/// Runs whose line is kept.
+const OVERVIEWS_KEPT: usize = 10_000;
+
+/// Runs whose curves are kept.
+const CURVES_KEPT: usize = 32;
+
+/// Most lines of trouble that are shown.
+const TROUBLE_SHOWN: usize = 10;
+
+/// A run in the list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Listed {
+    id: String,
+    /// Seconds since 1970.
+    begun: u64,
+    #[serde(flatten)]
+    overview: Overview,
+}
+
+/// All runs, newest first, and what keeps others from being among them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct List {
+    folder: String,
+    runs: Vec<Listed>,
+    trouble: Vec<String>,
+}
+
+/// The runs in some folders, which may be runs themselves.
+#[derive(Debug)]
+pub(crate) struct Runs {
+    places: Vec<PathBuf>,
+    overviews: Kept<Result<Overview, String>>,
+    curves: Kept<Arc<Curves>>,
+}
+
+/// A run's folder and the name that addresses have for it.
+type Found = (String, PathBuf);
+
+impl Runs {
+    /// Those in `places`.
+    pub(crate) fn in_folders(places: Vec<PathBuf>) -> Runs {
+        Runs { places, overviews: Kept::of(OVERVIEWS_KEPT), curves: Kept::of(CURVES_KEPT) }
+    }
+
+    /// All of them now.
+    pub(crate) fn list(&self) -> List {
+        let (found, mut trouble) = self.find();
+        let mut runs = Vec::new();
+        for (id, path) in &found {
+            match self.overview(path) {
+                Ok(overview) => {
+                    runs.push(Listed { id: id.clone(), begun: begun(path), overview });
+                }
+                Err(error) => trouble.push(error),
+            }
+        }
+        runs.sort_by_key(|run| (std::cmp::Reverse(run.begun), run.id.clone()));
+        let more = trouble.len().saturating_sub(TROUBLE_SHOWN);
+        trouble.truncate(TROUBLE_SHOWN);
+        if more > 0 {
+            trouble.push(format!("and {more} more"));
+        }
+        let places: Vec<String> =
+            self.places.iter().map(|path| path.display().to_string()).collect();
+        List { folder: places.join(", "), runs, trouble }
+    }
+
+    /// What a run is; none where no run has that name.
+    pub(crate) fn details(&self, id: &str) -> Option<Result<Details>> {
+        let path = self.path_of(id)?;
+        Some(self.details_at(id, &path))
+    }
+
+    fn details_at(&self, id: &str, path: &Path) -> Result<Details> {
+        let overview = self.overview(path).map_err(anyhow::Error::msg)?;
+        let listed = Listed { id: id.to_owned(), begun: begun(path), overview };
+        Details::of(&RunFolder::new(path), listed, &self.curves_at(path))
+    }
+
+    /// The curves of a run; none where no run has that name.
+    pub(crate) fn curves(&self, id: &str) -> Option<Arc<Curves>> {
+        Some(self.curves_at(&self.path_of(id)?))
+    }
+
+    fn curves_at(&self, path: &Path) -> Arc<Curves> {
+        self.curves.get(path, |folder| Arc::new(Curves::of(folder)))
+    }
+
+    /// A damaged summary is told where the run is shown.
+    fn overview(&self, path: &Path) -> Result<Overview, String> {
+        let read = |folder: &RunFolder| Overview::of(folder, |_| {}).map_err(|e| e.to_string());
+        self.overviews.get(path, read)
+    }
+
+    fn path_of(&self, id: &str) -> Option<PathBuf> {
+        self.find().0.into_iter().find(|(name, _)| name == id).map(|(_, path)| path)
+    }
+
+    fn find(&self) -> (Vec<Found>, Vec<String>) {
+        let (mut found, mut trouble) = (Vec::new(), Vec::new());
+        for place in &self.places {
+            if is_run(place) {
+                found.push(place.clone());
+                continue;
+            }
+            match runs_in(place) {
+                Ok(runs) => found.extend(runs),
+                Err(error) => trouble.push(format!("{}: {error}", place.display())),
+            }
+        }
+        (named(found), trouble)
+    }
+}
+
+fn is_run(path: &Path) -> bool {
+    RunFolder::new(path).config_file().is_file()
+}
+
+/// The runs right in a folder. Those that a link leads to from elsewhere are not its own.
+fn runs_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut runs = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() && is_run(&entry.path()) {
+            runs.push(entry.path());
+        }
+    }
+    runs.sort();
+    Ok(runs)
+}
+
+/// Runs by the names of their folders; a name that another has already gets a number.
+fn named(paths: Vec<PathBuf>) -> Vec<Found> {
+    let mut found: Vec<Found> = Vec::new();
+    for path in paths {
+        let full = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let own = full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned();
+        let others =
+            found.iter().filter(|(_, other)| other.file_name() == path.file_name()).count();
+        let name = if others == 0 { own } else { format!("{own}~{}", others + 1) };
+        found.push((name, path));
+    }
+    found
+}
+
+fn begun(path: &Path) -> u64 {
+    let modified =
+        fs::metadata(RunFolder::new(path).config_file()).and_then(|file| file.modified());
+    let since = modified.ok().and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
+    since.map_or(0, |since| since.as_secs())
+}

@@ -1,0 +1,183 @@
+// A line chart: axes, lines, bands, a cursor that tells values, files of what it shows.
+
+import { button, drawn, element, save } from "./dom.js";
+import { percent, short } from "./format.js";
+import { at, thinned } from "./series.js";
+
+const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [480, 250, 52, 18, 10, 26];
+
+/** A chart in a figure of its own. */
+export class Chart {
+  constructor({ title, share }) {
+    this.title = title;
+    // A share of episodes or samples is drawn from 0 to 100 %.
+    [this.least, this.most, this.show] = share ? [0, 1, percent] : [Infinity, -Infinity, short];
+    this.lines = [];
+    this.readout = element("div", { class: "readout" });
+    this.svg = drawn("svg", {
+      class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", tabindex: 0,
+      onpointermove: (event) => this.point(event), onpointerleave: () => this.leave(),
+      onkeydown: (event) => this.step(event), onblur: () => this.leave(),
+    });
+    const files = [
+      button("SVG", () => this.saveSvg(), { "aria-label": `Save ${title} as SVG` }),
+      button("PNG", () => this.savePng(), { "aria-label": `Save ${title} as PNG` }),
+      button("CSV", () => this.saveCsv(), { "aria-label": `Save ${title} as CSV` }),
+    ];
+    this.figure = element("figure", {},
+      element("figcaption", {}, title, element("span", { class: "save" }, files)), this.svg, this.readout);
+  }
+
+  /** Draws lines: `{name, color, raw, points, low, high, dashed}`, over an x axis called `xName`. */
+  draw(lines, xName) {
+    [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
+    this.svg.setAttribute("aria-label", this.summary());
+    if (this.lines.length === 0) {
+      this.svg.replaceChildren(words(WIDTH / 2, HEIGHT / 2, "nothing yet", "middle"));
+      return;
+    }
+    this.range = this.ranges();
+    const parts = this.lines.flatMap((line) => this.drawnLine(line));
+    this.cursor = drawn("line", { y1: TOP, y2: HEIGHT - BOTTOM, stroke: "var(--soft)", visibility: "hidden" });
+    this.svg.replaceChildren(...this.axes(), ...parts, this.cursor);
+  }
+
+  summary() {
+    const ends = this.lines.map((line) => `${line.name} ends at ${this.show(line.points.at(-1)[1])}`);
+    return `${this.title}. ${ends.join(", ") || "Nothing yet"}.`;
+  }
+
+  ranges() {
+    const all = this.lines.flatMap((line) => [...line.points, ...(line.raw ?? []), ...(line.low ?? []), ...(line.high ?? [])]);
+    let [left, right, low, high] = [Infinity, -Infinity, this.least, this.most];
+    for (const [x, y] of all) {
+      [left, right] = [Math.min(left, x), Math.max(right, x)];
+      [low, high] = [Math.min(low, y), Math.max(high, y)];
+    }
+    // Noise of rounding is no range.
+    if (high - low <= 1e-9 * Math.max(Math.abs(low), Math.abs(high))) [low, high] = [low - 0.5, high + 0.5];
+    return { left, right: right > left ? right : left + 1, low, high };
+  }
+
+  x(value) {
+    const { left, right } = this.range;
+    return LEFT + ((value - left) / (right - left)) * (WIDTH - LEFT - RIGHT);
+  }
+
+  y(value) {
+    const { low, high } = this.range;
+    return HEIGHT - BOTTOM - ((value - low) / (high - low)) * (HEIGHT - TOP - BOTTOM);
+  }
+
+  path(points) {
+    return thinned(points).map(([x, y], i) => `${i ? "L" : "M"}${this.x(x).toFixed(1)} ${this.y(y).toFixed(1)}`).join("");
+  }
+
+  drawnLine({ color, raw, points, low, high, dashed }) {
+    const stroke = { fill: "none", stroke: color, "stroke-linejoin": "round" };
+    const parts = [];
+    if (low?.length > 0) {
+      const around = this.path(low) + this.path([...high].reverse()).replace("M", "L");
+      parts.push(drawn("path", { d: `${around}Z`, fill: color, "fill-opacity": 0.18 }));
+    }
+    if (raw) parts.push(drawn("path", { ...stroke, d: this.path(raw), "stroke-opacity": 0.25 }));
+    parts.push(drawn("path", {
+      ...stroke, d: this.path(points), "stroke-width": 1.8, "stroke-dasharray": dashed ? "5 3" : null,
+    }));
+    return parts;
+  }
+
+  axes() {
+    const { left, right, low, high } = this.range;
+    const rows = ticks(low, high, 5).flatMap((value) => [
+      drawn("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: this.y(value), y2: this.y(value), stroke: "var(--line)" }),
+      words(LEFT - 6, this.y(value) + 4, this.show(value), "end"),
+    ]);
+    const columns = ticks(left, right, 5).map((value) => words(this.x(value), HEIGHT - 8, short(value), "middle"));
+    return [...rows, ...columns];
+  }
+
+  point(event) {
+    if (this.lines.length === 0) return;
+    const box = this.svg.getBoundingClientRect();
+    const share = ((event.clientX - box.left) / box.width) * WIDTH;
+    const { left, right } = this.range;
+    this.tell(left + ((share - LEFT) / (WIDTH - LEFT - RIGHT)) * (right - left));
+  }
+
+  step(event) {
+    const direction = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!direction || this.lines.length === 0) return;
+    event.preventDefault();
+    const { left, right } = this.range;
+    this.tell((this.told ?? right) + (direction * (right - left)) / 50);
+  }
+
+  tell(x) {
+    const { left, right } = this.range;
+    this.told = Math.min(Math.max(x, left), right);
+    this.cursor.setAttribute("x1", this.x(this.told));
+    this.cursor.setAttribute("x2", this.x(this.told));
+    this.cursor.setAttribute("visibility", "visible");
+    const values = this.lines.map((line) => `${line.name} ${this.show(at(line.points, this.told))}`);
+    this.readout.textContent = `${this.xName} ${short(this.told)}: ${values.join(" · ")}`;
+  }
+
+  leave() {
+    this.told = null;
+    this.readout.textContent = "";
+    this.cursor?.setAttribute("visibility", "hidden");
+  }
+
+  /** The picture by itself, its colours written out. */
+  picture() {
+    const copy = this.svg.cloneNode(true);
+    copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+    copy.setAttribute("width", 2 * WIDTH);
+    copy.setAttribute("height", 2 * HEIGHT);
+    const style = getComputedStyle(document.documentElement);
+    const paper = drawn("rect", { width: WIDTH, height: HEIGHT, fill: style.getPropertyValue("--paper") });
+    copy.prepend(paper);
+    const text = new XMLSerializer().serializeToString(copy);
+    return text.replace(/var\((--[a-z0-9]+)\)/g, (_, name) => style.getPropertyValue(name).trim());
+  }
+
+  name(ending) {
+    return `${this.title.toLowerCase().replace(/[^a-z0-9]+/g, "-")}.${ending}`;
+  }
+
+  saveSvg() {
+    save(this.name("svg"), new Blob([this.picture()], { type: "image/svg+xml" }));
+  }
+
+  savePng() {
+    const image = new Image();
+    image.onload = () => {
+      const canvas = element("canvas", { width: 2 * WIDTH, height: 2 * HEIGHT });
+      canvas.getContext("2d").drawImage(image, 0, 0);
+      canvas.toBlob((blob) => save(this.name("png"), blob));
+    };
+    image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(this.picture())}`;
+  }
+
+  saveCsv() {
+    const quoted = (name) => `"${name.replaceAll('"', '""')}"`;
+    const rows = this.lines.flatMap((line) => (line.raw ?? line.points).map(([x, y]) => `${quoted(line.name)},${x},${y}`));
+    const text = [`line,${this.xName},value`, ...rows].join("\n");
+    save(this.name("csv"), new Blob([`${text}\n`], { type: "text/csv" }));
+  }
+}
+
+function words(x, y, text, anchor) {
+  const look = { "font-size": 11, "font-family": "system-ui, sans-serif", fill: "var(--soft)" };
+  return drawn("text", { x, y, "text-anchor": anchor, ...look }, text);
+}
+
+function ticks(low, high, most) {
+  const rough = (high - low) / most;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
+  const found = [];
+  for (let i = Math.ceil(low / step); i * step <= high + step * 1e-9; i += 1) found.push(i * step);
+  return found;
+}

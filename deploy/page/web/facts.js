@@ -1,0 +1,74 @@
+// What a run is: how far, what came of it, its settings, the command that repeats it.
+
+import { button, element } from "./dom.js";
+import { count, date, duration, percent } from "./format.js";
+
+// The parts of wall time; the others of a summary run beside them.
+const WALL_TIME = ["rollout", "scoring", "policy_update"];
+
+/** The sections below a run's curves. */
+export function facts({ run, configuration, differences, summary, command }) {
+  return [
+    element("h2", {}, "How it stands"), list(standing(run, summary)),
+    ...(summary ? [element("h2", {}, "Where the time went"), parts(summary.seconds)] : []),
+    element("h2", {}, "To repeat it"),
+    element("p", {}, element("code", {}, command), " ", button("Copy", () => navigator.clipboard.writeText(command))),
+    element("h2", {}, "Settings that are not the default"), settings(differences),
+    element("details", {}, element("summary", {}, "The whole configuration"), element("pre", {}, configuration)),
+  ];
+}
+
+function standing(run, summary) {
+  const rows = [
+    ["state", element("span", { class: `state ${run.state}` }, run.state)],
+    ["task, method, preset, seed", `${run.task}, ${run.method}, ${run.preset}, ${run.seed}`],
+    ["begun", date(run.begun)],
+    ["environment steps", `${count(run.environment_steps)} of ${count(run.steps_wanted)}`],
+    ["success, last 100 training episodes", percent(run.success_rate)],
+    ["time", duration(run.wall_s)],
+  ];
+  if (!summary) return rows;
+  const { evaluation, time_to_success: times } = summary;
+  const builds = summary.builds.map((build) => Object.values(build).filter((part) => typeof part === "string").join(" "));
+  return [
+    ...rows,
+    ["success, evaluation", `${percent(evaluation.success_rate)} of ${count(evaluation.episodes)} episodes`],
+    ["speed", `${count(summary.steps_per_s)} steps/s`],
+    ...times.map((time) => [`${percent(time.success_rate)} for good`, `${duration(time.wall_s)}, ${count(time.env_steps)} steps`]),
+    ["policy SHA-256", element("code", {}, summary.policy_sha256)],
+    ["reward model SHA-256", element("code", {}, summary.proximity_sha256)],
+    ["build", builds.join("; ") || "unknown"],
+  ];
+}
+
+function list(rows) {
+  const pairs = rows.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]);
+  return element("dl", { class: "facts" }, pairs);
+}
+
+function settings(differences) {
+  if (differences.length === 0) return element("p", {}, "None: all are those of its task, preset and method.");
+  const rows = differences.map(({ key, value, default: usual }) => element("tr", {},
+    element("td", { class: "text" }, element("code", {}, key)),
+    element("td", { class: "text wrap" }, value), element("td", { class: "text wrap" }, usual)));
+  const head = ["setting", "value", "default"].map((name) => element("th", { class: "text", scope: "col" }, name));
+  return element("div", { class: "scroll" }, element("table", {},
+    element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows)));
+}
+
+function parts(seconds) {
+  const found = WALL_TIME.map((name) => [name, seconds[name]]);
+  const total = found.reduce((sum, [, value]) => sum + value, 0);
+  const bars = found.map(([name, value], index) => {
+    const bar = element("span", { title: `${name}: ${duration(value)}` });
+    bar.style.flexGrow = value / total;
+    bar.style.background = `var(--c${index % 8})`;
+    return bar;
+  });
+  const names = found.map(([name, value], index) => {
+    const mark = element("span");
+    mark.style.background = `var(--c${index % 8})`;
+    return element("li", {}, mark, `${name.replaceAll("_", " ")} ${duration(value)}`);
+  });
+  return element("div", {}, element("div", { class: "parts" }, bars), element("ul", { class: "legend" }, names));
+}

@@ -1,0 +1,123 @@
+// One run, or several over each other: curves, and of one run what it is.
+
+import * as api from "./api.js";
+import { Chart } from "./chart.js";
+import { button, element } from "./dom.js";
+import { facts } from "./facts.js";
+import { band, CHARTS, points, smoothed, Updates } from "./series.js";
+
+const COLORS = 8;
+const AXES = { environment_steps: "steps", wall_s: "seconds" };
+
+/** The view of runs. */
+export class RunView {
+  constructor(place, ids) {
+    this.ids = ids;
+    this.updates = ids.map((id) => new Updates(id));
+    this.known = new Map();
+    this.looks = { x: "environment_steps", weight: 0.6, bands: false };
+    this.isOpen = true;
+    this.trouble = element("div");
+    this.legend = element("ul", { class: "legend" });
+    this.facts = element("div");
+    this.charts = CHARTS.map((wanted) => ({ ...wanted, chart: new Chart(wanted) }));
+    this.pictures = element("div", { class: "charts" }, this.charts.map(({ chart }) => chart.figure));
+    place.replaceChildren(
+      element("p", {}, element("a", { href: "#/" }, "All runs")),
+      element("h1", {}, ids.length === 1 ? ids[0] : `${ids.length} runs`),
+      this.trouble, this.controls(), this.legend,
+      this.pictures, this.facts,
+    );
+  }
+
+  controls() {
+    const axes = Object.entries(AXES).map(([key, label]) => button(label, () => {
+      this.looks.x = key;
+      for (const other of axes) other.setAttribute("aria-pressed", other.textContent === label);
+      this.draw();
+    }, { "aria-pressed": String(key === this.looks.x) }));
+    const slider = element("input", {
+      type: "range", min: 0, max: 0.98, step: 0.02, value: this.looks.weight,
+      oninput: () => { this.looks.weight = Number(slider.value); this.draw(); },
+    });
+    const bands = element("input", {
+      type: "checkbox", onchange: () => { this.looks.bands = bands.checked; this.draw(); },
+    });
+    return element("div", { class: "controls" },
+      element("span", {}, "against"), axes,
+      element("label", {}, "smoothing", slider),
+      this.ids.length > 1 ? element("label", {}, bands, "seeds as bands") : null);
+  }
+
+  /** Reads again what the list says has changed. */
+  async show(list) {
+    const line = (id) => {
+      const run = list.runs.find((other) => other.id === id);
+      return run ? `${run.state} ${run.environment_steps}` : "gone";
+    };
+    const changed = this.updates.filter(({ id }) => this.known.get(id) !== line(id));
+    for (const { id } of changed) this.known.set(id, line(id));
+    if (changed.length > 0) await this.read(changed);
+  }
+
+  close() {
+    this.isOpen = false;
+  }
+
+  async read(changed) {
+    const lines = [];
+    for (const updates of changed) {
+      try {
+        await updates.read();
+        const found = await api.details(updates.id);
+        updates.run = found.run;
+        lines.push(...found.trouble);
+        if (this.ids.length === 1 && this.isOpen) this.facts.replaceChildren(...facts(found));
+      } catch (error) {
+        lines.push(`${updates.id}: ${error.message}`);
+      }
+    }
+    if (!this.isOpen) return;
+    this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
+    this.pictures.hidden = this.updates.every((updates) => !updates.run);
+    this.draw();
+  }
+
+  draw() {
+    const groups = this.groups();
+    const names = groups.map(({ name, color }) => {
+      const mark = element("span");
+      mark.style.background = color;
+      return element("li", {}, mark, name);
+    });
+    this.legend.replaceChildren(...(this.ids.length > 1 ? names : []));
+    for (const wanted of this.charts) {
+      wanted.chart.draw(groups.flatMap((group) => this.lines(group, wanted)), AXES[this.looks.x]);
+    }
+  }
+
+  /** Runs that are drawn as one line: each by itself, or those that differ in the seed alone. */
+  groups() {
+    const byName = new Map();
+    for (const updates of this.updates) {
+      const { task, method, preset } = updates.run ?? {};
+      const name = this.looks.bands && task ? `${task}, ${method}, ${preset}` : updates.id;
+      byName.set(name, [...(byName.get(name) ?? []), updates]);
+    }
+    return [...byName].map(([name, all], index) => ({ name, all, color: `var(--c${index % COLORS})` }));
+  }
+
+  lines({ name, all, color }, { columns, rate }) {
+    return columns.map((column, index) => {
+      const several = columns.length > 1 ? ` ${column.replaceAll("_", " ")}` : "";
+      const found = all.map((updates) => points(updates, column, this.looks.x, rate));
+      const own = this.ids.length > 1 ? name : "";
+      const look = { name: `${own}${several}`.trim() || "value", color, dashed: index > 0 };
+      if (all.length > 1) {
+        const { mean, low, high } = band(found.map((line) => smoothed(line, this.looks.weight)));
+        return { ...look, name: `${look.name} (${all.length} seeds)`, points: mean, low, high };
+      }
+      return { ...look, raw: this.looks.weight > 0 ? found[0] : null, points: smoothed(found[0], this.looks.weight) };
+    });
+  }
+}

@@ -1,0 +1,123 @@
+// The list of runs: sorted, filtered, chosen to be compared.
+
+import { button, element } from "./dom.js";
+import { count, date, duration, percent } from "./format.js";
+
+const COLUMNS = [
+  { key: "id", label: "run", text: true, show: link },
+  { key: "state", label: "state", text: true, show: (run) => element("span", { class: `state ${run.state}` }, run.state) },
+  { key: "task", label: "task", text: true },
+  { key: "method", label: "method", text: true },
+  { key: "preset", label: "preset", text: true },
+  { key: "seed", label: "seed" },
+  { key: "environment_steps", label: "steps", show: steps },
+  { key: "success_rate", label: "success", show: (run) => percent(run.success_rate) },
+  { key: "evaluated_success_rate", label: "evaluation", show: (run) => percent(run.evaluated_success_rate) },
+  { key: "wall_s", label: "time", show: (run) => duration(run.wall_s) },
+  { key: "begun", label: "begun", show: (run) => date(run.begun) },
+];
+
+/** The view of all runs. */
+export class ListView {
+  constructor(place) {
+    this.sorting = { key: "begun", falls: true };
+    this.chosen = new Set();
+    this.list = null;
+    this.filter = element("input", {
+      id: "filter", type: "search", placeholder: "Filter ( / )", "aria-label": "Filter runs",
+      oninput: () => this.draw(),
+    });
+    this.compare = button("Compare", () => {
+      location.hash = `#/compare/${[...this.chosen].map(encodeURIComponent).join(",")}`;
+    });
+    this.body = element("div");
+    place.replaceChildren(
+      element("h1", {}, "Runs"),
+      element("div", { class: "controls" }, this.filter, this.compare),
+      this.body,
+    );
+  }
+
+  /** Draws a new list. */
+  show(list) {
+    this.list = list;
+    this.draw();
+  }
+
+  close() {}
+
+  draw() {
+    this.compare.disabled = this.chosen.size < 2;
+    const { runs, trouble } = this.list;
+    const lines = trouble.map((line) => element("p", { class: "trouble" }, line));
+    this.body.replaceChildren(...lines, runs.length === 0 ? empty() : this.table(this.shown(runs)));
+  }
+
+  shown(runs) {
+    const words = this.filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const matches = (run) => {
+      const text = [run.id, run.task, run.method, run.preset, run.state, `seed ${run.seed}`].join(" ").toLowerCase();
+      return words.every((word) => text.includes(word));
+    };
+    const { key, falls } = this.sorting;
+    const order = (a, b) => compare(a[key], b[key]) * (falls ? -1 : 1);
+    return runs.filter(matches).sort(order);
+  }
+
+  table(runs) {
+    if (runs.length === 0) return element("p", {}, "No run matches the filter.");
+    const head = COLUMNS.map((column) => this.head(column));
+    const rows = runs.map((run) => element("tr", {}, this.choice(run), COLUMNS.map((column) => cell(column, run))));
+    return element("div", { class: "scroll" }, element("table", {},
+      element("thead", {}, element("tr", {}, element("th", { "aria-label": "chosen" }), head)),
+      element("tbody", {}, rows)));
+  }
+
+  head({ key, label, text }) {
+    const { key: sorted, falls } = this.sorting;
+    const order = key === sorted ? (falls ? "descending" : "ascending") : null;
+    const sort = button(label, () => {
+      this.sorting = { key, falls: key === sorted ? !falls : !text };
+      this.draw();
+    });
+    return element("th", { class: text ? "text" : null, "aria-sort": order, scope: "col" }, sort);
+  }
+
+  choice(run) {
+    const box = element("input", {
+      type: "checkbox", checked: this.chosen.has(run.id), "aria-label": `Compare ${run.id}`,
+      onchange: () => {
+        if (box.checked) this.chosen.add(run.id);
+        else this.chosen.delete(run.id);
+        this.compare.disabled = this.chosen.size < 2;
+      },
+    });
+    return element("td", {}, box);
+  }
+}
+
+function compare(a, b) {
+  if (a === b) return 0;
+  if (a === null) return -1;
+  if (b === null) return 1;
+  return a < b ? -1 : 1;
+}
+
+function cell({ key, text, show }, run) {
+  return element("td", { class: text ? "text" : null }, show ? show(run) : String(run[key]));
+}
+
+function link(run) {
+  return element("a", { href: `#/run/${encodeURIComponent(run.id)}` }, run.id);
+}
+
+function steps(run) {
+  const bar = element("progress", { max: Math.max(run.steps_wanted, 1), value: run.environment_steps });
+  return element("span", {}, run.state === "finished" ? "" : bar, ` ${count(run.environment_steps)}`);
+}
+
+function empty() {
+  return element("div", {},
+    element("p", {}, "There are no runs here yet. This begins one:"),
+    element("pre", {}, "goalward train"));
+}

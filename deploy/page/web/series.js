@@ -1,0 +1,123 @@
+// The updates of runs as lines: several numbers, smoothed, several seeds as one.
+
+import * as api from "./api.js";
+
+/** The updates of a run, read as far as they have come. */
+export class Updates {
+  constructor(id) {
+    this.id = id;
+    this.columns = [];
+    this.rows = [];
+  }
+
+  /** Reads what is new; whether anything is. */
+  async read() {
+    let found = await api.updates(this.id, this.rows.length);
+    if (found.next < this.rows.length) {
+      // The run went back to a checkpoint.
+      this.rows = [];
+      found = await api.updates(this.id, 0);
+    }
+    this.columns = found.columns;
+    this.rows.push(...found.rows);
+    return found.rows.length > 0;
+  }
+
+  /** The numbers of a column. */
+  column(name) {
+    const place = this.columns.indexOf(name);
+    return this.rows.map((row) => row[place]);
+  }
+}
+
+/** What is drawn: a title, and how its numbers come from the updates. */
+export const CHARTS = [
+  { title: "Success, last 100 training episodes", columns: ["success_rate"], share: true },
+  { title: "Reward a step", columns: ["mean_reward"] },
+  { title: "Proximity", columns: ["mean_proximity"] },
+  { title: "Uncertainty", columns: ["mean_uncertainty"] },
+  { title: "Episode length, steps", columns: ["mean_episode_steps"] },
+  { title: "Entropy, nats", columns: ["entropy"] },
+  { title: "Approximate KL, nats", columns: ["approximate_kl"] },
+  { title: "Value loss", columns: ["value_loss"] },
+  { title: "Policy loss", columns: ["policy_loss"] },
+  { title: "Reward model's losses", columns: ["demonstration_loss", "agent_loss"] },
+  { title: "Share of samples clipped", columns: ["clip_fraction"], share: true },
+  { title: "Environment steps a second", columns: ["environment_steps"], rate: true },
+];
+
+/** The points of a column over `x`; of a rate, its increase over wall time. */
+export function points(updates, column, x, rate) {
+  const [horizontal, vertical] = [updates.column(x), updates.column(column)];
+  const times = rate ? updates.column("wall_s") : null;
+  const found = [];
+  for (let i = 0; i < vertical.length; i += 1) {
+    let y = vertical[i];
+    if (rate) {
+      const passed = i > 0 ? times[i] - times[i - 1] : 0;
+      y = passed > 0 ? (vertical[i] - vertical[i - 1]) / passed : null;
+    }
+    if (y !== null && y !== undefined && horizontal[i] !== null) found.push([horizontal[i], y]);
+  }
+  return found;
+}
+
+/** An exponential mean without the pull of its start; `weight` in [0, 1) is that of the past. */
+export function smoothed(line, weight) {
+  let [sum, total] = [0, 0];
+  return line.map(([x, y]) => {
+    sum = weight * sum + y;
+    total = weight * total + 1;
+    return [x, sum / total];
+  });
+}
+
+/** The mean and the range of several lines, where all of them have points. */
+export function band(lines, count = 200) {
+  const full = lines.filter((line) => line.length > 1);
+  if (full.length === 0) return { mean: [], low: [], high: [] };
+  const first = Math.max(...full.map((line) => line[0][0]));
+  const last = Math.min(...full.map((line) => line.at(-1)[0]));
+  const found = { mean: [], low: [], high: [] };
+  for (let i = 0; i <= count && last > first; i += 1) {
+    const x = first + ((last - first) * i) / count;
+    const values = full.map((line) => at(line, x));
+    found.mean.push([x, values.reduce((a, b) => a + b, 0) / values.length]);
+    found.low.push([x, Math.min(...values)]);
+    found.high.push([x, Math.max(...values)]);
+  }
+  return found;
+}
+
+/** A line's height at `x`, between its points straight. */
+export function at(line, x) {
+  const next = firstBehind(line, x);
+  if (next === 0) return line[0][1];
+  if (next === line.length) return line.at(-1)[1];
+  const [[x0, y0], [x1, y1]] = [line[next - 1], line[next]];
+  return y0 + ((y1 - y0) * (x - x0)) / (x1 - x0 || 1);
+}
+
+function firstBehind(line, x) {
+  let [low, high] = [0, line.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (line[middle][0] > x) high = middle;
+    else low = middle + 1;
+  }
+  return low;
+}
+
+/** At most about `count` points: of each stretch its lowest and its highest. */
+export function thinned(line, count = 600) {
+  if (line.length <= count) return line;
+  const stretch = Math.ceil(line.length / (count / 2));
+  const kept = [];
+  for (let i = 0; i < line.length; i += stretch) {
+    const part = line.slice(i, i + stretch);
+    const low = part.reduce((a, b) => (b[1] < a[1] ? b : a));
+    const high = part.reduce((a, b) => (b[1] > a[1] ? b : a));
+    kept.push(...(low[0] <= high[0] ? [low, high] : [high, low]));
+  }
+  return kept;
+}
