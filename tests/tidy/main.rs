@@ -23,7 +23,7 @@ const FILE_LINES: usize = 500;
 const FUNCTION_LINES: usize = 70;
 
 /// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
-const EDGES: [(&str, &[&str]); 14] = [
+const EDGES: [(&str, &[&str]); 15] = [
     ("protocol", &[]),
     ("bus", &["protocol"]),
     ("mcap-log", &["protocol"]),
@@ -36,7 +36,8 @@ const EDGES: [(&str, &[&str]); 14] = [
     ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks", "export"]),
     ("terminal", &["protocol"]),
     ("report", &["protocol", "mcap-log", "run", "terminal"]),
-    ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report"]),
+    ("page", &["protocol", "mcap-log", "run", "terminal"]),
+    ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report", "page"]),
     (
         "system-tests",
         &[

@@ -8,7 +8,7 @@ use run::summary::Summary;
 use serde::Serialize;
 
 use crate::curves::Curves;
-use crate::runs::Listed;
+use crate::listed::Listed;
 
 /// A run, as its view shows it.
 #[derive(Debug, Serialize)]

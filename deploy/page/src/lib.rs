@@ -9,6 +9,7 @@
 //! | `guard` | who may ask |
 //! | `assets` | the files of the page |
 //! | `runs` | which runs there are, and how far each is |
+//! | `listed` | runs in a list |
 //! | `kept` | what was read of runs, until their files change |
 //! | `curves` | what a run's log has of its updates |
 //! | `details` | what a run is |
@@ -18,6 +19,7 @@ mod curves;
 mod details;
 mod guard;
 mod kept;
+mod listed;
 mod runs;
 mod server;
 

@@ -8,11 +8,11 @@ use std::time::SystemTime;
 use anyhow::Result;
 use run::folder::RunFolder;
 use run::overview::Overview;
-use serde::Serialize;
 
 use crate::curves::Curves;
 use crate::details::Details;
 use crate::kept::Kept;
+use crate::listed::{List, Listed};
 
 /// Runs whose line is kept.
 const OVERVIEWS_KEPT: usize = 10_000;
@@ -22,24 +22,6 @@ const CURVES_KEPT: usize = 32;
 
 /// Most lines of trouble that are shown.
 const TROUBLE_SHOWN: usize = 10;
-
-/// A run in the list.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Listed {
-    id: String,
-    /// Seconds since 1970.
-    begun: u64,
-    #[serde(flatten)]
-    overview: Overview,
-}
-
-/// All runs, newest first, and what keeps others from being among them.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct List {
-    folder: String,
-    runs: Vec<Listed>,
-    trouble: Vec<String>,
-}
 
 /// The runs in some folders, which may be runs themselves.
 #[derive(Debug)]

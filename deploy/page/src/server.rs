@@ -25,7 +25,8 @@ use tokio_stream::wrappers::WatchStream;
 
 use crate::assets;
 use crate::guard::Guard;
-use crate::runs::{List, Runs};
+use crate::listed::List;
+use crate::runs::Runs;
 
 /// How often the runs are looked at while somebody watches.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -213,14 +214,15 @@ fn in_json(answer: &impl Serialize) -> Response {
     Json(answer).into_response()
 }
 
-/// The list of runs, and again whenever it has changed. A browser that is slow misses lists, never the newest.
+/// The list of runs now, and again whenever it has changed. A browser that is slow misses lists, never the newest.
 async fn events(State(pages): State<Arc<Pages>>) -> Result<impl IntoResponse, Refused> {
     let place = Arc::clone(&pages.watchers).try_acquire_owned().map_err(|_taken| {
         let line = format!("{WATCHERS} browsers are told of changes already");
         Refused(StatusCode::SERVICE_UNAVAILABLE, line)
     })?;
-    let newest = pages.newest.subscribe();
-    let lists = WatchStream::from_changes(newest).map(move |list| {
+    let changes = WatchStream::from_changes(pages.newest.subscribe());
+    let now = Arc::new(pages.read(Runs::list).await?);
+    let lists = tokio_stream::once(now).chain(changes).map(move |list| {
         let _held = &place;
         let event = Event::default().event("runs").json_data(&*list);
         Ok::<_, Infallible>(event.unwrap_or_default())
