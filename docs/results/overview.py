@@ -1,78 +1,157 @@
-"""Draws the picture that opens the results: success against environment steps, a field for each panel.
+"""Draws success against environment steps: `overview.svg`, and each panel of the plans that a page shows.
 
     pip install -r docs/results/requirements.txt && python docs/results/overview.py
 
-Data: `points.csv` and `curves.csv`. Lines are means over seeds with 95 % intervals (Student's), dots each seed's
-success in evaluation; a method without environment steps has dots alone.
+A page shows a panel by the name `FIGURE-PANEL.svg`. Data: `points.csv` and `runs.csv`. Lines are means over
+seeds with 95 % intervals (Student's). Behind their end each method has a column: a dash is a seed's success
+in evaluation, a triangle what the authors published. A method without environment steps has these alone.
 """
+
+import io
+import re
 
 import matplotlib
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from rebuild import HERE, Row, place, read
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+from rebuild import HERE, PAGES, Curve, Row, curves, interval, plans, read
 
-PANELS = {
-    ("figure4", "navigation-25"): "NAVIGATION, 25 % coverage",
-    ("figure3", "navigation-50"): "NAVIGATION, 50 % coverage",
-    ("figure3", "push-noise-2"): "FETCH PUSH, noise 2",
-    ("figure3", "pick-50"): "FETCH PICK, 50 % coverage",
-    ("figure3", "ant-noise-0.05"): "ANT REACH, noise 0.05",
+PANELS = [
+    ("figure4", "navigation-25"),
+    ("figure3", "navigation-50"),
+    ("figure3", "push-noise-2"),
+    ("figure3", "pick-50"),
+    ("figure3", "ant-noise-0.05"),
+]
+# Those of `goalward report` (deploy/report/src/chart.rs), and black.
+COLORS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6e6e6e", "#000000"]
+SETTINGS = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "goalward",
+    "font.sans-serif": ["DejaVu Sans"],
+    "axes.spines.top": False,
+    "axes.spines.right": False,
 }
-METHODS = ["goal-proximity", "soft-push-back", "difference", "gaifo-s", "gaifo", "gail", "bco", "bc"]
-# Student's 97.5 % quantiles for 2 to 5 seeds.
-QUANTILES = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776}
 # Where a panel's curves are read; a run has a point at or after each twentieth of its steps.
 GRID = np.linspace(0.05, 1.0, 20)
+# Width of a method's column behind the end of its curve, as a share of the steps.
+COLUMN = 0.04
+
+Panel = tuple[str, str]
 
 
-def draw(axes: Axes, panel: tuple[str, str], points: list[Row], runs: list[Row]) -> None:
-    """A field: every method's curve and its seeds' evaluations."""
-    points = [row for row in points if place(row)[:2] == panel]
-    runs = [row for row in runs if place(row)[:2] == panel and row["evaluation_success_rate"]]
-    last = max(int(row["environment_steps"]) for row in points)
-    for index, method in enumerate(METHODS):
-        color = f"C{index}"
-        seeds = sorted({row["seed"] for row in runs if row["curve"] == method})
-        curves = [curve(points, method, seed, last) for seed in seeds]
-        curves = [values for values in curves if values is not None]
-        if curves:
-            mean = np.mean(curves, axis=0)
-            axes.plot(GRID * last / 1e6, mean, color=color)
-            if len(curves) > 1:
-                half = QUANTILES[len(curves)] * np.std(curves, axis=0, ddof=1) / np.sqrt(len(curves))
-                low, high = np.clip(mean - half, 0, 100), np.clip(mean + half, 0, 100)
-                axes.fill_between(GRID * last / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
-        ends = [100 * float(row["evaluation_success_rate"]) for row in runs if row["curve"] == method]
-        axes.plot([last / 1e6 * (1.03 + 0.02 * index)] * len(ends), ends, ".", color=color, markersize=4)
-    axes.set(title=PANELS[panel], ylim=(0, 101), xlabel="million environment steps")
+def colors(panels: list[Panel]) -> dict[str, str]:
+    """A color for each curve of some panels."""
+    names = dict.fromkeys(name for panel in panels for name in plans()[panel].authors)
+    return {name: COLORS[place % len(COLORS)] for place, name in enumerate(names)}
 
 
-def curve(points: list[Row], method: str, seed: str, last: int) -> np.ndarray | None:
-    """Success of the last 100 training episodes, per cent, at the grid's steps; none without such."""
-    own = [row for row in points if row["curve"] == method and row["seed"] == seed]
-    if len(own) < len(GRID) // 2:
-        return None
-    steps = [int(row["environment_steps"]) for row in own]
-    return np.interp(GRID * last, steps, [100 * float(row["success_rate"]) for row in own])
+def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> None:
+    """A field: every curve, and behind its end its seeds' evaluations and the authors' success."""
+    points = [row for row in points if (row["figure"], row["panel"]) == panel]
+    last = max(int(row["environment_steps"]) for row in points) / 1e6
+    shown = curves(*panel)
+    right = (1.06 + COLUMN * len(shown)) * last
+    axes.axvspan(1.02 * last, right, color="0.95", linewidth=0)
+    for place, curve in enumerate(shown):
+        own = [row for row in points if row["curve"] == curve.name]
+        style = {"color": color[curve.name], "clip_on": False}
+        line(axes, trained(curve, own, last), last, style)
+        ends(axes, curve, (1.04 + COLUMN * place) * last, COLUMN * last, style)
+    ticks = MaxNLocator(6, steps=[1, 5, 10]).tick_values(0, last)
+    axes.set(title=plans()[panel].title, xlabel="million environment steps")
+    axes.set(xlim=(0, right), xticks=[tick for tick in ticks if tick <= last])
+    axes.set(ylim=(0, 1), yticks=[0, 0.25, 0.5, 0.75, 1])
+    axes.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+
+
+def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> None:
+    """A curve's column: a dash for each seed's evaluation, and to its right the authors' triangle."""
+    dashes = [(x, share) for share in curve.evaluations for x in (left, left + 0.45 * width, np.nan)]
+    axes.plot(*zip(*dashes, strict=True), linewidth=1, **style)
+    if curve.authors is not None:
+        axes.plot(left + 0.7 * width, curve.authors, "<", markersize=4.5, markeredgewidth=0, **style)
+
+
+def line(axes: Axes, seeds: list[np.ndarray], last: float, style: dict) -> None:
+    """The mean over seeds and its interval; nothing of none."""
+    if not seeds:
+        return
+    axes.plot(GRID * last, np.mean(seeds, axis=0), **style)
+    band = interval(np.array(seeds))
+    if band is not None:
+        low, high = band
+        corners = np.append(GRID, GRID[::-1]) * last, np.append(low, high[::-1])
+        axes.fill(*corners, color=style["color"], alpha=0.2, linewidth=0)
+
+
+def trained(curve: Curve, points: list[Row], last: float) -> list[np.ndarray]:
+    """Each seed's success of the last 100 training episodes at the grid's steps, of those that have such."""
+    found = []
+    for run in curve.runs:
+        own = [row for row in points if row["seed"] == run["seed"]]
+        steps = [int(row["environment_steps"]) / 1e6 for row in own]
+        if own:
+            found.append(np.interp(GRID * last, steps, [float(row["success_rate"]) for row in own]))
+    return found
+
+
+def legend(color: dict[str, str]) -> list[Artist]:
+    """What the colors and marks say."""
+    lines = [plt.Line2D([], [], color=color, label=name) for name, color in color.items()]
+    marks = {"_": "evaluation of a seed", "<": "the authors' success"}
+    style = {"color": "0.3", "linestyle": "none", "markersize": 5}
+    return [*lines, *(plt.Line2D([], [], marker=mark, label=label, **style) for mark, label in marks.items())]
+
+
+def save(figure: plt.Figure, name: str) -> None:
+    """Writes a picture, the same bytes each time."""
+    text = io.StringIO()
+    figure.savefig(text, metadata={"Date": None})
+    plt.close(figure)
+    # Tenths of a point are fine enough. What is written lies outside of tags and stays.
+    text = re.sub(r"(\.\d)\d+(?=[^<]*>)", r"\1", text.getvalue())
+    (HERE / name).write_text(re.sub(r" *\n *", "\n", text))
+
+
+def draw_overview(points: list[Row]) -> None:
+    """Draws the picture that opens the results, a field for each panel."""
+    figure, fields = plt.subplots(2, 3, figsize=(12, 6.6), sharey=True, layout="constrained")
+    color = colors(PANELS)
+    for axes, panel in zip(fields.flat, PANELS, strict=False):
+        draw(axes, panel, color, points)
+        axes.tick_params(left=axes in fields[:, 0])
+    for axes in fields[:, 0]:
+        axes.set_ylabel("success")
+    fields.flat[-1].axis("off")
+    fields.flat[-1].legend(handles=legend(color), loc="center", frameon=False)
+    save(figure, "overview.svg")
+
+
+def draw_panel(panel: Panel, points: list[Row]) -> None:
+    """Draws one panel."""
+    figure, axes = plt.subplots(figsize=(7.6, 4), layout="constrained")
+    color = colors([other for other in plans() if other[0] == panel[0]])
+    draw(axes, panel, color, points)
+    axes.set_ylabel("success")
+    shown = {curve.name: color[curve.name] for curve in curves(*panel)}
+    figure.legend(handles=legend(shown), loc="outside right center", frameon=False)
+    save(figure, f"{'-'.join(panel)}.svg")
 
 
 def main() -> None:
-    """Draws `overview.svg`."""
-    points, runs = read("points.csv"), read("runs.csv")
-    figure, fields = plt.subplots(2, 3, figsize=(12, 6.6), sharey=True)
-    for axes, panel in zip(fields.flat, PANELS, strict=False):
-        draw(axes, panel, points, runs)
-    for row in fields:
-        row[0].set_ylabel("success, %")
-    legend = fields.flat[-1]
-    legend.axis("off")
-    lines = [plt.Line2D([], [], color=f"C{index}", label=method) for index, method in enumerate(METHODS)]
-    legend.legend(handles=lines, loc="center", frameon=False)
-    figure.tight_layout()
-    figure.savefig(HERE / "overview.svg", metadata={"Date": None})
+    """Draws all pictures."""
+    plt.rcParams.update(SETTINGS)
+    points = read(HERE / "points.csv")
+    draw_overview(points)
+    pages = "".join(page.read_text() for page in PAGES)
+    for panel in plans():
+        if f"{'-'.join(panel)}.svg" in pages:
+            draw_panel(panel, points)
 
 
 if __name__ == "__main__":
