@@ -41,7 +41,7 @@ median() {
 # The processor time of a run of so many steps, and in $folder/run the run.
 core_seconds() {
     rm -rf "$folder/run"
-    "$goalward" train "$1" --method "$2" --steps "$3" --run "$folder/run" >"$folder/progress.txt"
+    "$goalward" train "$1" --no-page --method "$2" --steps "$3" --run "$folder/run" >"$folder/progress.txt"
     sed -n 's/^  "processor_s": \([0-9.]*\).*/\1/p' "$folder/run/summary.json"
 }
 
@@ -83,7 +83,7 @@ if [ "${1:-}" = --to ]; then
     for seed in ${SEEDS:-101 102 103 104 105}; do
         run=$folder/$seed
         begun=$(date +%s%N)
-        "$goalward" train "$@" --seed "$seed" --run "$run" >"$folder/progress.txt"
+        "$goalward" train "$@" --no-page --seed "$seed" --run "$run" >"$folder/progress.txt"
         whole=$((($(date +%s%N) - begun) / 1000000000))
         read -r steps wall processors _ <<<"$(time_to "$run" "$level") inf inf inf"
         evaluation=$(sed -n 's/^    "success_rate": \([0-9.]*\).*/\1/p' "$run/summary.json" | head -1)
@@ -97,7 +97,7 @@ fi
 if [ "${1:-}" = --memory ]; then
     shift
     goalward=$("$root/deploy/run_local.sh" --only-build)
-    "$goalward" train "$@" --steps 100000 --run "$folder/run" >"$folder/progress.txt" &
+    "$goalward" train "$@" --no-page --steps 100000 --run "$folder/run" >"$folder/progress.txt" &
     while kill -0 $! 2>/dev/null; do
         memory >>"$folder/memory"
         sleep 0.3

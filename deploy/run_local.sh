@@ -29,6 +29,7 @@ Everything is passed on to `goalward train`; its most used flags:
   --actors N                        actor processes; never changes the result
   --run DIR                         folder of the run (default: next free runs/TASK-NUMBER)
   --resume --run DIR                continue a run
+  --no-page                         serve no page of the run, whose address the first line has
   --set KEY=VALUE                   change any key of deploy/tasks/TASK.toml
 
 All of them: deploy/run_local.sh --all-flags

@@ -5,81 +5,11 @@
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
-use std::process::{Child, Stdio};
+use std::io::{BufRead, BufReader};
 
 use mcap_log::{Contents, log_files};
 use serde_json::Value;
-use system_tests::{PATIENCE, TestRun, programs};
-
-/// A page that listens.
-struct Page {
-    server: Child,
-    address: String,
-    query: String,
-}
-
-impl Page {
-    fn over(run: &TestRun, arguments: &[&str]) -> Page {
-        let mut command = run.program("goalward");
-        command.arg("page").args(arguments).args(["--port", "0"]).stdout(Stdio::piped());
-        let mut server = command.spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(server.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let address = line.split_whitespace().next().unwrap().strip_prefix("http://").unwrap();
-        let (address, query) = address.split_once("/?").unwrap_or((address, ""));
-        Page { server, address: address.to_owned(), query: query.to_owned() }
-    }
-
-    /// The bytes of a question as a browser sends it.
-    fn question(&self, method: &str, path: &str, host: &str) -> String {
-        format!("{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\n\r\n")
-    }
-
-    fn send(&self, question: &str) -> TcpStream {
-        let port = self.address.rsplit_once(':').unwrap().1;
-        let mut stream = TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.write_all(question.as_bytes()).unwrap();
-        stream
-    }
-
-    /// Status and body of an answer.
-    fn answer(&self, question: &str) -> (u16, String) {
-        let mut text = String::new();
-        self.send(question).read_to_string(&mut text).unwrap();
-        let (head, body) = text.split_once("\r\n\r\n").unwrap();
-        (head.split(' ').nth(1).unwrap().parse().unwrap(), body.to_owned())
-    }
-
-    fn get(&self, path: &str) -> (u16, String) {
-        self.answer(&self.question("GET", path, &self.address))
-    }
-
-    fn json(&self, path: &str) -> Value {
-        let (status, body) = self.get(path);
-        assert_eq!(status, 200, "{path}: {body}");
-        serde_json::from_str(&body).unwrap()
-    }
-
-    /// The line of a refusal.
-    fn refusal(&self, expected: u16, question: &str) -> String {
-        let (status, body) = self.answer(question);
-        assert_eq!(status, expected, "{question}: {body}");
-        let error: Value = serde_json::from_str(&body).unwrap();
-        let line = error["error"].as_str().unwrap().to_owned();
-        assert!(!line.contains('\n'), "{line}");
-        line
-    }
-}
-
-impl Drop for Page {
-    fn drop(&mut self) {
-        self.server.kill().unwrap();
-        self.server.wait().unwrap();
-    }
-}
+use system_tests::{Page, TestRun, programs};
 
 #[test]
 fn a_run_is_shown_while_it_trains_and_afterwards() {
@@ -89,7 +19,7 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
     let page = Page::over(&run, &["."]);
 
     // Changes are told: the first list, and steps that rise.
-    let events = page.send(&page.question("GET", "/api/events", &page.address));
+    let events = page.send(&page.question("GET", "/api/events", page.address()));
     let lists = BufReader::new(events).lines().map(Result::unwrap);
     let mut lists = lists.filter_map(|line| {
         let list: Value = serde_json::from_str(line.strip_prefix("data: ")?).ok()?;
@@ -138,11 +68,11 @@ fn what_is_not_there_costs_a_line() {
     for path in
         ["/api/runs/other", "/api/runs/..", "/api/runs/..%2f..%2fetc", "/api/runs/%2e%2e/updates"]
     {
-        page.refusal(404, &page.question("GET", path, &page.address));
+        page.refusal(404, &page.question("GET", path, page.address()));
     }
     let (status, _) = page.get("/..%2f..%2fetc%2fpasswd");
     assert_eq!(status, 404);
-    let (status, _) = page.answer(&page.question("POST", "/api/runs", &page.address));
+    let (status, _) = page.answer(&page.question("POST", "/api/runs", page.address()));
     assert_eq!(status, 405);
 
     // A link to a run elsewhere is no run of this folder.
@@ -169,9 +99,9 @@ fn what_is_not_there_costs_a_line() {
     let listed = page.json("/api/runs");
     assert_eq!(listed["runs"], Value::Array(Vec::new()));
     assert!(listed["trouble"][0].as_str().unwrap().contains("config.toml"), "{listed}");
-    page.refusal(500, &page.question("GET", "/api/runs/run", &page.address));
+    page.refusal(500, &page.question("GET", "/api/runs/run", page.address()));
     fs::remove_dir_all(run.path("run")).unwrap();
-    page.refusal(404, &page.question("GET", "/api/runs/run", &page.address));
+    page.refusal(404, &page.question("GET", "/api/runs/run", page.address()));
 }
 
 #[test]
@@ -182,7 +112,7 @@ fn strangers_are_not_answered() {
     assert_eq!(status, 200);
     let line = page.refusal(403, &page.question("GET", "/api/runs", "evil.example:7878"));
     assert!(line.contains("own name"), "{line}");
-    let host = &page.address;
+    let host = page.address();
     let foreign = format!(
         "GET /api/runs HTTP/1.1\r\nhost: {host}\r\norigin: http://evil.example\r\nconnection: close\r\n\r\n"
     );
@@ -195,7 +125,7 @@ fn strangers_are_not_answered() {
     let open = Page::over(&run, &[".", "--host", "0.0.0.0"]);
     open.refusal(403, &open.question("GET", "/api/runs", "10.0.0.5"));
     open.refusal(403, &open.question("GET", "/api/runs?token=00", "10.0.0.5"));
-    let path = format!("/api/runs?{}", open.query);
+    let path = format!("/api/runs?{}", open.query());
     assert_eq!(open.answer(&open.question("GET", &path, "10.0.0.5")).0, 200);
 }
 
@@ -203,7 +133,7 @@ fn strangers_are_not_answered() {
 fn a_port_that_is_taken_and_a_folder_that_is_none_are_refused() {
     let run = TestRun::new(programs!());
     let page = Page::over(&run, &["."]);
-    let port = page.address.rsplit_once(':').unwrap().1;
+    let port = page.address().rsplit_once(':').unwrap().1;
     let (well, said) = run.goalward(&["page", ".", "--port", port]);
     assert!(!well && said.contains("--port chooses another port"), "{said}");
     let (well, said) = run.goalward(&["page", "nowhere"]);

@@ -1,7 +1,7 @@
 //! The command line of `goalward-actor`. People type `goalward`, which starts it.
 
-use std::io::Write;
-use std::path::PathBuf;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
@@ -118,6 +118,19 @@ enum Command {
         #[arg(long)]
         actions: Option<ActionChoice>,
     },
+    /// Acts recorded episodes of a run again, which standard input has, each behind its length, and writes
+    /// them with what a viewer draws of them.
+    Scenes {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// What the environment was made with, as JSON; without it as the run's own.
+        #[arg(long)]
+        setting: Option<String>,
+        /// The file to write.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Writes the policy of a run as a file that other programs read.
     Export {
         /// Folder of the run.
@@ -221,6 +234,7 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let evaluation = crate::evaluate::evaluate(tasks, &folder, episodes, actions)?;
             print(&evaluation)
         }
+        Command::Scenes { run, setting, out } => scenes(tasks, run, setting, &out),
         Command::Export { run, checkpoint, out } => {
             print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
@@ -233,6 +247,13 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             print(&crate::restore::restore(tasks, &RunFolder::new(run), &out, threads)?)
         }
     }
+}
+
+fn scenes(tasks: Tasks, run: PathBuf, setting: Option<String>, out: &Path) -> Result<()> {
+    let setting = setting.map(|json| setting_of(&json, "--setting")).transpose()?;
+    let mut episodes = Vec::new();
+    std::io::stdin().read_to_end(&mut episodes).context("standard input")?;
+    print(&crate::scenes::write(tasks, &RunFolder::new(run), setting, episodes.into(), out)?)
 }
 
 fn setting_of(json: &str, flag: &'static str) -> Result<Setting> {

@@ -2,7 +2,7 @@
 //!
 //! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
 //! [`publish`] puts a log onto the bus for anybody.
-//! [`demonstrate`], [`evaluate`], [`verify`], [`restore`] and `serve` work without a bus. [`episode`] and [`lane`]
+//! [`demonstrate`], [`evaluate`], [`verify`], [`restore`], `scenes` and `serve` work without a bus. [`episode`] and [`lane`]
 //! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
 //!
 //! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
@@ -27,6 +27,7 @@ pub mod replay;
 pub mod resimulate;
 pub mod restore;
 pub mod rollout;
+mod scenes;
 mod serve;
 pub mod verify;
 

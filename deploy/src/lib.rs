@@ -17,6 +17,10 @@
 //! | `progress` | the progress of a run in one line |
 //! | `progress_file` | the newest progress, for experiments |
 //! | `child`, `programs` | processes that `goalward` starts |
+//! | `companion_page` | the page that `goalward train` serves meanwhile |
+//! | `answer` | a program asked for one answer, for the page |
+//! | `other_reward` | another reward for what a run has recorded |
+//! | `scenes` | recorded episodes with what a viewer draws |
 //! | `figures` | what a verb found out, for people or as JSON |
 //! | `headway` | how far a program is that was started for one piece of work |
 //! | `limits` | whether the system lets a run's processes be large enough |
@@ -25,9 +29,11 @@
 //! | `summary` | the summary of a finished run, as a table |
 //! | `full_log` | a log with observations, made of one with actions only |
 
+mod answer;
 mod child;
 mod cli;
 mod commands;
+mod companion_page;
 mod demonstrations;
 mod description;
 mod destination;
@@ -37,12 +43,14 @@ mod full_log;
 mod headway;
 mod limits;
 mod machine;
+mod other_reward;
 mod output;
 mod plan;
 mod processes;
 mod programs;
 mod progress;
 mod progress_file;
+mod scenes;
 mod summary;
 mod supervisor;
 mod tasks;

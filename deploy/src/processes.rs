@@ -14,6 +14,10 @@ use terminal::numbers;
 
 const SUPERVISOR: &str = "supervisor";
 
+/// What a row has of a process.
+pub(crate) const HEAD: [&str; 7] =
+    ["process", "id", "state", "processor", "up", "leases", "heard of"];
+
 /// The processes every run has, besides its actors.
 const CORE: [&str; 3] = [SUPERVISOR, "learner", "proximity-service"];
 
@@ -120,15 +124,20 @@ impl Processes {
         found.map_or(State::Gone, |process| process.state)
     }
 
-    /// A row for each process, and below it how those that are stopped are let go.
-    pub(crate) fn table(&self, heard: &[ActorHeard]) -> String {
+    /// A row for each process, as [`HEAD`] has it.
+    pub(crate) fn rows(&self, heard: &[ActorHeard]) -> Vec<[String; 7]> {
         std::thread::sleep(LEAST_SAMPLE.saturating_sub(self.looked.elapsed()));
-        let head = ["process", "id", "state", "processor", "up", "leases", "heard of"];
-        let rows = self.processes.iter().map(|process| {
+        let row = |process: &Process| {
             let heard = heard.iter().find(|heard| heard.name == process.full_name);
             process.row(self.looked.elapsed(), heard)
-        });
-        let rows: Vec<_> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
+        };
+        self.processes.iter().map(row).collect()
+    }
+
+    /// The rows below their head, and below them how those that are stopped are let go.
+    pub(crate) fn table(&self, heard: &[ActorHeard]) -> String {
+        let head = std::iter::once(HEAD.map(str::to_owned));
+        let rows: Vec<_> = head.chain(self.rows(heard)).collect();
         let stopped = self.processes.iter().filter(|process| process.state == State::Stopped);
         let advice = stopped.filter_map(|process| {
             let (name, id) = (&process.name, process.id?);

@@ -59,12 +59,27 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Reads an encoded episode from standard input and prints what it would have earned from a trained model.
+    Score {
+        /// Folder of the run that the episode is of.
+        #[arg(long)]
+        run: PathBuf,
+        /// Configuration of the reward.
+        #[arg(long)]
+        config: PathBuf,
+        /// Run whose trained model scores; the same where none is named.
+        #[arg(long)]
+        model: Option<PathBuf>,
+    },
     /// Reads observations from standard input and prints what the trained model of a run says of
     /// each.
     Estimate {
         /// Folder of the run.
         #[arg(long)]
         run: PathBuf,
+        /// Iterations that its checkpoint is after; without it the newest.
+        #[arg(long)]
+        checkpoint: Option<u64>,
     },
 }
 
@@ -85,14 +100,19 @@ pub fn main() -> ExitCode {
         Command::Serve { run } => crate::run(&RunFolder::new(run), &Stop::at_end_of_input()?),
         Command::Rescore { run, log, config, model, out } => {
             process::end_with_parent()?;
-            let text = fs::read_to_string(&config).context("--config")?;
-            let config = RunConfig::from_text(&text, &config.display().to_string())?;
+            let config = configuration(&config)?;
             rescore(&RunFolder::new(run), &log, &config, model.map(RunFolder::new), &out)
         }
         Command::Export { run, checkpoint, out } => {
             print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
-        Command::Estimate { run } => estimate(&RunFolder::new(run)),
+        Command::Score { run, config, model } => {
+            let config = configuration(&config)?;
+            let trained = RunFolder::new(model.as_ref().unwrap_or(&run));
+            let episode = input()?.into();
+            print(&crate::estimate::score(&RunFolder::new(&run), &config, &trained, episode)?)
+        }
+        Command::Estimate { run, checkpoint } => estimate(&RunFolder::new(run), checkpoint),
     })
 }
 
@@ -110,10 +130,19 @@ fn rescore(
     print(&comparison)
 }
 
-fn estimate(folder: &RunFolder) -> Result<()> {
-    let mut observations = Vec::new();
-    std::io::stdin().read_to_end(&mut observations).context("standard input")?;
-    print(&crate::estimate::estimate(folder, &observations)?)
+fn estimate(folder: &RunFolder, checkpoint: Option<u64>) -> Result<()> {
+    print(&crate::estimate::estimate(folder, checkpoint, &input()?)?)
+}
+
+fn configuration(file: &Path) -> Result<RunConfig> {
+    let text = fs::read_to_string(file).context("--config")?;
+    Ok(RunConfig::from_text(&text, &file.display().to_string())?)
+}
+
+fn input() -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::stdin().read_to_end(&mut bytes).context("standard input")?;
+    Ok(bytes)
 }
 
 /// Prints a result for `goalward`, as JSON.

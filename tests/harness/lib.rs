@@ -8,6 +8,7 @@
 //! folder stays, and is named, if the test failed.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod page;
 mod process;
 mod summary;
 
@@ -23,6 +24,7 @@ use protocol::setting::Setting;
 use protocol::task::Spec;
 use run::folder::RunFolder;
 
+pub use page::Page;
 pub use process::{Process, Signal, send};
 pub use summary::{Evaluation, Hashes, Log, Summary};
 
@@ -185,7 +187,7 @@ impl TestRun {
     /// then `settings`.
     pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
-        command.args(["train", task]);
+        command.args(["train", task, "--no-page"]);
         let method = settings.iter().find_map(|setting| setting.strip_prefix("method="));
         let small = read_by(method.unwrap_or("goal-proximity"), small);
         for setting in small.iter().chain(settings) {
@@ -197,7 +199,7 @@ impl TestRun {
     /// Starts `goalward train --resume` on the run.
     pub fn resume(&self) -> Training<'_> {
         let mut command = self.program("goalward");
-        command.args(["train", "--resume"]);
+        command.args(["train", "--resume", "--no-page"]);
         self.start(command)
     }
 

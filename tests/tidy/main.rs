@@ -36,7 +36,7 @@ const EDGES: [(&str, &[&str]); 15] = [
     ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks", "export"]),
     ("terminal", &["protocol"]),
     ("report", &["protocol", "mcap-log", "run", "terminal"]),
-    ("page", &["protocol", "mcap-log", "run", "terminal"]),
+    ("page", &["protocol", "mcap-log", "run", "terminal", "report"]),
     ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report", "page"]),
     (
         "system-tests",

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Folders with nothing of ours in them.
-const NOT_OURS: [&str; 4] = ["target", "runs", "demonstrations", "__pycache__"];
+const NOT_OURS: [&str; 5] = ["node_modules", "target", "runs", "demonstrations", "__pycache__"];
 
 /// A source file.
 pub(crate) struct Source {

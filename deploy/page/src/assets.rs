@@ -26,11 +26,22 @@ pub(crate) const ASSETS: &[Asset] = &[
     script!("app.js"),
     script!("chart.js"),
     script!("dom.js"),
+    script!("episodes.js"),
     script!("facts.js"),
     script!("format.js"),
+    script!("grid.js"),
+    script!("numbers.js"),
+    script!("otherwise.js"),
+    script!("player.js"),
+    script!("processes.js"),
+    script!("rows.js"),
     script!("run.js"),
     script!("runs.js"),
     script!("series.js"),
+    script!("solids.js"),
+    script!("table.js"),
+    // Bundled by `deploy/page/three`.
+    script!("three.js"),
 ];
 
 /// The file of that name; the page itself where none is given.

@@ -7,6 +7,7 @@ use run::repeat;
 use run::summary::Summary;
 use serde::Serialize;
 
+use crate::collections;
 use crate::curves::Curves;
 use crate::listed::Listed;
 
@@ -18,6 +19,10 @@ pub(crate) struct Details {
     differences: Vec<Difference>,
     summary: Option<Summary>,
     command: String,
+    /// Names of its collections of episodes.
+    collections: Vec<String>,
+    /// Iterations after which there are checkpoints.
+    checkpoints: Vec<u64>,
     trouble: Vec<String>,
 }
 
@@ -44,6 +49,12 @@ impl Details {
             differences: differences(&config),
             summary,
             command: repeat::command(folder, &config),
+            collections: collections::names(folder, &config),
+            checkpoints: folder
+                .checkpoint_folders()
+                .into_iter()
+                .map(|(number, _)| number)
+                .collect(),
             trouble,
         })
     }

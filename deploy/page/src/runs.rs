@@ -13,6 +13,8 @@ use crate::curves::Curves;
 use crate::details::Details;
 use crate::kept::Kept;
 use crate::listed::{List, Listed};
+use crate::programs::Programs;
+use crate::shown::Shown;
 
 /// Runs whose line is kept.
 const OVERVIEWS_KEPT: usize = 10_000;
@@ -24,11 +26,11 @@ const CURVES_KEPT: usize = 32;
 const TROUBLE_SHOWN: usize = 10;
 
 /// The runs in some folders, which may be runs themselves.
-#[derive(Debug)]
 pub(crate) struct Runs {
     places: Vec<PathBuf>,
     overviews: Kept<Result<Overview, String>>,
     curves: Kept<Arc<Curves>>,
+    pub(crate) shown: Shown,
 }
 
 /// A run's folder and the name that addresses have for it.
@@ -36,8 +38,9 @@ type Found = (String, PathBuf);
 
 impl Runs {
     /// Those in `places`.
-    pub(crate) fn in_folders(places: Vec<PathBuf>) -> Runs {
-        Runs { places, overviews: Kept::of(OVERVIEWS_KEPT), curves: Kept::of(CURVES_KEPT) }
+    pub(crate) fn in_folders(places: Vec<PathBuf>, programs: Box<dyn Programs>) -> Runs {
+        let (overviews, curves) = (Kept::of(OVERVIEWS_KEPT), Kept::of(CURVES_KEPT));
+        Runs { places, overviews, curves, shown: Shown::new(programs) }
     }
 
     /// All of them now.
@@ -63,35 +66,31 @@ impl Runs {
         List { folder: places.join(", "), runs, trouble }
     }
 
-    /// What a run is; none where no run has that name.
-    pub(crate) fn details(&self, id: &str) -> Option<Result<Details>> {
-        let path = self.path_of(id)?;
-        Some(self.details_at(id, &path))
+    /// The folder of a run; none where no run has that name.
+    pub(crate) fn folder(&self, id: &str) -> Option<RunFolder> {
+        let (_, path) = self.find().0.into_iter().find(|(name, _)| name == id)?;
+        Some(RunFolder::new(path))
     }
 
-    fn details_at(&self, id: &str, path: &Path) -> Result<Details> {
-        let overview = self.overview(path).map_err(anyhow::Error::msg)?;
-        let listed = Listed { id: id.to_owned(), begun: begun(path), overview };
-        Details::of(&RunFolder::new(path), listed, &self.curves_at(path))
+    /// What a run is.
+    ///
+    /// # Errors
+    /// When its configuration cannot be read.
+    pub(crate) fn details(&self, id: &str, folder: &RunFolder) -> Result<Details> {
+        let overview = self.overview(folder.path()).map_err(anyhow::Error::msg)?;
+        let listed = Listed { id: id.to_owned(), begun: begun(folder.path()), overview };
+        Details::of(folder, listed, &self.curves(folder))
     }
 
-    /// The curves of a run; none where no run has that name.
-    pub(crate) fn curves(&self, id: &str) -> Option<Arc<Curves>> {
-        Some(self.curves_at(&self.path_of(id)?))
-    }
-
-    fn curves_at(&self, path: &Path) -> Arc<Curves> {
-        self.curves.get(path, |folder| Arc::new(Curves::of(folder)))
+    /// The curves of a run.
+    pub(crate) fn curves(&self, folder: &RunFolder) -> Arc<Curves> {
+        self.curves.get(folder.path(), |folder| Arc::new(Curves::of(folder)))
     }
 
     /// A damaged summary is told where the run is shown.
     fn overview(&self, path: &Path) -> Result<Overview, String> {
         let read = |folder: &RunFolder| Overview::of(folder, |_| {}).map_err(|e| e.to_string());
         self.overviews.get(path, read)
-    }
-
-    fn path_of(&self, id: &str) -> Option<PathBuf> {
-        self.find().0.into_iter().find(|(name, _)| name == id).map(|(_, path)| path)
     }
 
     fn find(&self) -> (Vec<Found>, Vec<String>) {

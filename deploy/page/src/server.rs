@@ -1,6 +1,5 @@
-//! The address, the routes, the answers.
+//! The address, and what stands before and behind every answer.
 
-use std::convert::Infallible;
 use std::fs::File;
 use std::io::Read;
 use std::net::{IpAddr, SocketAddr};
@@ -9,40 +8,28 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use axum::extract::{Path, Query, Request, State};
+use axum::Router;
+use axum::extract::{Path, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state, map_response};
-use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use axum::{Json, Router};
-use serde::{Deserialize, Serialize};
-use serde_json::json;
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, watch};
-use tokio_stream::StreamExt;
-use tokio_stream::wrappers::WatchStream;
 
-use crate::assets;
 use crate::guard::Guard;
-use crate::listed::List;
+use crate::programs::Programs;
 use crate::runs::Runs;
+use crate::state::{Pages, Refused};
+use crate::{api, assets};
 
 /// How often the runs are looked at while somebody watches.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-
-/// Questions that read files at the same time; the others wait.
-const READERS: usize = 2;
-
-/// Browsers that are told of changes at the same time.
-const WATCHERS: usize = 64;
 
 /// What a page loads and from where: itself, nothing else.
 const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'";
 
 /// Where a page is and what it shows.
-#[derive(Clone, Debug)]
 pub struct Settings {
     /// Folders of runs, or of folders of runs.
     pub folders: Vec<PathBuf>,
@@ -50,6 +37,8 @@ pub struct Settings {
     pub host: IpAddr,
     /// The port; 0 takes a free one.
     pub port: u16,
+    /// Who starts the programs of runs.
+    pub programs: Box<dyn Programs>,
 }
 
 /// A page that listens.
@@ -58,32 +47,18 @@ pub struct Server {
     pages: Arc<Pages>,
 }
 
-struct Pages {
-    runs: Runs,
-    guard: Guard,
-    readers: Semaphore,
-    watchers: Arc<Semaphore>,
-    newest: watch::Sender<Arc<List>>,
-}
-
 impl Server {
     /// Begins to listen. Outside this machine it answers those alone who have the token.
     ///
     /// # Errors
     /// When the port is taken or may not be had.
     pub async fn listen(settings: Settings) -> Result<Server> {
-        let Settings { folders, host, port } = settings;
+        let Settings { folders, host, port, programs } = settings;
         let address = SocketAddr::new(host, port);
         let listener = TcpListener::bind(address).await;
         let listener = listener.with_context(|| format!("listening on {address}"))?;
         let token = (!host.is_loopback()).then(token).transpose()?;
-        let pages = Pages {
-            runs: Runs::in_folders(folders),
-            guard: Guard { token },
-            readers: Semaphore::new(READERS),
-            watchers: Arc::new(Semaphore::new(WATCHERS)),
-            newest: watch::Sender::new(Arc::default()),
-        };
+        let pages = Pages::new(Runs::in_folders(folders, programs), Guard { token });
         Ok(Server { listener, pages: Arc::new(pages) })
     }
 
@@ -122,10 +97,7 @@ fn token() -> Result<String> {
 
 fn router(pages: Arc<Pages>) -> Router {
     Router::new()
-        .route("/api/runs", get(list))
-        .route("/api/runs/{id}", get(details))
-        .route("/api/runs/{id}/updates", get(updates))
-        .route("/api/events", get(events))
+        .nest("/api", api::routes())
         .route("/", get(|| async { asset(Path(String::new())).await }))
         .route("/{name}", get(asset))
         .layer(from_fn_with_state(Arc::clone(&pages), guarded))
@@ -149,90 +121,9 @@ async fn watch_runs(pages: Arc<Pages>) -> Result<()> {
     }
 }
 
-impl Pages {
-    /// Reads files without holding up the other answers.
-    async fn read<T: Send + 'static>(
-        self: &Arc<Self>,
-        read: impl FnOnce(&Runs) -> T + Send + 'static,
-    ) -> Result<T> {
-        let _turn = self.readers.acquire().await?;
-        let pages = Arc::clone(self);
-        Ok(tokio::task::spawn_blocking(move || read(&pages.runs)).await?)
-    }
-}
-
-/// What a question without an answer gets: a line.
-struct Refused(StatusCode, String);
-
-impl From<anyhow::Error> for Refused {
-    fn from(error: anyhow::Error) -> Self {
-        Refused(StatusCode::INTERNAL_SERVER_ERROR, format!("{error:#}"))
-    }
-}
-
-impl IntoResponse for Refused {
-    fn into_response(self) -> Response {
-        (self.0, Json(json!({ "error": self.1 }))).into_response()
-    }
-}
-
-fn unknown(id: &str) -> Refused {
-    Refused(StatusCode::NOT_FOUND, format!("no run is called {id}"))
-}
-
-async fn list(State(pages): State<Arc<Pages>>) -> Result<Json<List>, Refused> {
-    Ok(Json(pages.read(Runs::list).await?))
-}
-
-async fn details(
-    State(pages): State<Arc<Pages>>,
-    Path(id): Path<String>,
-) -> Result<impl IntoResponse, Refused> {
-    let name = id.clone();
-    let found = pages.read(move |runs| runs.details(&name)).await?;
-    Ok(Json(found.ok_or_else(|| unknown(&id))??))
-}
-
-/// From which row on updates are asked for.
-#[derive(Deserialize)]
-struct FirstRow {
-    #[serde(default)]
-    from: usize,
-}
-
-async fn updates(
-    State(pages): State<Arc<Pages>>,
-    Path(id): Path<String>,
-    Query(FirstRow { from }): Query<FirstRow>,
-) -> Result<Response, Refused> {
-    let name = id.clone();
-    let found = pages.read(move |runs| runs.curves(&name)).await?;
-    Ok(in_json(&found.ok_or_else(|| unknown(&id))?.from(from)))
-}
-
-fn in_json(answer: &impl Serialize) -> Response {
-    Json(answer).into_response()
-}
-
-/// The list of runs now, and again whenever it has changed. A browser that is slow misses lists, never the newest.
-async fn events(State(pages): State<Arc<Pages>>) -> Result<impl IntoResponse, Refused> {
-    let place = Arc::clone(&pages.watchers).try_acquire_owned().map_err(|_taken| {
-        let line = format!("{WATCHERS} browsers are told of changes already");
-        Refused(StatusCode::SERVICE_UNAVAILABLE, line)
-    })?;
-    let changes = WatchStream::from_changes(pages.newest.subscribe());
-    let now = Arc::new(pages.read(Runs::list).await?);
-    let lists = tokio_stream::once(now).chain(changes).map(move |list| {
-        let _held = &place;
-        let event = Event::default().event("runs").json_data(&*list);
-        Ok::<_, Infallible>(event.unwrap_or_default())
-    });
-    Ok(Sse::new(lists).keep_alive(KeepAlive::default()))
-}
-
 async fn asset(Path(name): Path<String>) -> Response {
     let Some(asset) = assets::find(&name) else {
-        return Refused(StatusCode::NOT_FOUND, "there is no such page".to_owned()).into_response();
+        return Refused::unknown("there is no such page").into_response();
     };
     let kind = HeaderValue::from_static(asset.kind);
     ([(header::CONTENT_TYPE, kind)], asset.content).into_response()

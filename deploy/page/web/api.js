@@ -23,6 +23,36 @@ export const details = (id) => get(`runs/${encodeURIComponent(id)}`);
 /** A run's updates from one on. */
 export const updates = (id, from) => get(`runs/${encodeURIComponent(id)}/updates`, { from });
 
+/** The processes of a run; null where nobody trains it. */
+export const processes = (id) => get(`runs/${encodeURIComponent(id)}/processes`);
+
+/** What the processes of a run have printed. */
+export const output = (id) => get(`runs/${encodeURIComponent(id)}/output`);
+
+const ofEpisode = (run, collection, row) => `runs/${encodeURIComponent(run)}/episodes/${encodeURIComponent(collection)}/${row}`;
+
+/** The rows of a collection of episodes from one on. */
+export function episodes(run, collection, generation, from) {
+  return get(`runs/${encodeURIComponent(run)}/episodes/${encodeURIComponent(collection)}`, { generation, from });
+}
+
+/** An episode: its name is run, collection and row. */
+export const episode = (...name) => get(ofEpisode(...name));
+
+/** An episode's solids where they were; null for a task without. */
+export const scenes = (...name) => get(`${ofEpisode(...name)}/scenes`);
+
+/** What a reward model says of an episode's observations; the newest where no checkpoint is named. */
+export const proximity = (name, checkpoint) => get(`${ofEpisode(...name)}/proximity`, checkpoint ? { checkpoint } : {});
+
+/** What it says of the agent on every free cell of an episode's grid. */
+export const grid = (name, checkpoint) => get(`${ofEpisode(...name)}/grid`, checkpoint ? { checkpoint } : {});
+
+/** What an episode would have earned from another reward: settings such as `reward.form=absolute`, another run's model. */
+export function reward(name, settings, model) {
+  return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) });
+}
+
 /** Calls `onruns` with every new list, `onconnection` with whether the server is there. */
 export function listen(onruns, onconnection) {
   const source = new EventSource(address("events"));

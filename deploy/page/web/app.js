@@ -2,6 +2,7 @@
 
 import * as api from "./api.js";
 import { element } from "./dom.js";
+import { EpisodesView } from "./episodes.js";
 import { ListView } from "./runs.js";
 import { RunView } from "./run.js";
 
@@ -11,11 +12,17 @@ const place = document.getElementById("view");
 /** Shows what the address asks for. */
 function route() {
   state.view?.close();
-  const [, kind, rest] = location.hash.match(/^#\/(run|compare)\/(.+)$/) ?? [];
-  const ids = rest?.split(",").map(decodeURIComponent);
-  state.view = kind ? new RunView(place, ids) : new ListView(place);
+  const [, kind, rest] = location.hash.match(/^#\/(run|compare|episodes)\/(.+)$/) ?? [];
+  const ids = kind === "compare" ? rest.split(",").map(decodeURIComponent) : [];
+  const parts = rest?.split("/").map(decodeURIComponent) ?? [];
+  state.view = {
+    run: () => new RunView(place, parts.slice(0, 1)),
+    compare: () => new RunView(place, ids),
+    episodes: () => new EpisodesView(place, parts),
+  }[kind]?.() ?? new ListView(place);
   state.view.show(state.list);
-  document.title = ids ? `${ids.join(", ")} - Goalward` : "Goalward";
+  const name = kind === "compare" ? ids.join(", ") : parts[0];
+  document.title = name ? `${name} - Goalward` : "Goalward";
 }
 
 function receive(list) {

@@ -4,19 +4,21 @@ import { button, drawn, element, save } from "./dom.js";
 import { percent, short } from "./format.js";
 import { at, thinned } from "./series.js";
 
-const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [480, 250, 52, 18, 10, 26];
+const [WIDTH, LEFT, RIGHT, TOP, BOTTOM] = [480, 52, 18, 10, 26];
 
-/** A chart in a figure of its own. */
+/** A chart in a figure of its own, 480 units wide. */
 export class Chart {
-  constructor({ title, share }) {
-    this.title = title;
+  constructor({ title, share, height = 250 }) {
+    [this.title, this.height] = [title, height];
     // A share of episodes or samples is drawn from 0 to 100 %.
     [this.least, this.most, this.show] = share ? [0, 1, percent] : [Infinity, -Infinity, short];
     this.lines = [];
+    // Told of the place that somebody presses at.
+    this.onpoint = null;
     this.readout = element("div", { class: "readout" });
     this.svg = drawn("svg", {
-      class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", tabindex: 0,
-      onpointermove: (event) => this.point(event), onpointerleave: () => this.leave(),
+      class: "chart", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", tabindex: 0,
+      onpointermove: (event) => this.point(event), onpointerdown: (event) => this.point(event), onpointerleave: () => this.leave(),
       onkeydown: (event) => this.step(event), onblur: () => this.leave(),
     });
     const files = [
@@ -33,12 +35,12 @@ export class Chart {
     [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
     this.svg.setAttribute("aria-label", this.summary());
     if (this.lines.length === 0) {
-      this.svg.replaceChildren(words(WIDTH / 2, HEIGHT / 2, "nothing yet", "middle"));
+      this.svg.replaceChildren(words(WIDTH / 2, this.height / 2, "nothing yet", "middle"));
       return;
     }
     this.range = this.ranges();
     const parts = this.lines.flatMap((line) => this.drawnLine(line));
-    this.cursor = drawn("line", { y1: TOP, y2: HEIGHT - BOTTOM, stroke: "var(--soft)", visibility: "hidden" });
+    this.cursor = drawn("line", { y1: TOP, y2: this.height - BOTTOM, stroke: "var(--soft)", visibility: "hidden" });
     this.svg.replaceChildren(...this.axes(), ...parts, this.cursor);
   }
 
@@ -66,7 +68,7 @@ export class Chart {
 
   y(value) {
     const { low, high } = this.range;
-    return HEIGHT - BOTTOM - ((value - low) / (high - low)) * (HEIGHT - TOP - BOTTOM);
+    return this.height - BOTTOM - ((value - low) / (high - low)) * (this.height - TOP - BOTTOM);
   }
 
   path(points) {
@@ -89,11 +91,11 @@ export class Chart {
 
   axes() {
     const { left, right, low, high } = this.range;
-    const rows = ticks(low, high, 5).flatMap((value) => [
+    const rows = ticks(low, high, this.height / 50).flatMap((value) => [
       drawn("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: this.y(value), y2: this.y(value), stroke: "var(--line)" }),
       words(LEFT - 6, this.y(value) + 4, this.show(value), "end"),
     ]);
-    const columns = ticks(left, right, 5).map((value) => words(this.x(value), HEIGHT - 8, short(value), "middle"));
+    const columns = ticks(left, right, 5).map((value) => words(this.x(value), this.height - 8, short(value), "middle"));
     return [...rows, ...columns];
   }
 
@@ -102,7 +104,9 @@ export class Chart {
     const box = this.svg.getBoundingClientRect();
     const share = ((event.clientX - box.left) / box.width) * WIDTH;
     const { left, right } = this.range;
-    this.tell(left + ((share - LEFT) / (WIDTH - LEFT - RIGHT)) * (right - left));
+    const x = left + ((share - LEFT) / (WIDTH - LEFT - RIGHT)) * (right - left);
+    this.tell(x);
+    if (event.buttons > 0) this.onpoint?.(x);
   }
 
   step(event) {
@@ -123,7 +127,17 @@ export class Chart {
     this.readout.textContent = `${this.xName} ${short(this.told)}: ${values.join(" · ")}`;
   }
 
+  /** Keeps the cursor at a place, as of a frame that is shown. */
+  mark(x) {
+    this.marked = x;
+    if (this.lines.length > 0) this.tell(x);
+  }
+
   leave() {
+    if (this.marked !== undefined) {
+      this.mark(this.marked);
+      return;
+    }
     this.told = null;
     this.readout.textContent = "";
     this.cursor?.setAttribute("visibility", "hidden");
@@ -134,9 +148,9 @@ export class Chart {
     const copy = this.svg.cloneNode(true);
     copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
     copy.setAttribute("width", 2 * WIDTH);
-    copy.setAttribute("height", 2 * HEIGHT);
+    copy.setAttribute("height", 2 * this.height);
     const style = getComputedStyle(document.documentElement);
-    const paper = drawn("rect", { width: WIDTH, height: HEIGHT, fill: style.getPropertyValue("--paper") });
+    const paper = drawn("rect", { width: WIDTH, height: this.height, fill: style.getPropertyValue("--paper") });
     copy.prepend(paper);
     const text = new XMLSerializer().serializeToString(copy);
     return text.replace(/var\((--[a-z0-9]+)\)/g, (_, name) => style.getPropertyValue(name).trim());
@@ -153,7 +167,7 @@ export class Chart {
   savePng() {
     const image = new Image();
     image.onload = () => {
-      const canvas = element("canvas", { width: 2 * WIDTH, height: 2 * HEIGHT });
+      const canvas = element("canvas", { width: 2 * WIDTH, height: 2 * this.height });
       canvas.getContext("2d").drawImage(image, 0, 0);
       canvas.toBlob((blob) => save(this.name("png"), blob));
     };

@@ -18,6 +18,29 @@ export function facts({ run, configuration, differences, summary, command }) {
   ];
 }
 
+/** How several runs differ, below their curves. */
+export function compared(all) {
+  const keys = [...new Set(all.flatMap(({ differences }) => differences.map(({ key }) => key)))].sort();
+  const value = (details, key) => details.differences.find((other) => other.key === key)?.value ?? "";
+  const differing = keys.filter((key) => new Set(all.map((details) => value(details, key))).size > 1);
+  const row = (name, cells) => element("tr", {},
+    element("td", { class: "text" }, element("code", {}, name)), cells.map((cell) => element("td", { class: "text wrap" }, cell)));
+  const facts = [["task", "task"], ["method", "method"], ["preset", "preset"], ["seed", "seed"]];
+  const rows = [
+    ...facts.map(([name, key]) => row(name, all.map(({ run }) => String(run[key])))),
+    ...differing.map((key) => row(key, all.map((details) => value(details, key)))),
+    row("evaluation", all.map(({ run }) => percent(run.evaluated_success_rate))),
+    row("policy SHA-256", all.map(({ summary }) => summary?.policy_sha256.slice(0, 16) ?? "-")),
+  ];
+  const head = ["", ...all.map(({ run }) => run.id)].map((name) => element("th", { class: "text", scope: "col" }, name));
+  return [
+    element("h2", {}, "How they differ"),
+    element("p", { class: "soft" }, "A setting that is empty has the default of its run's task, preset and method."),
+    element("div", { class: "scroll" }, element("table", {},
+      element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
+  ];
+}
+
 function standing(run, summary) {
   const rows = [
     ["state", element("span", { class: `state ${run.state}` }, run.state)],

@@ -3,7 +3,8 @@
 import * as api from "./api.js";
 import { Chart } from "./chart.js";
 import { button, element } from "./dom.js";
-import { facts } from "./facts.js";
+import { compared, facts } from "./facts.js";
+import { Processes } from "./processes.js";
 import { band, CHARTS, points, smoothed, Updates } from "./series.js";
 
 const COLORS = 8;
@@ -20,13 +21,15 @@ export class RunView {
     this.trouble = element("div");
     this.legend = element("ul", { class: "legend" });
     this.facts = element("div");
+    this.processes = ids.length === 1 ? new Processes(ids[0]) : null;
     this.charts = CHARTS.map((wanted) => ({ ...wanted, chart: new Chart(wanted) }));
     this.pictures = element("div", { class: "charts" }, this.charts.map(({ chart }) => chart.figure));
     place.replaceChildren(
       element("p", {}, element("a", { href: "#/" }, "All runs")),
       element("h1", {}, ids.length === 1 ? ids[0] : `${ids.length} runs`),
+      ids.length === 1 ? element("p", {}, element("a", { href: `#/episodes/${encodeURIComponent(ids[0])}` }, "Watch its episodes")) : "",
       this.trouble, this.controls(), this.legend,
-      this.pictures, this.facts,
+      this.pictures, this.processes?.place ?? "", this.facts,
     );
   }
 
@@ -62,6 +65,7 @@ export class RunView {
 
   close() {
     this.isOpen = false;
+    this.processes?.close();
   }
 
   async read(changed) {
@@ -70,7 +74,7 @@ export class RunView {
       try {
         await updates.read();
         const found = await api.details(updates.id);
-        updates.run = found.run;
+        [updates.run, updates.details] = [found.run, found];
         lines.push(...found.trouble);
         if (this.ids.length === 1 && this.isOpen) this.facts.replaceChildren(...facts(found));
       } catch (error) {
@@ -79,6 +83,9 @@ export class RunView {
     }
     if (!this.isOpen) return;
     this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
+    if (this.ids.length > 1) {
+      this.facts.replaceChildren(...compared(this.updates.flatMap(({ details }) => details ?? [])));
+    }
     this.pictures.hidden = this.updates.every((updates) => !updates.run);
     this.draw();
   }

@@ -15,6 +15,7 @@ const COLUMNS = [
   { key: "evaluated_success_rate", label: "evaluation", show: (run) => percent(run.evaluated_success_rate) },
   { key: "wall_s", label: "time", show: (run) => duration(run.wall_s) },
   { key: "begun", label: "begun", show: (run) => date(run.begun) },
+  { key: "id", label: "", show: (run) => element("a", { href: `#/episodes/${encodeURIComponent(run.id)}` }, "watch") },
 ];
 
 /** The view of all runs. */

@@ -8,7 +8,7 @@ use protocol::task::{ObservationSpec, Task};
 use crate::programs::Estimates;
 
 /// The classes of cells in a grid that an agent can be put on any free cell of.
-pub(crate) struct Classes {
+pub struct Classes {
     width: usize,
     empty: u8,
     wall: u8,
@@ -18,7 +18,7 @@ pub(crate) struct Classes {
 
 impl Classes {
     /// Those of a task; none where its labels do not name all four.
-    pub(crate) fn of(task: &Task) -> Option<Classes> {
+    pub fn of(task: &Task) -> Option<Classes> {
         let ObservationSpec::Cells { width, .. } = task.observation else { return None };
         let class = |name| task.labels.iter().position(|label| label == name);
         let [empty, wall, goal, agent] = ["empty", "wall", "goal", "agent"].map(class);
@@ -48,7 +48,7 @@ const OTHER_CLASSES: u8 = 12;
 const EMPTY_COLOR: &str = "#F4F6F8";
 
 /// Observations in which the agent stands on each free cell of an episode's grid, and those cells.
-pub(crate) struct Everywhere {
+pub struct Everywhere {
     /// The grid without the agent.
     cells: Vec<u8>,
     /// Cells of a row.
@@ -61,7 +61,7 @@ pub(crate) struct Everywhere {
 
 impl Everywhere {
     /// Of a first observation, in which the goal is still visible.
-    pub(crate) fn of(observation: &[u8], classes: &Classes) -> Everywhere {
+    pub fn of(observation: &[u8], classes: &Classes) -> Everywhere {
         let &Classes { width, empty, wall, goal, agent } = classes;
         let without_agent = |cell: &u8| if *cell == agent { empty } else { *cell };
         let cells: Vec<u8> = observation.iter().map(without_agent).collect();
@@ -69,8 +69,13 @@ impl Everywhere {
         Everywhere { cells, width, free, goal, agent }
     }
 
+    /// The cells that the agent is put on, each by its place in an observation.
+    pub fn places(&self) -> &[usize] {
+        &self.free
+    }
+
     /// The observations, one after another.
-    pub(crate) fn observations(&self) -> Vec<u8> {
+    pub fn observations(&self) -> Vec<u8> {
         let with_agent = |&place: &usize| {
             let mut cells = self.cells.clone();
             cells[place] = self.agent;

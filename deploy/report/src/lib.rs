@@ -26,7 +26,7 @@ mod curve;
 mod episode;
 mod estimate;
 pub mod figure;
-mod grid;
+pub mod grid;
 mod learning;
 mod measured;
 pub mod origin;

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// What a model says of observations, one number for each.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Estimates {
     /// Proximity.
     pub proximity: Vec<f64>,

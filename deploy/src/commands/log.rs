@@ -1,16 +1,19 @@
-//! `goalward log info`, `log repair` and `log restore`: what recorded files hold, sealing those that a
-//! crash left, and observations for those that have actions only.
+//! `goalward log info`, `log repair`, `log restore` and `log scene`: what recorded files hold, sealing those
+//! that a crash left, observations for those that have actions only, and episodes for viewers.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use anyhow::{Context, Result};
 use bus::BusAddress;
-use mcap_log::{is_active, log_files};
+use mcap_log::{Contents, Record, is_active, log_files, read_contents};
+use protocol::trajectory::Trajectory;
 use run::folder::RunFolder;
+use serde::Deserialize;
 
 use crate::full_log::{self, Restored};
-use crate::{destination, plan};
+use crate::{destination, plan, programs, scenes};
 use terminal::numbers;
 use terminal::print::print_line;
 use terminal::refusal::{Refusal, wrong_usage};
@@ -33,6 +36,39 @@ pub(crate) enum Verb {
         #[arg(long)]
         force: bool,
     },
+    /// Write episodes of a run with the solids that Foxglove, Lichtblick and Rerun draw.
+    Scene {
+        /// Folder of the run.
+        run: PathBuf,
+        /// Lane and number of each episode, such as 3:17.
+        #[arg(required = true, value_name = "LANE:EPISODE")]
+        episodes: Vec<EpisodeName>,
+        /// The file to write.
+        #[arg(long, value_name = "FILE.mcap")]
+        out: PathBuf,
+        /// Replaces the file, if it is one.
+        #[arg(long)]
+        force: bool,
+    },
+}
+
+/// An episode by its lane and its number there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct EpisodeName {
+    lane: u64,
+    episode: u64,
+}
+
+impl FromStr for EpisodeName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once(':').map(|(lane, episode)| [lane, episode].map(str::parse));
+        let Some([Ok(lane), Ok(episode)]) = numbers else {
+            return Err("expected a lane and an episode, such as 3:17".to_owned());
+        };
+        Ok(EpisodeName { lane, episode })
+    }
 }
 
 /// Flags of both.
@@ -49,6 +85,10 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
         Verb::Info(arguments) => each(arguments, info),
         Verb::Repair(arguments) => each(arguments, repair),
         Verb::Restore { run, out, force } => restore(&RunFolder::new(run), out, *force),
+        Verb::Scene { run, episodes, out, force } => {
+            destination::file(out, *force)?;
+            scene(&RunFolder::new(run), episodes, out)
+        }
     }
 }
 
@@ -97,6 +137,37 @@ fn restore(run: &RunFolder, out: &Path, force: bool) -> Result<()> {
     let [episodes, restored] = [episodes, restored].map(numbers::count);
     print_line(&format!("{}: {episodes} episodes, {restored} acted again", out.display()));
     full_log::refuse_loss(run)
+}
+
+fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path) -> Result<()> {
+    /// What the actor says.
+    #[derive(Deserialize)]
+    struct Written {
+        frames: u64,
+    }
+    let spec = run.config()?.task.spec();
+    let mut found = vec![None; named.len()];
+    for entry in read_contents(&run.log(), Contents::Trajectories).map_err(Refusal::usage)? {
+        let Record::Trajectory(bytes) = entry?.record else { continue };
+        let trajectory = Trajectory::recorded(bytes, &spec)?;
+        let Trajectory { lane, episode, .. } = trajectory;
+        if let Some(place) = named.iter().position(|&name| name == EpisodeName { lane, episode }) {
+            found[place] = Some(trajectory);
+        }
+    }
+    let found = named.iter().zip(found).map(|(EpisodeName { lane, episode }, found)| {
+        let shown = run.path().display();
+        found.ok_or_else(|| wrong_usage(format!("{shown}: expected an episode {lane}:{episode}")))
+    });
+    let episodes = found.collect::<Result<Vec<_>>>()?;
+    if out.exists() {
+        fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
+    }
+    let (mut actor, input) = scenes::command(run, None, &episodes, out)?;
+    let Written { frames } = programs::result_for(&mut actor, "acting again", &input)?;
+    let [episodes, frames] = [episodes.len() as u64, frames].map(numbers::count);
+    print_line(&format!("{}: {episodes} episodes, {frames} frames", out.display()));
+    Ok(())
 }
 
 /// The files named, and those of the runs named.

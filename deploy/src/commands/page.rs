@@ -1,12 +1,25 @@
 //! `goalward page`: the live page of runs.
 
 use std::net::IpAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use page::{Server, Settings};
+use bus::BusAddress;
+use page::{Processes, Programs, Score, Server, Settings};
+use prost::Message;
+use protocol::trajectory::Trajectory;
+use report::programs::Estimates;
+use run::folder::RunFolder;
+use serde::de::IgnoredAny;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
+
+use crate::other_reward::OtherReward;
+use crate::programs::Program;
+use crate::{answer, processes, progress_file, scenes};
+
+/// How much the page and what it starts yield to training; 19 is most.
+const NICENESS: i32 = 10;
 
 /// Flags of `goalward page`.
 #[derive(Debug, clap::Args)]
@@ -21,19 +34,31 @@ pub(crate) struct Arguments {
     /// The port; 0 takes a free one.
     #[arg(long, default_value_t = 7878)]
     port: u16,
+    /// Ends with its standard input, and takes a free port where the port is taken; for `goalward train`.
+    #[arg(long, hide = true)]
+    beside_training: bool,
 }
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { folders, host, port } = arguments;
+    let Arguments { folders, host, port, beside_training } = arguments;
     for folder in &folders {
         folder.read_dir().map_err(|error| {
             wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
         })?;
     }
+    // Where the system does not let it yield, it does not.
+    rustix::process::nice(NICENESS).ok();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let server = Server::listen(Settings { folders, host, port }).await;
+        let listen = |port| {
+            let folders = folders.clone();
+            Server::listen(Settings { folders, host, port, programs: Box::new(OfRuns) })
+        };
+        let mut server = listen(port).await;
+        if beside_training && server.is_err() {
+            server = listen(0).await;
+        }
         let server = server.map_err(|error| {
             wrong_usage(format!("{error:#}; --port chooses another port, 0 a free one"))
         })?;
@@ -41,6 +66,72 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         tokio::select! {
             ended = server.serve() => ended,
             interrupted = tokio::signal::ctrl_c() => Ok(interrupted?),
+            () = end_of_input(), if beside_training => Ok(()),
         }
     })
+}
+
+/// Waits until whoever holds the standard input is gone.
+async fn end_of_input() {
+    let (ended, wait) = tokio::sync::oneshot::channel();
+    let waiting = std::thread::Builder::new().name("input".to_owned()).spawn(move || {
+        std::io::copy(&mut std::io::stdin(), &mut std::io::sink()).ok();
+        ended.send(()).ok();
+    });
+    if waiting.is_ok() {
+        wait.await.ok();
+    }
+}
+
+/// The programs of the runs themselves.
+struct OfRuns;
+
+impl Programs for OfRuns {
+    fn draw(
+        &self,
+        folder: &RunFolder,
+        setting: Option<&str>,
+        episode: &Trajectory,
+        out: &Path,
+    ) -> Result<()> {
+        let episode = std::slice::from_ref(episode);
+        let (actor, input) = scenes::command(folder, setting, episode, out)?;
+        answer::of(actor, &input).map(|IgnoredAny| ())
+    }
+
+    fn estimate(
+        &self,
+        folder: &RunFolder,
+        checkpoint: Option<u64>,
+        observations: &[u8],
+    ) -> Result<Estimates> {
+        let mut service = Program::ProximityService.command()?;
+        service.arg("estimate").arg("--run").arg(folder.path());
+        service.args(checkpoint.map(|iteration| format!("--checkpoint={iteration}")));
+        answer::of(service, observations)
+    }
+
+    fn score(&self, folder: &RunFolder, changes: &[String], episode: &Trajectory) -> Result<Score> {
+        let OtherReward { config, model } = OtherReward::of(folder, changes)?;
+        let place = tempfile::tempdir()?;
+        let configuration = place.path().join("config.toml");
+        std::fs::write(&configuration, config.to_text())?;
+        let mut service = Program::ProximityService.command()?;
+        service.arg("score").arg("--run").arg(folder.path()).arg("--config").arg(configuration);
+        if let Some(model) = &model {
+            service.arg("--model").arg(model.path());
+        }
+        answer::of(service, &episode.encode_to_vec())
+    }
+
+    fn processes(&self, folder: &RunFolder) -> Result<Option<Processes>> {
+        let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(None) };
+        let found = processes::Processes::on(&address)?;
+        let heard = progress_file::read(folder).map_or(Vec::new(), |newest| newest.actors_heard);
+        Ok(found.train().then(|| Processes {
+            trouble: found.trouble(),
+            head: processes::HEAD,
+            rows: found.rows(&heard),
+        }))
+    }
 }

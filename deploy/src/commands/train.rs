@@ -10,6 +10,7 @@ use run::demonstrations::file_of;
 use run::folder::RunFolder;
 use run::summary::Summary;
 
+use crate::companion_page::CompanionPage;
 use crate::machine::Machine;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
@@ -69,6 +70,9 @@ pub(crate) struct Arguments {
     /// Continues the run in --run DIR from its newest checkpoint.
     #[arg(long)]
     resume: bool,
+    /// Serves no page of the run meanwhile; see `goalward page`.
+    #[arg(long)]
+    no_page: bool,
     /// Continues a run that another build of goalward trained, though its result may then be that of
     /// neither; the log and the summary name both.
     #[arg(long, requires = "resume")]
@@ -96,7 +100,7 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let other_build = arguments.other_build;
+    let Arguments { other_build, no_page, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let mut plan = begin(arguments.wishes())?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
@@ -117,7 +121,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     let _lock = plan.lay_out()?;
     let place = plan.folder.place()?;
-    print_start(&plan);
+    let page = if no_page { None } else { CompanionPage::start(plan.folder.path()) };
+    print_start(&plan, page.as_ref());
     remarks.iter().for_each(|remark| print_line(remark));
 
     let mut view = ProgressView::new();
@@ -199,15 +204,16 @@ fn existing_part(path: &Path) -> PathBuf {
     existing.unwrap_or(Path::new(".")).to_owned()
 }
 
-fn print_start(plan: &Plan) {
+fn print_start(plan: &Plan, page: Option<&CompanionPage>) {
     let config = &plan.config;
     let RunConfig { task, method, preset, seed, resources, .. } = config;
     print_line(&format!(
-        "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
+        "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}{}",
         if plan.resumed { "continuing" } else { "training" },
         plan.folder.path().display(),
         numbers::count(config.steps_wanted()),
         resources.actors,
+        page.map_or(String::new(), |page| format!("; {}", page.address())),
     ));
 }
 
@@ -247,6 +253,7 @@ mod tests {
             run: None,
             settings: vec!["ppo.clip=0.3".to_owned()],
             resume: false,
+            no_page: false,
             other_build: false,
         };
         let settings = arguments.wishes().settings;

@@ -76,7 +76,7 @@ impl Training {
     pub(super) fn start(&self, is_alone: bool, other_build: bool) -> Result<Child> {
         let goalward = std::env::current_exe().context("finding goalward itself")?;
         let mut command = Command::new(goalward);
-        command.arg("train").stdin(Stdio::null());
+        command.args(["train", "--no-page"]).stdin(Stdio::null());
         if self.folder.config_file().exists() {
             command.arg("--resume").args(other_build.then_some("--other-build"));
         } else {

@@ -12,6 +12,7 @@
 //! | [`folder`] | names of a folder's files, room on the disk |
 //! | `chunk` | chunks taken apart, within limits |
 //! | `record` | records parsed, their lengths measured first |
+//! | `source` | outermost records of a file |
 //! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
@@ -40,6 +41,7 @@ pub mod repair;
 pub mod rewrite;
 pub mod run;
 mod scan;
+mod source;
 pub mod topic;
 pub mod writer;
 

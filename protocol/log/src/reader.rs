@@ -15,10 +15,11 @@ use protocol::Error;
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
 use protocol::scene::SceneUpdate;
 
-use super::folder::is_active;
+use super::folder::{followed, is_active};
 use super::metadata::Metadata;
 use super::read_error;
-use super::scan::{Block, Damage, Message, Scanner, Tail};
+use super::scan::{Block, Message, Scanner};
+use super::source::{Damage, Tail};
 use super::topic::Topic;
 
 /// What was recorded. Trajectories are encoded, as the actor published them;
@@ -176,6 +177,34 @@ impl FileReader {
     /// How the file ends; none until the iterator has.
     pub fn ending(&self) -> Option<&Ending> {
         self.ending.as_ref()
+    }
+
+    /// Byte at which the chunk of the record given last begins; see [`entries_at`](Self::entries_at).
+    pub fn offset(&self) -> u64 {
+        self.scanner.offset()
+    }
+
+    /// The records of the chunk that begins at a byte, wherever iterating is.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] if no chunk of this file begins there, or it is not as it was.
+    pub fn entries_at(&self, offset: u64) -> Result<Vec<Entry>, Error> {
+        let messages = self.scanner.chunk_at(offset)?.into_iter();
+        messages.map(|message| decode(&self.path, message)).collect()
+    }
+
+    /// Iterates on over what a file has now that was being written when the iterator ended. Its writer may
+    /// have sealed it since.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] if the file is gone.
+    pub fn go_on(&mut self) -> Result<(), Error> {
+        if self.ending == Some(Ending::Unsealed) {
+            self.scanner.go_on()?;
+            self.path = followed(std::mem::take(&mut self.path));
+            self.ending = None;
+        }
+        Ok(())
     }
 
     /// The topics that the file has declared so far.

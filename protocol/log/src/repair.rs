@@ -14,7 +14,8 @@ use protocol::{Error, durable};
 use super::file::FileWriter;
 use super::folder::{ACTIVE, is_active, sync_folder_of, with_ending};
 use super::reader::{Ending, FileReader};
-use super::scan::{Block, Damage, Scanner, Tail};
+use super::scan::{Block, Scanner};
+use super::source::{Damage, Tail};
 use super::topic::Topic;
 use super::{read_error, write_error};
 

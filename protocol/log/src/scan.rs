@@ -6,19 +6,19 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
-use mcap::McapError;
 use mcap::records::{self, MessageHeader, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use protocol::Error;
 
 use super::chunk::{Chunks, RECORD_HEADER, each};
+use super::folder::followed;
 use super::metadata::{Metadata, not_ours};
 use super::read_error;
 use super::record::{self, LONGEST_RECORD, Trouble};
+use super::source::{Damage, Frame, Source, Tail};
 use super::topic::Topic;
 
 /// Longest record that declares something. Ours have some thousand bytes; in memory they become
@@ -44,26 +44,6 @@ pub(super) enum Block {
     Damage(Damage),
 }
 
-/// Where a file is not as it was written, and in which way.
-#[derive(Clone, Debug)]
-pub(super) struct Damage {
-    pub(super) offset: u64,
-    pub(super) reason: String,
-}
-
-/// How the bytes of a file end.
-#[derive(Clone, Debug)]
-pub(super) enum Tail {
-    /// As a sealed file does.
-    Sealed,
-    /// Behind a whole record, without the end of a sealed file.
-    Unsealed,
-    /// Within the record that starts at `offset`.
-    Cut { offset: u64, bytes: u64 },
-    /// In bytes from which no next record can be found.
-    Lost(Damage),
-}
-
 /// Reads a file block by block.
 pub(super) struct Scanner {
     path: PathBuf,
@@ -75,6 +55,8 @@ pub(super) struct Scanner {
     summary_read: bool,
     /// A block found together with the damage before it.
     held: Option<Block>,
+    /// Where the block given last begins.
+    offset: u64,
     tail: Option<Tail>,
 }
 
@@ -103,6 +85,7 @@ impl Scanner {
             summary_read: false,
             directory: Directory::default(),
             held: None,
+            offset: 0,
             tail: None,
         }))
     }
@@ -133,12 +116,50 @@ impl Scanner {
 
     /// Length of the file.
     pub(super) fn length(&self) -> u64 {
-        self.source.length
+        self.source.length()
+    }
+
+    /// Where the block given last begins.
+    pub(super) fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// Takes the file as it is now, behind what was whole when it ended.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] if the system cannot open it.
+    pub(super) fn go_on(&mut self) -> Result<(), Error> {
+        self.path = followed(std::mem::take(&mut self.path));
+        self.source = Source::open_at(&self.path, self.source.end())?;
+        self.tail = None;
+        Ok(())
+    }
+
+    /// The messages of the chunk that begins at `offset`, whose channels this scanner has met.
+    ///
+    /// # Errors
+    /// [`Error::LogRead`] if there is no such chunk any more, or it is not as it was.
+    pub(super) fn chunk_at(&self, offset: u64) -> Result<Vec<Message>, Error> {
+        let path = followed(self.path.clone());
+        let failed =
+            |reason: &str| Err(read_error(&path, format!("chunk at byte {offset}: {reason}")));
+        let mut source = Source::open_at(&path, offset)?;
+        let Frame::Record { kind: op::CHUNK, content, .. } = source.next(&path)? else {
+            return failed("expected a chunk, found something else");
+        };
+        let mut directory = self.directory.clone();
+        directory.forgive();
+        let mut found = ChunkContents::default();
+        let take = |kind, content: &[u8]| directory.take(kind, content, &mut found);
+        match Chunks::default().open(content, take) {
+            Ok(()) => Ok(found.messages),
+            Err(Trouble::Damage(reason) | Trouble::Foreign(reason)) => failed(&reason),
+        }
     }
 
     /// Whether a writer that lives has the file, or had it when this scanner had read all there was.
     pub(super) fn is_being_written(&self) -> bool {
-        let file = self.source.file.get_ref();
+        let file = self.source.file();
         let is_locked = match file.try_lock_shared() {
             Ok(()) => {
                 file.unlock().ok();
@@ -146,7 +167,7 @@ impl Scanner {
             }
             Err(cause) => matches!(cause, TryLockError::WouldBlock),
         };
-        is_locked || file.metadata().is_ok_and(|now| now.len() > self.source.length)
+        is_locked || file.metadata().is_ok_and(|now| now.len() > self.source.length())
     }
 
     /// The next block; none at the end of what can be read.
@@ -167,6 +188,7 @@ impl Scanner {
                     break;
                 }
             };
+            self.offset = offset;
             let mut found = ChunkContents::default();
             let taken = match kind {
                 op::CHUNK => {
@@ -202,95 +224,6 @@ impl Scanner {
     }
 }
 
-/// The outermost records of a file.
-struct Source {
-    file: BufReader<File>,
-    records: LinearReader,
-    kind: u8,
-    content: Vec<u8>,
-    /// Where the record given last starts, and where it ends.
-    start: u64,
-    end: u64,
-    length: u64,
-    read: u64,
-}
-
-enum Frame<'a> {
-    Record { kind: u8, content: &'a [u8], offset: u64 },
-    End(Tail),
-}
-
-impl Source {
-    fn open(path: &Path) -> Result<Self, Error> {
-        let failed = |cause| read_error(path, format!("cannot open: {cause}"));
-        let mut file = File::open(path).map_err(failed)?;
-        let length = file.metadata().map_err(failed)?.len();
-        let mut magic = Vec::new();
-        let magic_bytes = mcap::MAGIC.len() as u64;
-        file.by_ref().take(magic_bytes).read_to_end(&mut magic).map_err(failed)?;
-        if !mcap::MAGIC.starts_with(&magic) {
-            let found = magic.escape_ascii();
-            let message = format!("expected an MCAP file, found one that begins with `{found}`");
-            return Err(read_error(path, message));
-        }
-        file.rewind().map_err(failed)?;
-        let options = LinearReaderOptions::default()
-            .with_emit_chunks(true)
-            .with_validate_data_section_crc(true)
-            .with_validate_summary_section_crc(true)
-            .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(LONGEST_RECORD);
-        let records = LinearReader::new_with_options(options);
-        let file = BufReader::with_capacity(64 << 10, file);
-        let (kind, content) = (0, Vec::new());
-        Ok(Source { file, records, kind, content, start: 0, end: magic_bytes, length, read: 0 })
-    }
-
-    fn next(&mut self, path: &Path) -> Result<Frame<'_>, Error> {
-        loop {
-            match self.records.next_event() {
-                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => self.fill(wanted, path)?,
-                Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                    (self.kind, self.start) = (opcode, self.end);
-                    self.end += (RECORD_HEADER + data.len()) as u64;
-                    self.content.clear();
-                    self.content.extend_from_slice(data);
-                    break;
-                }
-                Some(Err(cause)) => return Ok(Frame::End(self.tail(cause))),
-                None => return Ok(Frame::End(Tail::Sealed)),
-            }
-        }
-        Ok(Frame::Record { kind: self.kind, content: &self.content, offset: self.start })
-    }
-
-    /// Gives the parser what it asks for, as far as the file had it when it was opened.
-    fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Error> {
-        let left = usize::try_from(self.length - self.read).unwrap_or(usize::MAX);
-        let room = self.records.insert(wanted.min(left));
-        let count = loop {
-            match self.file.read(room) {
-                Err(cause) if cause.kind() == std::io::ErrorKind::Interrupted => {}
-                read => break read,
-            }
-        };
-        let count = count.map_err(|cause| {
-            read_error(path, format!("cannot read at byte {}: {cause}", self.read))
-        })?;
-        self.records.notify_read(count);
-        self.read += count as u64;
-        Ok(())
-    }
-
-    fn tail(&self, cause: McapError) -> Tail {
-        match cause {
-            McapError::UnexpectedEof if self.read <= self.end => Tail::Unsealed,
-            McapError::UnexpectedEof => Tail::Cut { offset: self.end, bytes: self.read - self.end },
-            cause => Tail::Lost(Damage { offset: self.end, reason: cause.to_string() }),
-        }
-    }
-}
-
 /// What a chunk, or a record outside of chunks, holds.
 #[derive(Default)]
 struct ChunkContents {
@@ -300,13 +233,14 @@ struct ChunkContents {
 }
 
 /// The schemas and channels of a file so far, and how many messages each channel had.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Directory {
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Channel>,
     missing: u64,
 }
 
+#[derive(Clone)]
 struct Channel {
     /// None for a topic that is not ours: somebody added to the file, which is their right.
     topic: Option<Topic>,

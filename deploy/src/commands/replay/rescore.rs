@@ -9,15 +9,13 @@ use run::folder::RunFolder;
 use serde::Deserialize;
 
 use super::curves::{self, Point};
+use crate::destination;
 use crate::full_log::FullLog;
+use crate::other_reward::OtherReward;
 use crate::programs::{self, Program};
-use crate::{destination, plan};
 use terminal::numbers;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
-
-/// What a change begins with that names a run whose trained model scores.
-const MODEL: &str = "model=";
 
 /// What the service says; of two numbers the first is of the recorded rewards.
 #[derive(Debug, Deserialize)]
@@ -40,25 +38,7 @@ pub(super) fn rescore(
     out: Option<PathBuf>,
     force: bool,
 ) -> Result<()> {
-    let (models, settings): (Vec<_>, Vec<_>) =
-        changes.iter().partition(|change| change.starts_with(MODEL));
-    let model = match models[..] {
-        [] => None,
-        [one] => Some(RunFolder::new(&one[MODEL.len()..])),
-        _ => return Err(wrong_usage("expected one model=RUN, found several")),
-    };
-    let recorded = folder.config()?;
-    let mut config = recorded.clone();
-    if let Some(model) = &model {
-        config.reward = model.config()?.reward;
-    }
-    let settings: Vec<String> = settings.into_iter().cloned().collect();
-    if let Some(other) = settings.iter().find(|setting| !setting.starts_with("reward.")) {
-        return Err(wrong_usage(format!(
-            "--with {other}: expected a key such as reward.uncertainty, or model=RUN"
-        )));
-    }
-    let config = plan::changed(&config, &settings)?;
+    let OtherReward { config, model } = OtherReward::of(folder, changes)?;
     let [out, configuration, picture] = files(folder, out, force)?;
     fs::write(&configuration, config.to_text())
         .with_context(|| configuration.display().to_string())?;

@@ -1,9 +1,10 @@
 //! The log under everything that happens to logs: what was written is read, or the loss is named;
 //! nothing else comes out. Here: round trips and others' files; crashes, cuts and flipped bits are
-//! in `damage.rs`, repairs that die in `repair.rs`, files made to harm in `hostile.rs`, rotation and resumption in `run.rs`.
+//! in `damage.rs`, files that grow in `following.rs`, repairs that die in `repair.rs`, files made to harm in `hostile.rs`, rotation and resumption in `run.rs`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod damage;
+mod following;
 mod hostile;
 mod repair;
 mod run;

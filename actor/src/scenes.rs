@@ -1,0 +1,74 @@
+//! `goalward-actor scenes`: recorded episodes acted again, and written with what a viewer draws of them.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use bytes::Bytes;
+use environments::Setting;
+use mcap_log::{FileWriter, Topic};
+use prost::bytes::Buf;
+use protocol::trajectory::{Encoded, Trajectory};
+use run::folder::RunFolder;
+use run::metadata;
+use serde::Serialize;
+
+use crate::drawing::{FRAME_NS, draw};
+use crate::factory::{Factory, Tasks};
+use crate::resimulate::Resimulator;
+
+/// What was written, as it is printed.
+#[derive(Debug, Serialize)]
+pub(crate) struct Written {
+    /// Episodes.
+    pub(crate) episodes: u64,
+    /// Scenes of all of them; none of a task without solids.
+    pub(crate) frames: u64,
+}
+
+/// Acts episodes of a run again, one behind the other in `recorded`, each behind its length, and writes them
+/// to a new file, with their observations. `setting` is that of their environment where it is not the run's.
+///
+/// # Errors
+/// When an episode does not act again as it was recorded, or the file cannot be written.
+pub(crate) fn write(
+    tasks: Tasks,
+    folder: &RunFolder,
+    setting: Option<Setting>,
+    recorded: Bytes,
+    out: &Path,
+) -> Result<Written> {
+    let config = folder.config()?;
+    let name = &config.task.name;
+    ensure!(config.task.deterministic, "{name}: expected a task whose episodes can be acted again");
+    let factory = Factory::of_run(tasks, &config)?;
+    let factory = setting.map_or(factory.clone(), |setting| factory.with_setting(setting));
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let mut resimulator = Resimulator::new(&threads, &factory)?;
+    let episodes = episodes(recorded)?;
+    let acted = resimulator.each(&episodes, |_, acted| acted);
+    let mut environment = factory.make()?;
+    let topics = [Topic::Trajectory, Topic::EvaluationTrajectory, Topic::Scene];
+    let mut writer = FileWriter::create_anew(out, &metadata::of_run(&config), &topics)?;
+    let mut time_ns = 0;
+    for (recorded, acted) in episodes.iter().zip(acted) {
+        let trajectory = acted?;
+        let Trajectory { lane, episode, state_hash, .. } = *recorded;
+        ensure!(
+            trajectory.state_hash == state_hash,
+            "lane {lane} episode {episode}: expected the recorded state, found another"
+        );
+        writer.trajectory(&Encoded::encode(trajectory), time_ns)?;
+        time_ns = draw(&mut writer, &mut *environment, recorded, time_ns)?;
+    }
+    writer.seal()?;
+    Ok(Written { episodes: episodes.len() as u64, frames: time_ns / FRAME_NS })
+}
+
+fn episodes(mut recorded: Bytes) -> Result<Vec<Trajectory>> {
+    let mut episodes = Vec::new();
+    while recorded.has_remaining() {
+        let episode = prost::Message::decode_length_delimited(&mut recorded);
+        episodes.push(episode.context("reading episodes")?);
+    }
+    Ok(episodes)
+}

@@ -1,0 +1,202 @@
+//! The answers: each question's route, and what it gets as JSON.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+
+use anyhow::Result;
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+use run::folder::RunFolder;
+use serde::{Deserialize, Serialize};
+use tokio_stream::StreamExt;
+use tokio_stream::wrappers::WatchStream;
+
+use crate::listed::List;
+use crate::output::Output;
+use crate::runs::Runs;
+use crate::shown::Asked;
+use crate::state::{Pages, Refused, WATCHERS};
+
+type Answer = Result<Response, Refused>;
+type Shared = State<Arc<Pages>>;
+
+/// The routes below `/api`.
+pub(crate) fn routes() -> Router<Arc<Pages>> {
+    Router::new()
+        .route("/runs", get(list))
+        .route("/events", get(events))
+        .route("/runs/{id}", get(details))
+        .route("/runs/{id}/updates", get(updates))
+        .route("/runs/{id}/processes", get(processes))
+        .route("/runs/{id}/output", get(output))
+        .route("/runs/{id}/episodes/{collection}", get(episodes))
+        .route("/runs/{id}/episodes/{collection}/{row}", get(episode))
+        .route("/runs/{id}/episodes/{collection}/{row}/scenes", get(scenes))
+        .route("/runs/{id}/episodes/{collection}/{row}/proximity", get(proximity))
+        .route("/runs/{id}/episodes/{collection}/{row}/grid", get(grid))
+        .route("/runs/{id}/episodes/{collection}/{row}/reward", get(reward))
+}
+
+async fn list(State(pages): Shared) -> Result<Json<List>, Refused> {
+    Ok(Json(pages.read(Runs::list).await?))
+}
+
+/// The list of runs now, and again whenever it has changed. A browser that is slow misses lists, never the newest.
+async fn events(State(pages): Shared) -> Result<impl IntoResponse, Refused> {
+    let place = Arc::clone(&pages.watchers).try_acquire_owned().map_err(|_taken| {
+        let line = format!("{WATCHERS} browsers are told of changes already");
+        Refused(StatusCode::SERVICE_UNAVAILABLE, line)
+    })?;
+    let changes = WatchStream::from_changes(pages.newest.subscribe());
+    let now = Arc::new(pages.read(Runs::list).await?);
+    let lists = tokio_stream::once(now).chain(changes).map(move |list| {
+        let _held = &place;
+        let event = Event::default().event("runs").json_data(&*list);
+        Ok::<_, Infallible>(event.unwrap_or_default())
+    });
+    Ok(Sse::new(lists).keep_alive(KeepAlive::default()))
+}
+
+async fn details(State(pages): Shared, Path(id): Path<String>) -> Answer {
+    of_run(pages, id, |runs, id, folder| json(&runs.details(id, folder)?)).await
+}
+
+/// From which row on rows are asked for, and of which generation the others are.
+#[derive(Deserialize)]
+struct FirstRow {
+    #[serde(default)]
+    from: usize,
+    #[serde(default)]
+    generation: u64,
+}
+
+async fn updates(
+    State(pages): Shared,
+    Path(id): Path<String>,
+    Query(FirstRow { from, .. }): Query<FirstRow>,
+) -> Answer {
+    of_run(pages, id, move |runs, _, folder| json(&runs.curves(folder).from(from))).await
+}
+
+async fn processes(State(pages): Shared, Path(id): Path<String>) -> Answer {
+    of_run(pages, id, |runs, _, folder| json(&runs.shown.processes(folder)?)).await
+}
+
+async fn output(State(pages): Shared, Path(id): Path<String>) -> Answer {
+    of_run(pages, id, |_, _, folder| json(&Output::of(folder))).await
+}
+
+async fn episodes(
+    State(pages): Shared,
+    Path((id, collection)): Path<(String, String)>,
+    Query(FirstRow { from, generation }): Query<FirstRow>,
+) -> Answer {
+    let read = move |runs: &Runs, _: &str, folder: &RunFolder| {
+        let found = runs.shown.rows(folder, &collection, generation, from)?;
+        found.ok_or_else(|| Refused::unknown(format!("there is no collection {collection}")))
+    };
+    of_run(pages, id, read).await
+}
+
+async fn episode(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+) -> Answer {
+    of_episode(pages, id, collection, row, |_, asked| json(&asked.episode())).await
+}
+
+async fn scenes(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+) -> Answer {
+    of_episode(pages, id, collection, row, |runs, asked| json(&runs.shown.scenes(&asked)?)).await
+}
+
+/// The checkpoint whose reward model is asked; the newest where none is named.
+#[derive(Deserialize)]
+struct Model {
+    checkpoint: Option<u64>,
+}
+
+async fn proximity(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+    Query(Model { checkpoint }): Query<Model>,
+) -> Answer {
+    let ask = move |runs: &Runs, asked: Asked| json(&runs.shown.proximity(&asked, checkpoint)?);
+    of_episode(pages, id, collection, row, ask).await
+}
+
+async fn grid(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+    Query(Model { checkpoint }): Query<Model>,
+) -> Answer {
+    let ask = move |runs: &Runs, asked: Asked| json(&runs.shown.grid(&asked, checkpoint)?);
+    of_episode(pages, id, collection, row, ask).await
+}
+
+/// Another reward: changes behind one another, and the run whose trained model scores.
+#[derive(Deserialize)]
+struct Otherwise {
+    #[serde(default)]
+    with: String,
+    model: Option<String>,
+}
+
+async fn reward(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+    Query(Otherwise { with, model }): Query<Otherwise>,
+) -> Answer {
+    let ask = move |runs: &Runs, asked: Asked| {
+        let mut changes: Vec<String> = with.split_whitespace().map(str::to_owned).collect();
+        if changes.iter().any(|change| change.starts_with("model=")) {
+            return Err(Refused::unknown("expected the name of a run as `model`"));
+        }
+        if let Some(name) = model {
+            let unknown = || Refused::unknown(format!("no run is called {name}"));
+            let folder = runs.folder(&name).ok_or_else(unknown)?;
+            changes.push(format!("model={}", folder.path().display()));
+        }
+        json(&runs.shown.score(&asked, &changes)?)
+    };
+    of_episode(pages, id, collection, row, ask).await
+}
+
+/// What `read` says of a run.
+async fn of_run(
+    pages: Arc<Pages>,
+    id: String,
+    read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<String, Refused> + Send + 'static,
+) -> Answer {
+    let found = pages.read(move |runs| match runs.folder(&id) {
+        Some(folder) => read(runs, &id, &folder),
+        None => Err(Refused::unknown(format!("no run is called {id}"))),
+    });
+    Ok(([(header::CONTENT_TYPE, "application/json")], found.await??).into_response())
+}
+
+/// What `read` says of an episode of a run.
+async fn of_episode(
+    pages: Arc<Pages>,
+    id: String,
+    collection: String,
+    row: usize,
+    read: impl FnOnce(&Runs, Asked) -> Result<String, Refused> + Send + 'static,
+) -> Answer {
+    let ask = move |runs: &Runs, _: &str, folder: &RunFolder| {
+        let asked = runs.shown.asked(folder, &collection, row)?;
+        let unknown = || Refused::unknown(format!("there is no episode {row} in {collection}"));
+        read(runs, asked.ok_or_else(unknown)?)
+    };
+    of_run(pages, id, ask).await
+}
+
+fn json(answer: &impl Serialize) -> Result<String, Refused> {
+    Ok(serde_json::to_string(answer).map_err(anyhow::Error::new)?)
+}

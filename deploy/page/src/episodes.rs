@@ -1,0 +1,293 @@
+//! The episodes of a run's log, of its demonstrations or of an evaluation: what each came to, and where it lies.
+//!
+//! Files are read once, and on as they grow; of an episode a row is kept, no more.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use bytes::Bytes;
+use mcap_log::{Contents, Ending, FileReader, Record, log_files};
+use prost::Message;
+use protocol::Error;
+use protocol::messages::Score;
+use protocol::task::Spec;
+use protocol::trajectory::{Source, Trajectory};
+use serde::Serialize;
+
+/// The names of a row's numbers.
+const COLUMNS: [&str; 13] = [
+    "source",
+    "iteration",
+    "lane",
+    "episode",
+    "policy_version",
+    "steps",
+    "ending",
+    "success",
+    "steps_to_goal",
+    "return",
+    "environment_return",
+    "proximity",
+    "uncertainty",
+];
+
+/// A value for each of [`COLUMNS`].
+type Row =
+    (i32, u64, u64, u64, u64, u32, i32, bool, u32, Option<f32>, f32, Option<f32>, Option<f32>);
+
+/// What an episode is called in its files.
+type Name = (i32, u64, u64);
+
+/// Where a record lies: the file's place among those read, the byte its chunk begins at.
+type Place = (usize, u64);
+
+/// What is kept of an episode.
+#[derive(Debug)]
+struct Episode {
+    source: i32,
+    iteration: u64,
+    lane: u64,
+    number: u64,
+    policy_version: u64,
+    steps: u32,
+    ending: i32,
+    success: bool,
+    steps_to_goal: u32,
+    environment_return: f32,
+    trajectory: Place,
+    score: Option<Scored>,
+}
+
+/// What is kept of a score.
+#[derive(Debug)]
+struct Scored {
+    /// Sum of the rewards.
+    return_: f32,
+    /// Of the last observation.
+    proximity: Option<f32>,
+    /// Mean over the observations.
+    uncertainty: Option<f32>,
+    place: Place,
+}
+
+impl Episode {
+    fn row(&self) -> Row {
+        let scored = self.score.as_ref();
+        (
+            self.source,
+            self.iteration,
+            self.lane,
+            self.number,
+            self.policy_version,
+            self.steps,
+            self.ending,
+            self.success,
+            self.steps_to_goal,
+            scored.map(|score| score.return_),
+            self.environment_return,
+            scored.and_then(|score| score.proximity),
+            scored.and_then(|score| score.uncertainty),
+        )
+    }
+}
+
+/// The episodes of some files, in the order in which they were recorded.
+#[derive(Default)]
+pub(crate) struct Episodes {
+    readers: Vec<(PathBuf, FileReader)>,
+    listed: Vec<Episode>,
+    by_name: HashMap<Name, usize>,
+    /// Episodes before this one will change no more, but by being recorded again.
+    settled: usize,
+    /// How often episodes were recorded again, as after a process died.
+    generation: u64,
+    /// What cannot be read, a line each.
+    trouble: Vec<String>,
+}
+
+/// Rows from one on, as a browser gets them. Those of another generation are worth nothing.
+#[derive(Serialize)]
+pub(crate) struct Rows<'a> {
+    columns: [&'static str; COLUMNS.len()],
+    generation: u64,
+    from: usize,
+    rows: Vec<Row>,
+    trouble: &'a [String],
+}
+
+/// An episode as it was recorded, and what the reward model said of it, if it did.
+pub(crate) struct Recorded {
+    pub(crate) trajectory: Trajectory,
+    pub(crate) score: Option<Score>,
+}
+
+impl Episodes {
+    /// Reads what a run's log has got since the last time.
+    pub(crate) fn read_log(&mut self, folder: &Path) {
+        // A run that has only begun has no log yet, which is no trouble.
+        let files = if folder.exists() { log_files(folder) } else { Ok(Vec::new()) };
+        let files = files.unwrap_or_else(|error| {
+            self.trouble = vec![error.to_string()];
+            Vec::new()
+        });
+        let files = files.into_iter().filter(|file| file.contents == Contents::Trajectories);
+        self.read(files.map(|file| file.path));
+    }
+
+    /// Reads what files have got since the last time.
+    pub(crate) fn read(&mut self, files: impl Iterator<Item = PathBuf>) {
+        for place in 0..self.readers.len() {
+            let reader = &mut self.readers[place].1;
+            if let Err(error) = reader.go_on() {
+                self.trouble.push(error.to_string());
+            }
+            self.read_on(place);
+        }
+        let sealed = |path: &Path| path.with_extension("");
+        for path in files {
+            let is_known = |known: &PathBuf| *known == path || sealed(known) == path;
+            if self.readers.iter().any(|(known, _)| is_known(known)) {
+                continue;
+            }
+            match FileReader::open(&path) {
+                Ok(reader) => {
+                    self.readers.push((path, reader));
+                    self.read_on(self.readers.len() - 1);
+                }
+                // A file of which the metadata are still to come.
+                Err(_) if mcap_log::is_active(&path) => {}
+                Err(error) => self.tell(error.to_string()),
+            }
+        }
+        self.settle();
+    }
+
+    /// Rows from the `from`-th on; all of them if the browser knows those of another generation.
+    pub(crate) fn rows(&self, generation: u64, from: usize) -> Rows<'_> {
+        let from = if generation == self.generation { from.min(self.settled) } else { 0 };
+        let rows = self.listed[from..self.settled].iter().map(Episode::row).collect();
+        let Episodes { generation, ref trouble, .. } = *self;
+        Rows { columns: COLUMNS, generation, from, rows, trouble }
+    }
+
+    /// The setting of the environment that the files name, as JSON; those of a run's log name none.
+    pub(crate) fn setting(&self) -> Option<String> {
+        let (_, reader) = self.readers.first()?;
+        reader.metadata().get("setting").map(str::to_owned)
+    }
+
+    /// An episode read again; none where there is no such row.
+    ///
+    /// # Errors
+    /// When it is not in its file any more, or does not fit the task.
+    pub(crate) fn recorded(&self, row: usize, spec: &Spec) -> Option<Result<Recorded>> {
+        Some(self.recorded_at(self.listed.get(row)?, spec))
+    }
+
+    fn recorded_at(&self, episode: &Episode, spec: &Spec) -> Result<Recorded> {
+        let name = (episode.lane, episode.number);
+        let records = self.records_at(episode.trajectory)?.into_iter();
+        let mut trajectories = records.filter_map(Record::trajectory);
+        let is_it = |bytes: &Bytes| {
+            let other = Trajectory::decode(bytes.clone());
+            other.is_ok_and(|other| (other.lane, other.episode) == name)
+        };
+        let bytes = trajectories.find(is_it).context("expected an episode where it was")?;
+        let trajectory = Trajectory::recorded(bytes, spec)?;
+        let score = match &episode.score {
+            Some(scored) => {
+                self.records_at(scored.place)?.into_iter().find_map(|record| match record {
+                    Record::Score(score) if (score.lane, score.episode) == name => Some(score),
+                    _ => None,
+                })
+            }
+            None => None,
+        };
+        Ok(Recorded { trajectory, score })
+    }
+
+    fn records_at(&self, (file, offset): Place) -> Result<Vec<Record>, Error> {
+        let entries = self.readers[file].1.entries_at(offset)?;
+        Ok(entries.into_iter().map(|entry| entry.record).collect())
+    }
+
+    fn read_on(&mut self, file: usize) {
+        loop {
+            let reader = &mut self.readers[file].1;
+            let Some(entry) = reader.next() else { break };
+            let place = (file, reader.offset());
+            let taken = match entry.map(|entry| entry.record) {
+                Ok(Record::Score(score)) => {
+                    self.take_score(&score, place);
+                    Ok(())
+                }
+                Ok(record) => record.trajectory().map_or(Ok(()), |bytes| self.take(bytes, place)),
+                Err(error) => Err(error.into()),
+            };
+            if let Err(error) = taken {
+                self.tell(format!("{error:#}"));
+            }
+        }
+        let (path, reader) = &self.readers[file];
+        if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
+            self.tell(format!("{}: {ending}", path.display()));
+        }
+    }
+
+    fn take(&mut self, bytes: Bytes, place: Place) -> Result<()> {
+        let found = Trajectory::decode(bytes)?;
+        let episode = Episode {
+            source: found.source,
+            iteration: found.iteration,
+            lane: found.lane,
+            number: found.episode,
+            policy_version: found.policy_version,
+            steps: found.steps,
+            ending: found.ending,
+            success: found.success,
+            steps_to_goal: found.steps_to_goal,
+            environment_return: found.environment_return() as f32,
+            trajectory: place,
+            score: None,
+        };
+        let next = self.listed.len();
+        let at = *self.by_name.entry((found.source, found.lane, found.episode)).or_insert(next);
+        if at < next {
+            self.listed[at] = episode;
+            (self.settled, self.generation) = (self.settled.min(at), self.generation + 1);
+        } else {
+            self.listed.push(episode);
+        }
+        Ok(())
+    }
+
+    fn take_score(&mut self, score: &Score, place: Place) {
+        let name = (Source::Training as i32, score.lane, score.episode);
+        let Some(&at) = self.by_name.get(&name) else { return };
+        let mean = score.uncertainty.iter().sum::<f32>() / score.uncertainty.len() as f32;
+        self.listed[at].score = Some(Scored {
+            return_: score.rewards.iter().sum(),
+            proximity: score.proximity.last().copied(),
+            uncertainty: mean.is_finite().then_some(mean),
+            place,
+        });
+    }
+
+    /// Finds the first episode that may still be scored: one of the newest iteration of a log that is written.
+    fn settle(&mut self) {
+        let is_written = |(_, reader): &(_, FileReader)| reader.ending() == Some(&Ending::Unsealed);
+        let newest = self.listed.last().map(|episode| episode.iteration);
+        let newest = newest.filter(|_| self.readers.last().is_some_and(is_written));
+        let may_be_scored =
+            |episode: &Episode| episode.score.is_none() && Some(episode.iteration) == newest;
+        let unsettled = self.listed[self.settled..].iter().position(may_be_scored);
+        self.settled = unsettled.map_or(self.listed.len(), |first| self.settled + first);
+    }
+
+    fn tell(&mut self, trouble: String) {
+        if !self.trouble.contains(&trouble) {
+            self.trouble.push(trouble);
+        }
+    }
+}

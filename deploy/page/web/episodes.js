@@ -1,0 +1,180 @@
+// The episodes of a run: a table that sorts and filters, and those that are chosen, played.
+
+import * as api from "./api.js";
+import { button, element } from "./dom.js";
+import { count, short } from "./format.js";
+import { Player } from "./player.js";
+import { Rows } from "./rows.js";
+import { LongTable } from "./table.js";
+
+const COLUMNS = [
+  { key: "place", label: "#" },
+  { key: "source", label: "of", text: true },
+  { key: "iteration", label: "iteration" },
+  { key: "lane", label: "lane" },
+  { key: "episode", label: "episode" },
+  { key: "success", label: "success", text: true, show: ended },
+  { key: "steps", label: "steps" },
+  { key: "return", label: "return", show: (row) => short(row.return) },
+  { key: "environment_return", label: "environment's return", show: (row) => short(row.environment_return) },
+  { key: "proximity", label: "last proximity", show: (row) => short(row.proximity) },
+  { key: "uncertainty", label: "uncertainty", show: (row) => short(row.uncertainty) },
+];
+const ENDINGS = ["at the goal", "at the horizon", "failed"];
+// Filters that people ask for most, each with the order that goes with it.
+const SHORTCUTS = [
+  ["newest", "", { key: "place", falls: true }],
+  ["failed", "failed", { key: "place", falls: true }],
+  ["most uncertain", "", { key: "uncertainty", falls: true }],
+  ["evaluation", "evaluation", { key: "place", falls: true }],
+];
+
+/** The view of a run's episodes. `address` is run, collection, row, and perhaps the row of a second one. */
+export class EpisodesView {
+  constructor(place, [run, collection = "log", row = "", beside = ""]) {
+    Object.assign(this, { run, collection, isOpen: true, known: null, runs: [] });
+    this.wanted = [row, beside].map((text) => (text === "" ? null : Number(text)));
+    this.trouble = element("div");
+    this.told = element("span", { class: "soft", role: "status" });
+    this.filter = element("input", {
+      id: "filter", type: "search", "aria-label": "Filter episodes", oninput: () => this.draw(),
+      placeholder: "Filter ( / ): failed, evaluation, steps<20, uncertainty>0.1",
+    });
+    this.table = new LongTable(COLUMNS, SHORTCUTS[0][2], {
+      onsort: () => this.draw(), onchoose: (chosen) => this.play(chosen),
+    });
+    this.collections = element("select", { "aria-label": "Collection", onchange: () => this.open(this.collections.value) });
+    this.beside = button("Put beside", () => this.putBeside(), { "aria-pressed": "false", disabled: true });
+    this.players = element("div", { class: "players" });
+    place.replaceChildren(
+      element("p", {}, element("a", { href: "#/" }, "All runs"), " / ",
+        element("a", { href: `#/run/${encodeURIComponent(run)}` }, run)),
+      element("h1", {}, "Episodes"), this.trouble, this.players,
+      element("div", { class: "controls" }, this.collections, this.filter, SHORTCUTS.map((known) => this.shortcut(known)),
+        this.beside, this.told),
+      this.table.place,
+    );
+    this.first = new Player();
+    this.second = null;
+    this.players.replaceChildren(this.first.place);
+    this.onkey = (event) => this.key(event);
+    addEventListener("keydown", this.onkey);
+    this.open(collection);
+  }
+
+  shortcut([label, filter, sorting]) {
+    return button(label, () => {
+      this.filter.value = filter;
+      this.table.sorting = sorting;
+      this.table.drawHead();
+      this.draw();
+    });
+  }
+
+  close() {
+    this.isOpen = false;
+    removeEventListener("keydown", this.onkey);
+    this.first.close();
+    this.second?.close();
+  }
+
+  /** Reads again when the list says that the run has gone on. */
+  async show(list) {
+    this.runs = list.runs;
+    const run = list.runs.find((other) => other.id === this.run);
+    const line = run ? `${run.state} ${run.environment_steps}` : "gone";
+    if (this.known !== null && this.known !== line) await this.read();
+    this.known = line;
+  }
+
+  async open(collection) {
+    this.collection = collection;
+    this.rows = new Rows(this.run, collection);
+    try {
+      this.details ??= await api.details(this.run);
+    } catch (error) {
+      this.tell([error.message]);
+      return;
+    }
+    const names = this.details.collections.map((name) => element("option", { value: name, selected: name === collection }, name));
+    this.collections.replaceChildren(...names);
+    await this.read();
+  }
+
+  async read() {
+    const { rows } = this;
+    try {
+      await rows.read();
+    } catch (error) {
+      this.tell([error.message]);
+      return;
+    }
+    if (!this.isOpen || rows !== this.rows) return;
+    this.tell(rows.trouble);
+    this.draw();
+    await this.playWanted();
+  }
+
+  /** Plays what the address names; at first the newest of what is shown. */
+  async playWanted() {
+    const [row, beside] = this.wanted;
+    const found = row === null ? this.shown[0] : this.rows.rows[row];
+    if (this.first.name || !found) return;
+    if (beside !== null && this.rows.rows[beside]) {
+      await this.play(this.rows.rows[beside]);
+      this.putBeside();
+    }
+    await this.play(found);
+  }
+
+  tell(lines) {
+    this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
+  }
+
+  draw() {
+    this.shown = this.rows.chosen(this.filter.value, this.table.sorting);
+    this.told.textContent = `${count(this.shown.length)} of ${count(this.rows.rows.length)} episodes`;
+    this.table.show(this.shown);
+  }
+
+  async play(row) {
+    this.table.choose(row);
+    this.beside.disabled = false;
+    this.row = row;
+    const places = [row.place, ...(this.second ? [this.second.name.at(-1)] : [])];
+    const address = ["#", "episodes", this.run, this.collection, ...places].map(encodeURIComponent).join("/");
+    history.replaceState(null, "", `${location.pathname}${location.search}${address.replace("%23", "#")}`);
+    await this.first.open([this.run, this.collection, row.place], this.details, this.runs);
+  }
+
+  /** Keeps what is played at the right, so that another can be played at the left; or lets it go. */
+  async putBeside() {
+    const isThere = this.second !== null;
+    this.beside.setAttribute("aria-pressed", String(!isThere));
+    if (isThere) {
+      this.second.close();
+      this.second = null;
+    } else {
+      this.second = new Player();
+      this.second.open(this.first.name, this.details, this.runs);
+    }
+    this.first.follower = this.second;
+    this.players.replaceChildren(this.first.place, ...(this.second ? [this.second.place] : []));
+    this.first.resize();
+  }
+
+  key(event) {
+    if (event.target.matches("input, select, textarea")) return;
+    if (event.key === " " && !event.target.matches("button")) {
+      event.preventDefault();
+      this.first.toggle();
+    }
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (step && !event.target.matches("svg")) this.first.seek(this.first.at + step);
+  }
+}
+
+function ended({ success, ending, steps_to_goal: reached }) {
+  const mark = element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : ENDINGS[ending]);
+  return mark;
+}

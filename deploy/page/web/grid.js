@@ -1,0 +1,100 @@
+// An episode of a grid: cells in colors, over them what a model says of the agent on each.
+
+import { element } from "./dom.js";
+import { short } from "./format.js";
+
+const KNOWN = { wall: "--wall", goal: "--good", agent: "--agent", empty: "--raised" };
+const CELL = 22;
+// Viridis at ten places.
+const VIRIDIS = [
+  [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142],
+  [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37],
+];
+
+/** Draws the observations of a grid. */
+export class GridStage {
+  constructor() {
+    this.canvas = element("canvas", { role: "img" });
+    this.legend = element("p", { class: "soft" });
+    this.place = element("div", { class: "grid" }, this.canvas, this.legend);
+    this.map = null;
+  }
+
+  take({ task, cells }) {
+    const { height, width } = task.observation.cells;
+    Object.assign(this, { height, width, cells, labels: task.labels ?? [], map: null, at: 0 });
+    this.legend.textContent = "";
+    [this.canvas.width, this.canvas.height] = [width * CELL, height * CELL];
+    const style = getComputedStyle(document.documentElement);
+    this.colors = this.labels.map((label) => style.getPropertyValue(KNOWN[label] ?? "--soft").trim());
+    this.show(0);
+  }
+
+  /** Shows an observation. */
+  show(step) {
+    this.at = step;
+    const [context, count] = [this.canvas.getContext("2d"), this.height * this.width];
+    const seen = this.cells.slice(step * count, (step + 1) * count);
+    const path = this.path(step);
+    seen.forEach((kind, place) => this.fill(context, place, this.color(kind, place)));
+    context.strokeStyle = getComputedStyle(this.canvas).getPropertyValue("--agent");
+    context.lineWidth = 2;
+    context.beginPath();
+    for (const place of path) context.lineTo(...this.center(place));
+    context.stroke();
+    const agent = seen.indexOf(this.labels.indexOf("agent"));
+    this.canvas.setAttribute("aria-label",
+      agent >= 0 ? `Step ${step}: agent in row ${Math.floor(agent / this.width)}, column ${agent % this.width}` : `Step ${step}`);
+  }
+
+  /** Where the agent has been up to a step. */
+  path(step) {
+    const [count, agent] = [this.height * this.width, this.labels.indexOf("agent")];
+    const places = [];
+    for (let i = 0; agent >= 0 && i <= step; i += 1) {
+      const place = this.cells.indexOf(agent, i * count);
+      if (place >= 0 && place < (i + 1) * count) places.push(place - i * count);
+    }
+    return places;
+  }
+
+  color(kind, place) {
+    const value = this.map?.values.get(place);
+    const isFree = this.labels[kind] === "empty" || !this.labels[kind];
+    if (value === undefined || !isFree) return this.colors[kind] ?? shade(kind / 12);
+    return shade((value - this.map.low) / (this.map.high - this.map.low || 1));
+  }
+
+  fill(context, place, color) {
+    context.fillStyle = color;
+    context.fillRect((place % this.width) * CELL, Math.floor(place / this.width) * CELL, CELL, CELL);
+  }
+
+  center(place) {
+    return [(place % this.width + 0.5) * CELL, (Math.floor(place / this.width) + 0.5) * CELL];
+  }
+
+  /** Draws what a model says of the agent on each cell, or no longer. */
+  heat(said) {
+    if (said === null) {
+      [this.map, this.legend.textContent] = [null, ""];
+    } else {
+      // The goal itself is so much closer than its neighbours that the colors are for all other cells.
+      const goal = this.labels.indexOf("goal");
+      const others = said.places.map((place, index) => [place, said.proximity[index]]).filter(([place]) => this.cells[place] !== goal);
+      const numbers = others.map(([, value]) => value);
+      this.map = { values: new Map(others), low: Math.min(...numbers), high: Math.max(...numbers) };
+      this.legend.textContent = `Proximity of the agent on each cell: dark ${short(this.map.low)}, light ${short(this.map.high)}`;
+    }
+    this.show(this.at);
+  }
+
+  close() {}
+}
+
+function shade(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (VIRIDIS.length - 1);
+  const [low, rest] = [Math.floor(at), at % 1];
+  const next = VIRIDIS[Math.min(low + 1, VIRIDIS.length - 1)];
+  return `rgb(${VIRIDIS[low].map((part, index) => Math.round(part + rest * (next[index] - part))).join(" ")})`;
+}

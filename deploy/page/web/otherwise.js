@@ -1,0 +1,53 @@
+// What an episode would have earned from another reward.
+
+import * as api from "./api.js";
+import { button, element } from "./dom.js";
+
+const EXAMPLES = ["reward.form=absolute", "reward.form=difference", "reward.uncertainty=0", "reward.uncertainty=0.1"];
+
+/** Asks for another reward; `ontold` gets what it says, or null where there is none any more. */
+export class Otherwise {
+  constructor(ontold, oncomplain) {
+    Object.assign(this, { ontold, oncomplain, name: null });
+    const known = element("datalist", { id: `rewards-${Math.random().toString(36).slice(2)}` },
+      EXAMPLES.map((value) => element("option", { value })));
+    this.settings = element("input", {
+      type: "text", list: known.id, placeholder: "reward.form=absolute", "aria-label": "Another setting of the reward",
+      onkeydown: (event) => { if (event.key === "Enter") this.ask(); },
+    });
+    this.model = element("select", { "aria-label": "Whose trained model", onchange: () => this.ask() });
+    this.place = element("div", { class: "controls otherwise" },
+      element("span", { class: "soft" }, "What if"), this.settings, known, this.model,
+      button("Compare", () => this.ask()), button("Clear", () => this.clear()));
+  }
+
+  /** Another episode; runs of its task may lend their models. */
+  take(name, task, runs) {
+    this.name = name;
+    const others = runs.filter((run) => run.task === task && run.id !== name[0]);
+    const chosen = this.model.value;
+    this.model.replaceChildren(element("option", { value: "" }, "this run's model"),
+      ...others.map((run) => element("option", { value: run.id, selected: run.id === chosen }, `the model of ${run.id}`)));
+    if (this.isAsked) this.ask();
+  }
+
+  async ask() {
+    const { name } = this;
+    this.isAsked = this.settings.value !== "" || this.model.value !== "";
+    if (!this.isAsked) {
+      this.ontold(null);
+      return;
+    }
+    try {
+      const told = await api.reward(name, this.settings.value, this.model.value);
+      if (this.name === name) this.ontold(told);
+    } catch (error) {
+      this.oncomplain(error.message);
+    }
+  }
+
+  clear() {
+    [this.settings.value, this.model.value, this.isAsked] = ["", "", false];
+    this.ontold(null);
+  }
+}

@@ -1,0 +1,224 @@
+// An episode, played: what the agent does, a timeline, and what the reward model says of it.
+
+import * as api from "./api.js";
+import { Chart } from "./chart.js";
+import { button, element } from "./dom.js";
+import { short } from "./format.js";
+import { GridStage } from "./grid.js";
+import { NumberStage } from "./numbers.js";
+import { Otherwise } from "./otherwise.js";
+import { SolidStage } from "./solids.js";
+
+const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
+// Steps a second at speed 1.
+const PACE = { cells: 8, vector: 20 };
+// Of a chart beside the stage.
+const HEIGHT = 125;
+const COLORS = { proximity: "var(--c0)", uncertainty: "var(--c1)", reward: "var(--c2)" };
+
+/** A place where one episode at a time is played. `follower` is a player that is taken along. */
+export class Player {
+  constructor() {
+    [this.name, this.at, this.last, this.isPlaying, this.follower] = [null, 0, 0, false, null];
+    this.caption = element("p", { class: "soft" });
+    this.trouble = element("p", { class: "trouble", hidden: true });
+    this.stagePlace = element("div", { class: "stage" });
+    this.button = button("Play", () => this.toggle());
+    this.timeline = element("input", {
+      type: "range", min: 0, max: 0, value: 0, step: 1, "aria-label": "Step",
+      oninput: () => this.seek(Number(this.timeline.value)),
+    });
+    this.speed = element("select", { "aria-label": "Speed" },
+      SPEEDS.map((speed) => element("option", { value: speed, selected: speed === 1 }, `${speed} x`)));
+    this.told = element("span", { class: "soft" });
+    this.extras = element("div", { class: "controls" });
+    this.charts = {
+      proximity: new Chart({ title: "Proximity", height: HEIGHT }),
+      uncertainty: new Chart({ title: "Uncertainty", height: HEIGHT }),
+      reward: new Chart({ title: "Reward of each step", height: HEIGHT }),
+    };
+    this.otherwise = new Otherwise((told) => { this.other = told; this.complain(""); this.draw(); }, (line) => this.complain(line));
+    for (const chart of Object.values(this.charts)) chart.onpoint = (step) => this.seek(Math.round(step));
+    this.place = element("section", { class: "player" },
+      element("div", { class: "seen" }, this.stagePlace, this.extras,
+        element("div", { class: "controls" }, this.button, this.timeline, this.speed, this.told),
+        this.caption, this.trouble),
+      element("div", { class: "curves" }, Object.values(this.charts).map((chart) => chart.figure), this.otherwise.place));
+  }
+
+  /** Shows an episode; `name` is its run, collection and row, `runs` are all there are. */
+  async open(name, details, runs) {
+    [this.name, this.details, this.runs] = [name, details, runs];
+    try {
+      const episode = await api.episode(...name);
+      if (this.name === name) await this.take(episode);
+    } catch (error) {
+      this.complain(error.message);
+    }
+  }
+
+  async take(episode) {
+    this.episode = episode;
+    this.complain("");
+    this.last = episode.steps;
+    this.timeline.max = episode.steps;
+    this.caption.textContent = caption(this.name, episode);
+    const { name } = this;
+    this.drawCurves(episode);
+    this.otherwise.take(name, episode.task.name, this.runs);
+    await this.stage(episode);
+    if (this.name !== name) return;
+    this.seek(0);
+    this.start();
+  }
+
+  /** The stage that fits the task: a grid, solids, or numbers. */
+  async stage(episode) {
+    const { name } = this;
+    const isGrid = "cells" in episode.task.observation;
+    let solids = null;
+    if (!isGrid && episode.task.deterministic !== false) {
+      try {
+        solids = await api.scenes(...name);
+      } catch (error) {
+        this.complain(error.message);
+      }
+    }
+    if (this.name !== name) return;
+    const Kind = isGrid ? GridStage : solids && SolidStage.isPossible() ? SolidStage : NumberStage;
+    if (solids && Kind === NumberStage) this.complain("This browser has no WebGL: numbers stand for the solids.");
+    if (!(this.shown instanceof Kind)) {
+      this.shown?.close();
+      this.shown = new Kind();
+      this.stagePlace.replaceChildren(this.shown.place);
+    }
+    await this.shown.take(episode, solids);
+    this.extras.replaceChildren(...(isGrid ? this.heat() : []));
+  }
+
+  /** What a model says of the agent on every cell, if somebody wants to see it. */
+  heat() {
+    const checkpoints = this.details.checkpoints.map((number) => element("option", { value: number }, `after ${number} iterations`));
+    const choice = element("select", { "aria-label": "Proximity over the grid", onchange: () => this.drawHeat(choice.value) },
+      element("option", { value: "" }, "no proximity over the grid"), checkpoints);
+    choice.value = this.heated ?? "";
+    if (this.heated) this.drawHeat(this.heated);
+    return checkpoints.length > 0 ? [choice] : [];
+  }
+
+  async drawHeat(checkpoint) {
+    this.heated = checkpoint;
+    if (!checkpoint) {
+      this.shown.heat(null);
+      return;
+    }
+    try {
+      this.shown.heat(await api.grid(this.name, checkpoint));
+    } catch (error) {
+      this.complain(error.message);
+    }
+  }
+
+  async drawCurves(episode) {
+    this.recorded = episode;
+    this.other = null;
+    this.draw();
+    if (episode.proximity.length > 0 || this.details.checkpoints.length === 0) return;
+    // Nobody has scored it: the newest model is asked, if it can tell.
+    const { name } = this;
+    const said = await api.proximity(name).catch(() => episode);
+    if (this.name !== name) return;
+    this.recorded = { ...episode, proximity: said.proximity, uncertainty: said.uncertainty };
+    this.draw();
+  }
+
+  /** Draws what was recorded, and over it what another reward says. */
+  draw() {
+    const { recorded, other } = this;
+    const scored = recorded.rewards.length > 0;
+    const line = (kind, values, name, dashed) => ({
+      name, color: COLORS[kind], dashed,
+      // A model of transitions or actions says something of each step, not of each observation.
+      points: values.map((value, index) => [index + this.last + 1 - values.length, value]),
+    });
+    const lines = {
+      proximity: [line("proximity", recorded.proximity, "proximity")],
+      uncertainty: [line("uncertainty", recorded.uncertainty, "uncertainty")],
+      reward: [line("reward", scored ? recorded.rewards : recorded.environment_rewards, scored ? "reward" : "the environment's reward")],
+    };
+    if (other) {
+      for (const kind of ["proximity", "uncertainty"]) lines[kind].push(line(kind, other[kind], "otherwise", true));
+      lines.reward.push(line("reward", other.rewards, "otherwise", true));
+    }
+    for (const [kind, chart] of Object.entries(this.charts)) {
+      chart.draw(lines[kind], "step");
+      chart.mark(this.at);
+    }
+  }
+
+  complain(line) {
+    this.trouble.hidden = line === "";
+    this.trouble.textContent = line;
+  }
+
+  /** Shows a step. */
+  seek(step) {
+    if (!this.episode) return;
+    this.at = Math.min(Math.max(step, 0), this.last);
+    this.timeline.value = this.at;
+    this.shown?.show(this.at);
+    for (const chart of Object.values(this.charts)) chart.mark(this.at);
+    const score = this.episode.proximity[this.at];
+    this.told.textContent = `step ${this.at} of ${this.last}${score === undefined ? "" : `, proximity ${short(score)}`}`;
+    this.follower?.seek(Math.min(this.at, this.follower.last));
+  }
+
+  toggle() {
+    if (this.isPlaying) this.stop();
+    else {
+      if (this.at >= this.last) this.seek(0);
+      this.start();
+    }
+  }
+
+  start() {
+    if (!this.episode) return;
+    [this.isPlaying, this.begun] = [true, null];
+    this.button.textContent = "Pause";
+    this.ticket = requestAnimationFrame((now) => this.tick(now));
+  }
+
+  stop() {
+    this.isPlaying = false;
+    this.button.textContent = "Play";
+    cancelAnimationFrame(this.ticket);
+  }
+
+  tick(now) {
+    if (!this.isPlaying) return;
+    this.begun ??= { now, at: this.at };
+    const pace = PACE["cells" in this.episode.task.observation ? "cells" : "vector"] * Number(this.speed.value);
+    const step = this.begun.at + Math.floor(((now - this.begun.now) / 1000) * pace);
+    if (step !== this.at) this.seek(step);
+    // Whoever moved the timeline or changed the speed goes on from there.
+    if (this.at !== step || this.pace !== pace) this.begun = { now, at: this.at };
+    this.pace = pace;
+    if (this.at >= this.last) this.stop();
+    else this.ticket = requestAnimationFrame((next) => this.tick(next));
+  }
+
+  resize() {
+    this.shown?.resize?.();
+  }
+
+  close() {
+    this.stop();
+    this.shown?.close();
+  }
+}
+
+function caption([, collection, row], episode) {
+  const { success, steps_to_goal: reached, steps, lane, iteration } = episode;
+  const end = success ? `reached the goal after ${reached} of ${steps} steps` : `missed the goal in ${steps} steps`;
+  return `${collection}, row ${row}: lane ${lane}, episode ${episode.episode}, iteration ${iteration}; ${end}`;
+}

@@ -1,0 +1,41 @@
+//! A program asked for one answer on somebody else's behalf: what goes wrong is told to them.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Result, ensure};
+use serde::de::DeserializeOwned;
+use tokio::io::AsyncWriteExt;
+use tokio::runtime::Handle;
+use tokio::time::timeout;
+
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What a program that reads `input` prints as JSON. To be called on a thread of a runtime that may wait.
+///
+/// # Errors
+/// When it cannot start, takes too long or fails, with the words it ended with.
+pub(crate) fn of<T: DeserializeOwned>(program: Command, input: &[u8]) -> Result<T> {
+    let patience = PATIENCE.as_secs();
+    let answer = Handle::current().block_on(timeout(PATIENCE, printed(program, input)));
+    let printed = answer.with_context(|| format!("no answer within {patience} s"))??;
+    serde_json::from_slice(&printed).context("reading a program's answer")
+}
+
+async fn printed(program: Command, input: &[u8]) -> Result<Vec<u8>> {
+    let mut program = tokio::process::Command::from(program);
+    program.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    let mut child = program.spawn().context("starting a program")?;
+    let mut stdin = child.stdin.take().context("a program has an input")?;
+    let writing = async move {
+        // A program that fails before it has read everything says why.
+        stdin.write_all(input).await.ok();
+    };
+    let ((), output) = tokio::join!(writing, child.wait_with_output());
+    let output = output.context("waiting for a program")?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    let last = said.lines().last().unwrap_or("a program failed without a word");
+    ensure!(output.status.success(), "{}", last.trim_start_matches("goalward: "));
+    Ok(output.stdout)
+}

@@ -1,0 +1,55 @@
+//! The page that `goalward train` serves meanwhile: a process of its own, so that nothing that becomes of it
+//! touches the training, and which ends with it.
+
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+/// How long it may take to say where it is.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A page over the folder that a run is in.
+pub(crate) struct CompanionPage {
+    page: Child,
+    address: String,
+}
+
+impl CompanionPage {
+    /// Starts one for the run at `run`; none where it cannot be had, without which training goes on.
+    pub(crate) fn start(run: &Path) -> Option<CompanionPage> {
+        let run = run.canonicalize().ok()?;
+        let mut command = Command::new(std::env::current_exe().ok()?);
+        command.args(["page", "--beside-training"]).arg(run.parent()?);
+        // In a group of its own: Ctrl-C is for the training alone.
+        command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut page = command.spawn().ok()?;
+        let mut lines = BufReader::new(page.stdout.take()?).lines();
+        let (told, first) = mpsc::sync_channel(1);
+        let listening = thread::Builder::new().name("page".to_owned());
+        listening.spawn(move || told.send(lines.next())).ok()?;
+        let Ok(Some(Ok(line))) = first.recv_timeout(PATIENCE) else {
+            page.kill().ok();
+            page.wait().ok();
+            return None;
+        };
+        let address = line.split_whitespace().next()?;
+        let name = run.file_name()?.to_string_lossy().into_owned();
+        Some(CompanionPage { page, address: format!("{address}/#/run/{name}") })
+    }
+
+    /// Where a browser finds the run.
+    pub(crate) fn address(&self) -> &str {
+        &self.address
+    }
+}
+
+impl Drop for CompanionPage {
+    fn drop(&mut self) {
+        drop(self.page.stdin.take());
+        self.page.wait().ok();
+    }
+}

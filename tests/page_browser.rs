@@ -1,0 +1,59 @@
+//! The live page in a real browser: what people see and do there.
+//!
+//! Method: real runs, finished, live and damaged; `page_browser.py` drives Chromium over them. It needs Chromium,
+//! its driver and the packages of `tests/requirements.txt`; without them, or with `GOALWARD_PYTHON=none`, it
+//! is left out with a line. `GOALWARD_PICTURES` names a folder for pictures of what was seen.
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test ends at the first surprise")]
+
+use std::fs;
+use std::process::Command;
+
+use system_tests::{Page, SMALL_PHYSICS, TestRun, programs};
+
+/// Chromium's driver, as Debian's package has it.
+const DRIVER: &str = "/usr/bin/chromedriver";
+
+fn python() -> Option<String> {
+    let python = std::env::var("GOALWARD_PYTHON").ok().filter(|python| python != "none")?;
+    if !fs::exists(DRIVER).unwrap() {
+        eprintln!("left out: {DRIVER} is not there (apt-get install chromium chromium-driver)");
+        return None;
+    }
+    Some(python)
+}
+
+#[test]
+fn people_see_runs_curves_and_episodes() {
+    let Some(python) = python() else { return };
+    let run = TestRun::new(programs!());
+    let train = |task, name: &str, small: &[&str], settings: &[&str]| {
+        run.train_task(task, small, settings).finish();
+        fs::rename(run.path("run"), run.path(&format!("runs/{name}"))).unwrap();
+    };
+    fs::create_dir(run.path("runs")).unwrap();
+    train("navigation", "navigation", &system_tests::SMALL, &[]);
+    for task in ["fetch-pick", "fetch-push", "ant-reach"] {
+        train(task, task, &SMALL_PHYSICS, &[]);
+    }
+    train("navigation", "damaged", &system_tests::SMALL, &["seed=2"]);
+    let file = run.path("runs/damaged/log/trajectories-00000.mcap");
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+
+    let mut live = run.train(&["steps=4000000"]);
+    live.await_checkpoint(4);
+    let page = Page::over(&run, &["runs", "run"]);
+    let mut script = Command::new(python);
+    script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/page_browser.py"));
+    script.arg(format!("http://{}", page.address()));
+    script.args(
+        std::env::var("GOALWARD_PICTURES")
+            .ok()
+            .into_iter()
+            .flat_map(|folder| ["--pictures".to_owned(), folder]),
+    );
+    let output = script.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    eprintln!("{}", String::from_utf8_lossy(&output.stdout));
+}
