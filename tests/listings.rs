@@ -72,3 +72,43 @@ fn a_folder_that_is_none_is_refused() {
     let (well, said) = run.goalward(&["runs", "nowhere"]);
     assert!(!well && said.contains("expected a folder of runs, nowhere"), "{said}");
 }
+
+#[test]
+fn keys_are_listed_with_their_values_and_what_is_said_of_them() {
+    let run = TestRun::new(programs!());
+    let (well, said) = run.goalward(&["config", "ppo.gamma", "delta", "--task", "fetch-push"]);
+    assert!(well, "{said}");
+    let gamma = said.lines().find(|line| line.contains("ppo.gamma ")).unwrap();
+    assert!(gamma.contains("0.99") && gamma.contains("Table 2"), "{said}");
+    assert!(said.contains("reward.delta") && !said.contains("reward.batch"), "{said}");
+    let (well, said) = run.goalward(&["config", "--json", "--preset", "paper"]);
+    let keys: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(well && keys.as_array().unwrap().len() > 60, "{said}");
+    let (well, said) = run.goalward(&["config", "wings"]);
+    assert!(!well && said.contains("found wings"), "{said}");
+}
+
+#[test]
+fn a_dry_run_says_what_would_be_trained_and_leaves_nothing() {
+    let run = TestRun::new(programs!());
+    let arguments = ["train", "navigation", "--dry-run", "--run", "run", "--set", "ppo.clip=0.3"];
+    let (well, said) = run.goalward(&arguments);
+    assert!(well && said.starts_with("would train navigation by goal-proximity in run"), "{said}");
+    assert!(said.contains("ppo.clip") && said.contains("(default 0.2)"), "{said}");
+    assert!(said.contains("processor time") && !said.contains("environment."), "{said}");
+    assert!(!run.path("run").exists());
+    let (well, said) =
+        run.goalward(&["train", "--dry-run", "--run", "run", "--set", "ppo.clip=-1"]);
+    assert!(!well && said.contains("ppo.clip"), "{said}");
+}
+
+#[test]
+fn shells_and_man_know_the_command_line() {
+    let run = TestRun::new(programs!());
+    let (well, said) = run.goalward(&["completions", "bash"]);
+    assert!(well && said.contains("--dry-run") && said.contains("_goalward"), "{said}");
+    let (well, said) = run.goalward(&["manual", "--out", "man"]);
+    assert!(well, "{said}");
+    let page = std::fs::read_to_string(run.path("man/goalward-train.1")).unwrap();
+    assert!(page.starts_with(".ie") && page.contains("Environment steps to train for"), "{page}");
+}

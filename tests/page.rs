@@ -6,10 +6,11 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
 
 use mcap_log::{Contents, log_files};
 use serde_json::Value;
-use system_tests::{Page, TestRun, programs};
+use system_tests::{Page, SMALL, Signal, TestRun, programs, send};
 
 #[test]
 fn a_run_is_shown_while_it_trains_and_afterwards() {
@@ -58,6 +59,43 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
     assert!(differs("rollout.lanes") && !differs("seed"));
     let (status, body) = page.get("/");
     assert!(status == 200 && body.contains("<!doctype html>"), "{body}");
+}
+
+/// A training as users start it, and the page that its first line names.
+fn train_with_page(run: &TestRun) -> (Child, Page) {
+    let mut command = run.program("goalward");
+    command.args(["train", "navigation", "--run", "run"]).stdout(Stdio::piped());
+    for setting in SMALL {
+        command.args(["--set", setting]);
+    }
+    let mut training = command.spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(training.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+    let address = line.split_once("http://").unwrap().1.trim();
+    (training, Page::at(address.strip_suffix("/#/run/run").unwrap()))
+}
+
+#[test]
+fn a_training_serves_a_page_that_may_die() {
+    let run = TestRun::new(programs!());
+    let (mut training, page) = train_with_page(&run);
+    assert_eq!(page.json("/api/runs")["runs"][0]["id"], "run");
+    let id = training.id();
+    let children = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap();
+    let serves = |child: &&str| {
+        let command = fs::read_to_string(format!("/proc/{child}/cmdline")).unwrap();
+        command.contains("--beside-training")
+    };
+    let server = children.split_whitespace().find(serves).unwrap();
+    send(server.parse().unwrap(), Signal::Kill);
+    assert!(training.wait().unwrap().success());
+    let disturbed = run.summary().hashes();
+
+    fs::remove_dir_all(run.path("run")).unwrap();
+    let (mut training, page) = train_with_page(&run);
+    assert!(training.wait().unwrap().success());
+    assert_eq!(run.summary().hashes(), disturbed);
+    assert!(!page.is_there(), "it ends with the training");
 }
 
 #[test]

@@ -8,7 +8,7 @@
 use std::fs;
 use std::process::Command;
 
-use system_tests::{Page, SMALL_PHYSICS, TestRun, programs};
+use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
 
 /// Chromium's driver, as Debian's package has it.
 const DRIVER: &str = "/usr/bin/chromedriver";
@@ -43,17 +43,21 @@ fn people_see_runs_curves_and_episodes() {
     let mut live = run.train(&["steps=4000000"]);
     live.await_checkpoint(4);
     let page = Page::over(&run, &["runs", "run"]);
-    let mut script = Command::new(python);
-    script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/page_browser.py"));
-    script.arg(format!("http://{}", page.address()));
-    script.args(
-        std::env::var("GOALWARD_PICTURES")
-            .ok()
-            .into_iter()
-            .flat_map(|folder| ["--pictures".to_owned(), folder]),
-    );
-    let output = script.output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    eprintln!("{}", String::from_utf8_lossy(&output.stdout));
+    let see = |part: &[&str]| {
+        let mut script = Command::new(&python);
+        script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/page_browser.py"));
+        script.arg(format!("http://{}", page.address())).args(part);
+        if let Ok(folder) = std::env::var("GOALWARD_PICTURES") {
+            script.args(["--pictures", &folder]);
+        }
+        let output = script.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        eprintln!("{}", String::from_utf8_lossy(&output.stdout));
+    };
+    see(&["--live"]);
+    // The rest has the processors to itself.
+    live.signal(Signal::Interrupt);
+    live.end();
+    see(&[]);
 }

@@ -100,6 +100,32 @@ fn a_model_is_asked_about_a_grid_and_about_an_episode() {
 }
 
 #[test]
+fn an_episode_is_asked_what_another_reward_would_have_given() {
+    let run = TestRun::new(programs!());
+    run.train(&[]).finish();
+    let page = Page::over(&run, &["."]);
+    let path = |with: &str| format!("/api/runs/run/episodes/log/0/reward?{with}");
+    let own = page.json(&path(""));
+    let steps = page.json("/api/runs/run/episodes/log/0")["steps"].as_u64().unwrap() as usize;
+    assert_eq!(own["rewards"].as_array().unwrap().len(), steps);
+    // Eq. 5 without a penalty gives more, by as much as the penalty takes.
+    let free = page.json(&path("with=reward.uncertainty=0.0"));
+    assert_eq!(own["proximity"], free["proximity"]);
+    assert!(sum(&free["rewards"]) > sum(&own["rewards"]));
+    let of_itself = page.json(&path("model=run"));
+    assert_eq!(own, of_itself);
+    for (with, status, line) in [
+        ("with=ppo.clip=0.1", 500, "expected a key such as reward.uncertainty"),
+        ("with=reward.nothing=1", 500, "unknown field `nothing`"),
+        ("with=model=/etc", 404, "expected the name of a run"),
+        ("model=nobody", 404, "no run is called nobody"),
+    ] {
+        let found = page.refusal(status, &page.question("GET", &path(with), page.address()));
+        assert!(found.contains(line), "{found}");
+    }
+}
+
+#[test]
 fn solids_are_made_again_from_actions_alone() {
     let run = TestRun::new(programs!());
     run.train_task("fetch-push", &SMALL_PHYSICS, &["log.observations=false"]).finish();

@@ -2,17 +2,22 @@
 
 use anyhow::Result;
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::commands::{
-    demonstrate, demonstrations, evaluate, experiment, export, log, methods, page, replay, report,
-    runs, scale, status, stop, task, tasks, train,
+    config, demonstrate, demonstrations, evaluate, experiment, export, log, methods, page, replay,
+    report, runs, scale, shell, status, stop, task, tasks, train,
 };
 use terminal::refusal::wrong_usage;
+
+/// What the exit codes mean.
+const EXIT_CODES: &str = "Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, \
+                          130 stopped by the user.";
 
 /// Trains policies from demonstrations without actions, by goal proximity.
 #[derive(Debug, Parser)]
 #[command(name = "goalward", version = protocol::build::version(), max_term_width = 100)]
+#[command(after_help = EXIT_CODES)]
 struct CommandLine {
     #[command(subcommand)]
     verb: Verb,
@@ -36,6 +41,8 @@ enum Verb {
     Tasks(tasks::Arguments),
     /// List the methods that there are.
     Methods(methods::Arguments),
+    /// List the keys of a configuration, their values, and what is to be said of them.
+    Config(config::Arguments),
     /// Write the file of a task that is an environment of Python, such as gym:CartPole-v1.
     Task(task::Arguments),
     /// Let a task's expert record demonstrations.
@@ -56,6 +63,10 @@ enum Verb {
     /// Look into recorded files, or repair what a crash left.
     #[command(subcommand)]
     Log(log::Verb),
+    /// Print what a shell needs to complete command lines.
+    Completions(shell::Completions),
+    /// Write pages for `man`.
+    Manual(shell::Manual),
 }
 
 /// Reads the command line and does what it says.
@@ -75,6 +86,7 @@ pub(crate) fn run() -> Result<()> {
         Verb::Page(arguments) => page::run(arguments),
         Verb::Tasks(arguments) => tasks::run(&arguments),
         Verb::Methods(arguments) => methods::run(&arguments),
+        Verb::Config(arguments) => config::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
         Verb::Demonstrate(arguments) => demonstrate::run(&arguments),
         Verb::Demonstrations(verb) => demonstrations::run(&verb),
@@ -84,6 +96,11 @@ pub(crate) fn run() -> Result<()> {
         Verb::Replay(arguments) => replay::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Log(verb) => log::run(&verb),
+        Verb::Completions(arguments) => {
+            shell::completions(&arguments, CommandLine::command());
+            Ok(())
+        }
+        Verb::Manual(arguments) => shell::manual(&arguments, CommandLine::command()),
     }
 }
 
@@ -98,8 +115,6 @@ fn in_one_line(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
@@ -117,6 +132,11 @@ mod tests {
             "goalward status r",
             "goalward scale r --actors 4",
             "goalward stop r",
+            "goalward train --dry-run --no-page",
+            "goalward config ppo. uncertainty --task fetch-push --method bc --preset paper --json",
+            "goalward completions zsh",
+            "goalward manual --out m",
+            "goalward log scene r 3:17 0:1 --out s.mcap --force",
             "goalward runs",
             "goalward runs r --json",
             "goalward page",

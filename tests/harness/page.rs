@@ -11,7 +11,8 @@ use crate::{PATIENCE, TestRun};
 /// A page that listens.
 #[derive(Debug)]
 pub struct Page {
-    server: Child,
+    /// None for one that somebody else has started.
+    server: Option<Child>,
     address: String,
     query: String,
 }
@@ -26,7 +27,17 @@ impl Page {
         BufReader::new(server.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let address = line.split_whitespace().next().unwrap().strip_prefix("http://").unwrap();
         let (address, query) = address.split_once("/?").unwrap_or((address, ""));
-        Page { server, address: address.to_owned(), query: query.to_owned() }
+        Page { server: Some(server), address: address.to_owned(), query: query.to_owned() }
+    }
+
+    /// The one at an address, which somebody else has started.
+    pub fn at(address: &str) -> Page {
+        Page { server: None, address: address.to_owned(), query: String::new() }
+    }
+
+    /// Whether anybody listens.
+    pub fn is_there(&self) -> bool {
+        TcpStream::connect(&self.address).is_ok()
     }
 
     /// Where a browser finds it.
@@ -86,7 +97,9 @@ impl Page {
 
 impl Drop for Page {
     fn drop(&mut self) {
-        self.server.kill().unwrap();
-        self.server.wait().unwrap();
+        if let Some(server) = &mut self.server {
+            server.kill().unwrap();
+            server.wait().unwrap();
+        }
     }
 }

@@ -140,11 +140,17 @@ export class EpisodesView {
   async play(row) {
     this.table.choose(row);
     this.beside.disabled = false;
-    this.row = row;
-    const places = [row.place, ...(this.second ? [this.second.name.at(-1)] : [])];
-    const address = ["#", "episodes", this.run, this.collection, ...places].map(encodeURIComponent).join("/");
-    history.replaceState(null, "", `${location.pathname}${location.search}${address.replace("%23", "#")}`);
-    await this.first.open([this.run, this.collection, row.place], this.details, this.runs);
+    const opened = this.first.open([this.run, this.collection, row.place], this.details, this.runs);
+    this.writeAddress();
+    await opened;
+  }
+
+  /** The address leads to what is played, as far as it is of one collection. */
+  writeAddress() {
+    const [, collection, row] = this.first.name;
+    const [, other, beside] = this.second?.name ?? [];
+    const parts = [this.run, collection, row, ...(other === collection ? [beside] : [])];
+    history.replaceState(null, "", `${location.pathname}${location.search}#/episodes/${parts.map(encodeURIComponent).join("/")}`);
   }
 
   /** Keeps what is played at the right, so that another can be played at the left; or lets it go. */
@@ -159,6 +165,7 @@ export class EpisodesView {
       this.second.open(this.first.name, this.details, this.runs);
     }
     this.first.follower = this.second;
+    this.writeAddress();
     this.players.replaceChildren(this.first.place, ...(this.second ? [this.second.place] : []));
     this.first.resize();
   }

@@ -1,5 +1,6 @@
 //! The verbs of `goalward`, one file each.
 
+pub(crate) mod config;
 pub(crate) mod demonstrate;
 pub(crate) mod demonstrations;
 pub(crate) mod evaluate;
@@ -12,6 +13,7 @@ pub(crate) mod replay;
 pub(crate) mod report;
 pub(crate) mod runs;
 pub(crate) mod scale;
+pub(crate) mod shell;
 pub(crate) mod status;
 pub(crate) mod stop;
 pub(crate) mod task;

@@ -8,9 +8,11 @@ use mcap_log::require_room;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
+use run::repeat;
 use run::summary::Summary;
 
 use crate::companion_page::CompanionPage;
+use crate::experiment::estimate;
 use crate::machine::Machine;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
@@ -70,6 +72,9 @@ pub(crate) struct Arguments {
     /// Continues the run in --run DIR from its newest checkpoint.
     #[arg(long)]
     resume: bool,
+    /// Only says what would be trained, once everything has been checked.
+    #[arg(long)]
+    dry_run: bool,
     /// Serves no page of the run meanwhile; see `goalward page`.
     #[arg(long)]
     no_page: bool,
@@ -100,7 +105,7 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { other_build, no_page, .. } = arguments;
+    let Arguments { other_build, no_page, dry_run, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let mut plan = begin(arguments.wishes())?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
@@ -109,6 +114,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         print_end(&plan.folder, &summary);
         return Ok(());
     }
+    let differences = differences(&plan.config);
     programs::check_all()?;
     if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
@@ -118,6 +124,12 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let remarks = check(&plan)?;
     if plan.resumed && !other_build {
         plan::refuse_other_build(&plan.folder)?;
+    }
+    if dry_run {
+        print_line(&start_line(&plan, if plan.resumed { "would continue" } else { "would train" }));
+        remarks.iter().for_each(|remark| print_line(remark));
+        print_line(differences.trim_end());
+        return Ok(());
     }
     let _lock = plan.lay_out()?;
     let place = plan.folder.place()?;
@@ -205,16 +217,33 @@ fn existing_part(path: &Path) -> PathBuf {
 }
 
 fn print_start(plan: &Plan, page: Option<&CompanionPage>) {
+    let line = start_line(plan, if plan.resumed { "continuing" } else { "training" });
+    let page = page.map_or(String::new(), |page| format!("; {}", page.address()));
+    print_line(&(line + &page));
+}
+
+fn start_line(plan: &Plan, doing: &str) -> String {
     let config = &plan.config;
     let RunConfig { task, method, preset, seed, resources, .. } = config;
-    print_line(&format!(
-        "{} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}{}",
-        if plan.resumed { "continuing" } else { "training" },
+    format!(
+        "{doing} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         plan.folder.path().display(),
         numbers::count(config.steps_wanted()),
         resources.actors,
-        page.map_or(String::new(), |page| format!("; {}", page.address())),
-    ));
+    )
+}
+
+/// What a run would change in the defaults of its task, preset and method, and what it costs.
+fn differences(config: &RunConfig) -> String {
+    let differences = repeat::differences(config).into_iter();
+    let mut rows: Vec<_> = differences
+        .map(|(key, [value, usual])| [key, value, format!("(default {usual})")])
+        .collect();
+    if let Some(core_s) = estimate::measured(config) {
+        let core_s = numbers::duration(core_s.max(1.0));
+        rows.push(["processor time".to_owned(), format!("about {core_s}"), String::new()]);
+    }
+    numbers::columns(&rows)
 }
 
 fn print_end(folder: &RunFolder, summary: &Summary) {
@@ -254,6 +283,7 @@ mod tests {
             settings: vec!["ppo.clip=0.3".to_owned()],
             resume: false,
             no_page: false,
+            dry_run: false,
             other_build: false,
         };
         let settings = arguments.wishes().settings;

@@ -72,7 +72,9 @@ struct Cost {
     million_steps: f64,
 }
 
-fn measured(config: &RunConfig) -> Option<f64> {
+/// Core-seconds that a run of such a task, policy learner and reward model takes; none where nobody has
+/// measured them.
+pub(crate) fn measured(config: &RunConfig) -> Option<f64> {
     let of_learner = MEASURED.get(&config.task.name)?.get(config.learner.name())?;
     let Cost { beside, million_steps } = of_learner.get(config.reward.model.name)?;
     Some(beside + million_steps * config.steps as f64 / 1e6)

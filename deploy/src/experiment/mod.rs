@@ -17,7 +17,7 @@
 
 mod archive;
 mod builds;
-mod estimate;
+pub(crate) mod estimate;
 mod execution;
 mod file;
 mod overview;

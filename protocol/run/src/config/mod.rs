@@ -11,6 +11,7 @@ mod evaluation;
 mod learner;
 mod learning;
 mod parameters;
+mod remark;
 mod reward;
 mod unread;
 

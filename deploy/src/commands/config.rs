@@ -1,0 +1,64 @@
+//! `goalward config`: the keys of a configuration, their values, and what is to be said of them.
+
+use anyhow::{Result, ensure};
+use protocol::table::flat;
+use run::config::DEFAULT_PRESET;
+use run::tasks::{self, DEFAULT_TASK};
+use serde::Serialize;
+use terminal::numbers;
+
+use crate::figures::Figures;
+
+/// Flags of `goalward config`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Parts of the keys' names, such as ppo. or uncertainty; without them all keys.
+    parts: Vec<String>,
+    /// The task: a name, or the path of a task's file.
+    #[arg(long, default_value = DEFAULT_TASK)]
+    task: String,
+    /// Values to begin with: goalward, paper or authors.
+    #[arg(long, default_value = DEFAULT_PRESET)]
+    preset: String,
+    /// The method; `goalward methods` lists them.
+    #[arg(long, default_value = "goal-proximity")]
+    method: String,
+    #[command(flatten)]
+    figures: Figures,
+}
+
+/// A key of a configuration.
+#[derive(Debug, Serialize)]
+struct Key {
+    key: String,
+    value: toml::Value,
+    remark: Option<&'static str>,
+}
+
+/// Prints the keys that `--set` changes, with the values that a run has without it.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { parts, task, preset, method, figures } = arguments;
+    let config = tasks::configuration(task, preset, &[format!("method={method}")])?;
+    let is_wanted = |key: &String| parts.is_empty() || parts.iter().any(|part| key.contains(part));
+    let values = flat(&toml::Table::try_from(&config)?).into_iter();
+    // The task, preset and method are chosen by flags of their own.
+    let values = values.filter(|(key, _)| {
+        !key.starts_with("task.") && key != "preset" && key != "method" && is_wanted(key)
+    });
+    let keys: Vec<Key> =
+        values.map(|(key, value)| Key { remark: config.remark(&key), key, value }).collect();
+    ensure!(
+        !keys.is_empty(),
+        "expected a part of a key such as ppo.clip, found {}",
+        parts.join(" ")
+    );
+    figures.print(&keys, |keys| table(keys))
+}
+
+fn table(keys: &[Key]) -> String {
+    let head = ["key", "value", ""].map(str::to_owned);
+    let rows = keys.iter().map(|Key { key, value, remark }| {
+        [key.clone(), value.to_string(), remark.unwrap_or_default().to_owned()]
+    });
+    numbers::columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+}
