@@ -35,9 +35,9 @@ export class SolidStage {
     this.place.replaceChildren(this.renderer.domElement);
     this.scene = new Scene();
     this.group = new Group();
-    const sun = new DirectionalLight(0xffffff, 2.2);
+    const sun = new DirectionalLight(0xffffff, 1.9);
     sun.position.set(2, -3, 5);
-    this.scene.add(this.group, new AmbientLight(0xffffff, 1.3), sun);
+    this.scene.add(this.group, new AmbientLight(0xffffff, 1), sun);
     this.camera = new PerspectiveCamera(40, 4 / 3, 0.01, 200);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
