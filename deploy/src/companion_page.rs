@@ -7,10 +7,16 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long it may take to say where it is.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// How long it may take to end.
+const FAREWELL: Duration = Duration::from_secs(1);
+
+/// How often it is looked at meanwhile.
+const TICK: Duration = Duration::from_millis(5);
 
 /// A page over the folder that a run is in.
 pub(crate) struct CompanionPage {
@@ -50,6 +56,12 @@ impl CompanionPage {
 impl Drop for CompanionPage {
     fn drop(&mut self) {
         drop(self.page.stdin.take());
+        // It may wait for an answer to somebody.
+        let deadline = Instant::now() + FAREWELL;
+        while matches!(self.page.try_wait(), Ok(None)) && Instant::now() < deadline {
+            thread::sleep(TICK);
+        }
+        self.page.kill().ok();
         self.page.wait().ok();
     }
 }

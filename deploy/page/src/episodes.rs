@@ -63,7 +63,7 @@ struct Episode {
 #[derive(Debug)]
 struct Scored {
     /// Sum of the rewards.
-    return_: f32,
+    scored_return: f32,
     /// Of the last observation.
     proximity: Option<f32>,
     /// Mean over the observations.
@@ -84,7 +84,7 @@ impl Episode {
             self.ending,
             self.success,
             self.steps_to_goal,
-            scored.map(|score| score.return_),
+            scored.map(|score| score.scored_return),
             self.environment_return,
             scored.and_then(|score| score.proximity),
             scored.and_then(|score| score.uncertainty),
@@ -128,7 +128,7 @@ impl Episodes {
         // A run that has only begun has no log yet, which is no trouble.
         let files = if folder.exists() { log_files(folder) } else { Ok(Vec::new()) };
         let files = files.unwrap_or_else(|error| {
-            self.trouble = vec![error.to_string()];
+            self.tell(error.to_string());
             Vec::new()
         });
         let files = files.into_iter().filter(|file| file.contents == Contents::Trajectories);
@@ -138,9 +138,8 @@ impl Episodes {
     /// Reads what files have got since the last time.
     pub(crate) fn read(&mut self, files: impl Iterator<Item = PathBuf>) {
         for place in 0..self.readers.len() {
-            let reader = &mut self.readers[place].1;
-            if let Err(error) = reader.go_on() {
-                self.trouble.push(error.to_string());
+            if let Err(error) = self.readers[place].1.go_on() {
+                self.tell(error.to_string());
             }
             self.read_on(place);
         }
@@ -267,7 +266,7 @@ impl Episodes {
         let Some(&at) = self.by_name.get(&name) else { return };
         let mean = score.uncertainty.iter().sum::<f32>() / score.uncertainty.len() as f32;
         self.listed[at].score = Some(Scored {
-            return_: score.rewards.iter().sum(),
+            scored_return: score.rewards.iter().sum(),
             proximity: score.proximity.last().copied(),
             uncertainty: mean.is_finite().then_some(mean),
             place,

@@ -5,7 +5,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`server`](mod@server) | the address, and what stands before and behind every answer |
+//! | `server` | the address, and what stands before and behind every answer |
 //! | `guard` | who may ask |
 //! | `state` | what all answers share |
 //! | `api` | the answers |

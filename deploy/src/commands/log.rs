@@ -36,7 +36,7 @@ pub(crate) enum Verb {
         #[arg(long)]
         force: bool,
     },
-    /// Write episodes of a run with the solids that Foxglove, Lichtblick and Rerun draw.
+    /// Write episodes of a run with the solids that Foxglove and Lichtblick draw.
     Scene {
         /// Folder of the run.
         run: PathBuf,

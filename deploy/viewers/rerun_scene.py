@@ -1,0 +1,109 @@
+"""Shows recorded episodes in Rerun: their solids in three dimensions, and curves beside them.
+
+    pip install rerun-sdk mcap mcap-protobuf-support
+    python deploy/viewers/rerun_scene.py FILE.mcap                    # opens the viewer
+    python deploy/viewers/rerun_scene.py FILE.mcap --save FILE.rrd    # writes what it opens
+
+FILE is what `goalward log scene` or `goalward evaluate` has written: Foxglove's SceneUpdate messages, of which
+Rerun draws none by itself. Each episode begins with its trajectory; its scenes follow.
+"""
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+
+def vector(message: Any) -> list[float]:
+    """Three numbers."""
+    return [message.x, message.y, message.z]
+
+
+def quaternion(message: Any) -> list[float]:
+    """An orientation, the real part last."""
+    return [message.x, message.y, message.z, message.w]
+
+
+def color(message: Any) -> list[float]:
+    """A color with its opacity."""
+    return [message.r, message.g, message.b, message.a]
+
+
+def placed(parts: Iterable[Any]) -> dict[str, list[Any]]:
+    """Where parts are, and their colors."""
+    parts = list(parts)
+    return {
+        "centers": [vector(part.pose.position) for part in parts],
+        "quaternions": [quaternion(part.pose.orientation) for part in parts],
+        "colors": [color(part.color) for part in parts],
+    }
+
+
+def log_entity(entity: Any) -> None:
+    """A solid, which consists of boxes, balls and cylinders."""
+    path = f"scene/{entity.id.replace(' ', '_')}"
+    fill = "solid"
+    if entity.cubes:
+        sizes = [vector(cube.size) for cube in entity.cubes]
+        rr.log(f"{path}/boxes", rr.Boxes3D(sizes=sizes, fill_mode=fill, **placed(entity.cubes)))
+    if entity.spheres:
+        half = [[0.5 * side for side in vector(sphere.size)] for sphere in entity.spheres]
+        rr.log(f"{path}/balls", rr.Ellipsoids3D(half_sizes=half, fill_mode=fill, **placed(entity.spheres)))
+    if entity.cylinders:
+        lengths = [cylinder.size.z for cylinder in entity.cylinders]
+        radii = [0.5 * cylinder.size.x for cylinder in entity.cylinders]
+        places = placed(entity.cylinders)
+        rr.log(f"{path}/cylinders", rr.Cylinders3D(lengths=lengths, radii=radii, fill_mode=fill, **places))
+
+
+def log_step(trajectory: Any, step: int) -> None:
+    """What a step earned from its environment, and whether the goal had been reached."""
+    if 0 < step <= len(trajectory.environment_rewards):
+        rr.log("episode/reward", rr.Scalars(trajectory.environment_rewards[step - 1]))
+    reached = trajectory.success and step >= trajectory.steps_to_goal
+    rr.log("episode/reached", rr.Scalars(float(reached)))
+
+
+def log_file(file: Path) -> int:
+    """Logs all episodes of a file, one behind the other; how many frames there were."""
+    trajectory, step, frames = None, 0, 0
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message, content in reader.iter_decoded_messages(log_time_order=False):
+            if channel.topic.endswith("trajectory"):
+                trajectory, step = content, 0
+            elif channel.topic.endswith("scene"):
+                rr.set_time("time", duration=np.timedelta64(message.log_time, "ns"))
+                rr.set_time("step", sequence=step)
+                for entity in content.entities:
+                    log_entity(entity)
+                log_step(trajectory, step)
+                step, frames = step + 1, frames + 1
+    return frames
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="write it, open no viewer")
+    options = parser.parse_args()
+    rr.init("goalward", spawn=options.save is None)
+    if options.save:
+        rr.save(options.save)
+    views = [rrb.Spatial3DView(origin="scene"), rrb.TimeSeriesView(origin="episode")]
+    rr.send_blueprint(rrb.Blueprint(rrb.Vertical(*views, row_shares=[3, 1])))
+    frames = log_file(options.file)
+    if frames == 0:
+        parser.exit(1, f"{options.file}: expected scenes, found none; a grid has no solids\n")
+    print(f"{options.file}: {frames} frames")
+
+
+if __name__ == "__main__":
+    main()
