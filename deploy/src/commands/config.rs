@@ -1,11 +1,12 @@
 //! `goalward config`: the keys of a configuration, their values, and what is to be said of them.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use protocol::table::flat;
 use run::config::DEFAULT_PRESET;
 use run::tasks::{self, DEFAULT_TASK};
 use serde::Serialize;
 use terminal::numbers;
+use terminal::refusal::wrong_usage;
 
 use crate::figures::Figures;
 
@@ -47,11 +48,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     });
     let keys: Vec<Key> =
         values.map(|(key, value)| Key { remark: config.remark(&key), key, value }).collect();
-    ensure!(
-        !keys.is_empty(),
-        "expected a part of a key such as ppo.clip, found {}",
-        parts.join(" ")
-    );
+    if keys.is_empty() {
+        let parts = parts.join(" ");
+        return Err(wrong_usage(format!(
+            "expected a part of a key such as ppo.clip, found {parts}"
+        )));
+    }
     figures.print(&keys, |keys| table(keys))
 }
 
