@@ -3,6 +3,7 @@
     pip install rerun-sdk mcap mcap-protobuf-support
     python deploy/viewers/rerun_scene.py FILE.mcap                    # opens the viewer
     python deploy/viewers/rerun_scene.py FILE.mcap --save FILE.rrd    # writes what it opens
+    python deploy/viewers/rerun_scene.py FILE.mcap --blueprint FILE.rbl    # writes the arrangement of the views only
 
 FILE is what `goalward log scene` or `goalward evaluate` has written: Foxglove's SceneUpdate messages, of which
 Rerun draws none by itself. Each episode begins with its trajectory; its scenes follow.
@@ -18,6 +19,21 @@ import rerun as rr
 import rerun.blueprint as rrb
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+
+APPLICATION = "goalward"
+
+# Where the eye is at first and what it looks at, meters, by what a task's name begins with.
+EYES = {
+    "fetch": ([0.4, 0.25, 1.0], [1.3, 0.75, 0.4]),
+    "ant": ([0.0, -6.0, 6.5], [0.0, 2.0, 0.0]),
+}
+
+# Curves: the name of the view, and the color of its line.
+CURVES = {
+    "distance": ("Distance to the goal, meters", [245, 119, 77]),
+    "reward": ("Reward from the environment", [78, 152, 226]),
+    "reached": ("Goal reached", [92, 214, 169]),
+}
 
 
 def vector(message: Any) -> list[float]:
@@ -62,6 +78,15 @@ def log_entity(entity: Any) -> None:
         rr.log(f"{path}/cylinders", rr.Cylinders3D(lengths=lengths, radii=radii, fill_mode=fill, **places))
 
 
+def log_distance(entities: Iterable[Any]) -> None:
+    """How far from the goal the cube is, or the torso along the floor: what the tasks judge by."""
+    solids = {entity.id: (*entity.cubes, *entity.spheres) for entity in entities}
+    for name, axes in {"cube": 3, "torso": 2}.items():
+        if solids.get(name) and solids.get("goal"):
+            center, goal = (vector(solids[solid][0].pose.position) for solid in (name, "goal"))
+            rr.log("episode/distance", rr.Scalars(np.linalg.norm(np.subtract(center, goal)[:axes])))
+
+
 def log_step(trajectory: Any, step: int) -> None:
     """What a step earned from its environment, and whether the goal had been reached."""
     if 0 < step <= len(trajectory.environment_rewards):
@@ -83,22 +108,49 @@ def log_file(file: Path) -> int:
                 rr.set_time("step", sequence=step)
                 for entity in content.entities:
                     log_entity(entity)
+                log_distance(content.entities)
                 log_step(trajectory, step)
                 step, frames = step + 1, frames + 1
     return frames
+
+
+def task_of(file: Path) -> str:
+    """The task of a file's first episode; nothing if there is none."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, _, content in reader.iter_decoded_messages(log_time_order=False):
+            if channel.topic.endswith("trajectory"):
+                return str(content.task)
+    return ""
+
+
+def blueprint(task: str) -> rrb.Blueprint:
+    """The scene as the task is best seen, curves below it, and the viewer's own panels out of the way."""
+    eye = next((eye for name, eye in EYES.items() if task.startswith(name)), None)
+    controls = rrb.EyeControls3D(position=eye[0], look_target=eye[1]) if eye else None
+    scene = rrb.Spatial3DView(origin="scene", name="Scene", eye_controls=controls)
+    curves = [rrb.TimeSeriesView(origin=f"episode/{curve}", name=name) for curve, (name, _) in CURVES.items()]
+    return rrb.Blueprint(rrb.Vertical(scene, rrb.Horizontal(*curves), row_shares=[3, 1]), collapse_panels=True)
 
 
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path)
-    parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="write it, open no viewer")
+    outputs = parser.add_mutually_exclusive_group()
+    outputs.add_argument("--save", type=Path, metavar="FILE.rrd", help="write it, open no viewer")
+    outputs.add_argument("--blueprint", type=Path, metavar="FILE.rbl", help="write the views only, open no viewer")
     options = parser.parse_args()
-    rr.init("goalward", spawn=options.save is None)
+    views = blueprint(task_of(options.file))
+    if options.blueprint:
+        views.save(APPLICATION, options.blueprint)
+        return
+    rr.init(APPLICATION, spawn=options.save is None)
     if options.save:
         rr.save(options.save)
-    views = [rrb.Spatial3DView(origin="scene"), rrb.TimeSeriesView(origin="episode")]
-    rr.send_blueprint(rrb.Blueprint(rrb.Vertical(*views, row_shares=[3, 1])))
+    rr.send_blueprint(views)
+    for curve, (_, color_of_line) in CURVES.items():
+        rr.log(f"episode/{curve}", rr.SeriesLines(colors=[color_of_line], names=[curve]), static=True)
     frames = log_file(options.file)
     if frames == 0:
         parser.exit(1, f"{options.file}: expected scenes, found none; a grid has no solids\n")

@@ -103,8 +103,9 @@ impl FileWriter {
         Ok(writer)
     }
 
-    /// Lays out header, metadata, schemas and channels in memory. The channels get a chunk of
-    /// their own: a damaged chunk of messages must not take them along.
+    /// Lays out header and metadata in memory. Schemas and channels get a chunk with the first message alone:
+    /// a damaged chunk of many must not take them along, and one without any would say in the index that the
+    /// file begins in 1970.
     fn begin(
         path: &Path,
         storage: Box<dyn Storage>,
@@ -129,7 +130,6 @@ impl FileWriter {
             let id = writer.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new())?;
             channels.insert(topic, Channel { id, messages: 0 });
         }
-        writer.flush()?;
         let (path, active) = (path.to_owned(), with_ending(path, ACTIVE));
         let state = State::Open;
         Ok(FileWriter { path, active, storage, memory, writer, channels, bytes: 0, state })
@@ -151,6 +151,7 @@ impl FileWriter {
     /// file.
     pub fn message(&mut self, topic: Topic, log_time_ns: u64, bytes: &[u8]) -> Result<(), Error> {
         self.check(topic, bytes)?;
+        let is_first = self.channels.values().all(|channel| channel.messages == 0);
         let channel = self.channels.get_mut(&topic).expect("checked above");
         let header = MessageHeader {
             channel_id: channel.id,
@@ -161,7 +162,7 @@ impl FileWriter {
         channel.messages += 1;
         let written = self.writer.write_to_known_channel(&header, bytes);
         written.map_err(|cause| failed(&self.active, cause))?;
-        self.drain()
+        if is_first { self.flush() } else { self.drain() }
     }
 
     fn check(&self, topic: Topic, bytes: &[u8]) -> Result<(), Error> {
