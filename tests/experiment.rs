@@ -69,13 +69,13 @@ fn count_other_builds_when_asked_to(test: &TestRun, folder: &RunFolder) {
 #[test]
 fn what_is_missing_is_trained() {
     let test = TestRun::new(programs!());
-    let begun = experiment(&test).stdout(Stdio::piped()).spawn().unwrap();
+    let begun = experiment(&test).stderr(Stdio::piped()).spawn().unwrap();
     let has_checkpoint = |folder: &RunFolder| folder.newest_checkpoint().is_some();
     await_some("a checkpoint", PATIENCE, || folders(&test).into_iter().find(has_checkpoint));
     send(begun.id(), Signal::Interrupt);
     let output = begun.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130));
-    let said = String::from_utf8(output.stdout).unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.contains("stopped; go on with"), "{said}");
     assert!(folders(&test).iter().any(|folder| !folder.summary_file().exists()), "{said}");
 

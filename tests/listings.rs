@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use serde_json::Value;
-use system_tests::{TestRun, programs};
+use system_tests::{SMALL, TestRun, programs};
 
 /// What a verb prints with `--json`.
 fn json(run: &TestRun, arguments: &[&str]) -> Value {
@@ -26,11 +26,18 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     training.await_checkpoint(4);
     let line = listed();
     assert_eq!((&line["state"], &line["task"]), (&"live".into(), &"navigation".into()));
+    let status = json(&run, &["status", "run"]);
+    assert_eq!((&status["state"], &status["trouble"]), (&"training".into(), &Value::Null));
+    assert!(status["progress"]["update"]["environment_steps"].as_u64() > Some(0), "{status}");
+    assert_eq!(status["processes"][0]["process"], "supervisor");
     assert!(line["environment_steps"].as_u64() > Some(0), "{line}");
     let (well, said) = run.goalward(&["stop", "run"]);
     assert!(well && said.contains("train --resume --run run"), "{said}");
     assert_eq!(training.end(), Some(130));
     assert_eq!(listed()["state"], "stopped");
+    let status = json(&run, &["status", "run"]);
+    assert_eq!(status["state"], "stopped");
+    assert!(status["checkpoint"]["iteration"].as_u64() >= Some(4), "{status}");
     let (well, said) = run.goalward(&["stop", "run"]);
     assert!(!well && said.contains("nobody trains the run"), "{said}");
 
@@ -41,11 +48,61 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     let (well, table) = run.goalward(&["runs", &here]);
     assert!(well && table.contains("finished") && table.contains("navigation"), "{table}");
 
+    assert_eq!(json(&run, &["status", "run"])["summary"]["env_steps"], summary.env_steps);
+    let told = json(&run, &["-q", "train", "--resume", "--run", "run"]);
+    assert_eq!(
+        (&told["policy_sha256"], &told["run"]),
+        (&summary.policy_sha256.into(), &"run".into())
+    );
     let evaluation = json(&run, &["evaluate", "run", "--episodes", "3"]);
     assert_eq!(evaluation["episodes"], 3);
     let exported = json(&run, &["export", "run"]);
     assert_eq!(exported.as_array().unwrap().len(), 2);
     assert_eq!(exported[0]["of"], "policy");
+}
+
+#[test]
+fn a_log_is_told_as_figures() {
+    let run = TestRun::new(programs!());
+    let summary = run.finish(&[]);
+    let files = json(&run, &["log", "info", "run"]);
+    let messages = files[0]["messages"]["/trajectory"].as_u64();
+    assert!(messages >= Some(summary.episodes) && files[0]["lost"] == false, "{files}");
+    let out = run.path("log").to_str().unwrap().to_owned();
+    assert_eq!(json(&run, &["log", "restore", "run", "--out", &out])["restored"], 0);
+    let verified = json(&run, &["-q", "replay", "run", "--verify"]);
+    assert_eq!(verified["equal"], verified["episodes"]);
+    let other = json(&run, &["-q", "replay", "run", "--with", "reward.uncertainty=0.5"]);
+    assert_eq!(other["episodes"], summary.episodes);
+    let again = json(&run, &["-q", "replay", "run", "--retrain"]);
+    assert_eq!(again["policy_sha256"], summary.policy_sha256);
+}
+
+#[test]
+fn standard_output_has_results_alone_and_a_quiet_command_nothing_else() {
+    let run = TestRun::new(programs!());
+    let mut train = run.program("goalward");
+    train.args(["-q", "train", "--no-page", "--json", "--run", "run", "--tensorboard", "events"]);
+    for setting in SMALL.iter().chain(&["steps=1600"]) {
+        train.args(["--set", setting]);
+    }
+    let output = train.output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["task"], "navigation");
+    let events = std::fs::read(run.path("events/run/events.out.tfevents.goalward")).unwrap();
+    let tag = b"evaluation/success_rate";
+    assert!(events.windows(tag.len()).any(|window| window == tag));
+    let (well, _) = run.goalward(&["report", "run", "--out", "r", "--tensorboard", "again"]);
+    let again = std::fs::read(run.path("again/run/events.out.tfevents.goalward")).unwrap();
+    assert!(well && again == events, "a finished run has the same event file");
+
+    let (well, said) = run.goalward(&["-v", "evaluate", "run", "--episodes", "2"]);
+    assert!(well && said.contains("starting ") && said.contains("goalward-actor"), "{said}");
+    for (color, has_escape) in [("always", true), ("never", false), ("auto", false)] {
+        let (well, said) = run.goalward(&["--color", color, "status", "nowhere"]);
+        assert!(!well && said.contains('\x1b') == has_escape, "{color}: {said:?}");
+    }
 }
 
 #[test]

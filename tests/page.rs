@@ -64,13 +64,13 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
 /// A training as users start it, and the page that its first line names.
 fn train_with_page(run: &TestRun) -> (Child, Page) {
     let mut command = run.program("goalward");
-    command.args(["train", "navigation", "--run", "run"]).stdout(Stdio::piped());
+    command.args(["train", "navigation", "--run", "run"]).stderr(Stdio::piped());
     for setting in SMALL {
         command.args(["--set", setting]);
     }
     let mut training = command.spawn().unwrap();
     let mut line = String::new();
-    BufReader::new(training.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+    BufReader::new(training.stderr.as_mut().unwrap()).read_line(&mut line).unwrap();
     let address = line.split_once("http://").unwrap().1.trim();
     (training, Page::at(address.strip_suffix("/#/run/run").unwrap()))
 }

@@ -5,6 +5,8 @@ navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. Figure
 """
 
 import argparse
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -149,6 +151,24 @@ def curves_move_while_a_run_trains(page: Browser) -> None:
     page.picture("run")
 
 
+def the_authors_curve_is_marked(page: Browser) -> None:
+    """The chart of success says where the authors' published curve ends."""
+    page.open("run/run")
+    page.expect("a mark", lambda: "98" in (page.all("svg.chart .mark title") or [page.find("h1")])[0].get_attribute("textContent"))
+    page.says("body", "the authors' published curve")
+
+
+def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
+    """The table of processes says that the learner is held; once it is killed there is another one."""
+    page.open("run/run")
+    learner = lambda: next((row.split() for row in page.texts("tr") if row.startswith("learner")), None)  # noqa: E731
+    _, process, *_ = page.expect("a learner", learner)
+    os.kill(int(process), signal.SIGSTOP)
+    page.says("body", "learner is stopped")
+    os.kill(int(process), signal.SIGKILL)
+    page.expect("another learner", lambda: (row := learner()) and row[1] != process and row[2] == "running")
+
+
 def an_episode_plays_and_seeks(page: Browser, run: str) -> None:
     """The episode that is shown first moves, stops, and shows any step that is asked for."""
     page.open(f"episodes/{run}")
@@ -266,6 +286,8 @@ def main() -> None:
         if options.live:
             runs_are_listed(page)
             curves_move_while_a_run_trains(page)
+            the_authors_curve_is_marked(page)
+            a_stopped_and_a_killed_learner_show(page)
             return
         for run in ["navigation", "fetch-pick", "fetch-push", "ant-reach"]:
             an_episode_plays_and_seeks(page, run)

@@ -51,7 +51,7 @@ fn nothing_is_left_of_a_stopped_run() {
     training.signal(Signal::Interrupt);
     assert_eq!(training.end(), Some(130));
     expect_no_trace(&run);
-    let said = fs::read_to_string(run.path("goalward.out")).unwrap();
+    let said = fs::read_to_string(run.path("goalward.err")).unwrap();
     assert!(said.contains("--resume --run"), "expected how to go on in\n{said}");
 }
 

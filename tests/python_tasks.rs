@@ -7,7 +7,8 @@
 use std::fs;
 
 use run::folder::RunFolder;
-use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs, send};
+use serde_json::Value;
+use system_tests::{Hashes, Page, SMALL_PHYSICS, Signal, TestRun, programs, send};
 
 const LINE: &str = "python:python_environments:line";
 
@@ -96,6 +97,34 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
     }
     let imitator = RunFolder::new(run.path("imitator")).config().unwrap();
     assert_eq!((imitator.demonstrations.episodes, imitator.task.name.as_str()), (9, "line"));
+}
+
+#[test]
+fn an_environment_of_python_renders_its_episodes() {
+    if !has_python() {
+        return;
+    }
+    let (run, _) = train(&[], false);
+    let page = Page::over(&run, &["."]);
+    let episode = "/api/runs/run/episodes/log/3";
+    assert_eq!(page.json("/api/runs/run")["renders"], true);
+    assert_eq!(page.json(&format!("{episode}/scenes")), Value::Null);
+    let states = page.json(episode)["steps"].as_u64().unwrap() + 1;
+    let bytes = page.bytes(&format!("{episode}/pictures"));
+    let (mut rest, mut found) = (&bytes[..], 0);
+    while let Some((head, behind)) = rest.split_at_checked(8) {
+        let [state, length] =
+            [&head[..4], &head[4..]].map(|number| u32::from_le_bytes(number.try_into().unwrap()));
+        assert_eq!(u64::from(state), found);
+        assert!(behind.starts_with(b"\x89PNG"));
+        (rest, found) = (&behind[length as usize..], found + 1);
+    }
+    assert_eq!((found, rest.len()), (states, 0), "a picture of every state");
+
+    let (well, said) = run.goalward(&["log", "scene", "run", "0:0", "--out", "scene.mcap"]);
+    assert!(well && said.contains("1 episodes"), "{said}");
+    let (well, said) = run.goalward(&["log", "info", "scene.mcap"]);
+    assert!(well && said.contains("/evaluation/image"), "{said}");
 }
 
 #[test]

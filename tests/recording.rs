@@ -41,7 +41,9 @@ impl Recorded {
                 Record::PolicyUpdate(update) => recorded.policy_updates.push(*update),
                 Record::RewardUpdate(update) => recorded.reward_updates.push(update),
                 Record::Checkpoint(checkpoint) => recorded.checkpoints.push(checkpoint),
-                Record::Scene(_) => panic!("expected no scenes in the log of a run"),
+                Record::Scene(_) | Record::Picture(_) => {
+                    panic!("expected nothing drawn in the log of a run")
+                }
             }
         }
         recorded

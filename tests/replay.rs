@@ -157,8 +157,9 @@ fn a_log_is_published_for_whoever_listens() {
     assert!(line.contains("listening"), "{line}");
     let mut publishing = run.program("goalward");
     publishing.arg("replay").arg(run.folder().path()).arg("--publish");
-    let mut publishing = publishing.stdout(Stdio::piped()).spawn().unwrap();
-    let mut said = BufReader::new(publishing.stdout.take().unwrap());
+    publishing.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut publishing = publishing.spawn().unwrap();
+    let mut said = BufReader::new(publishing.stderr.take().unwrap());
     line.clear();
     said.read_line(&mut line).unwrap();
     assert!(line.contains("when somebody listens"), "{line}");
@@ -172,7 +173,7 @@ fn a_log_is_published_for_whoever_listens() {
         (hashes.len() as u64 == summary.log.trajectories).then_some(())
     });
     line.clear();
-    said.read_line(&mut line).unwrap();
+    BufReader::new(publishing.stdout.take().unwrap()).read_line(&mut line).unwrap();
     assert_eq!(line, format!("published {} trajectories; readers: 2\n", hashes.len()));
     assert!(publishing.wait().unwrap().success());
     listening.kill().unwrap();

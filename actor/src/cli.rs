@@ -1,10 +1,11 @@
 //! The command line of `goalward-actor`. People type `goalward`, which starts it.
 
 use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
+use bytes::Bytes;
 use clap::{Parser, Subcommand};
 use environments::{Registration, Setting};
 use run::config::ActionChoice;
@@ -127,6 +128,9 @@ enum Command {
         /// What the environment was made with, as JSON; without it as the run's own.
         #[arg(long)]
         setting: Option<String>,
+        /// Has an environment of Python render pictures.
+        #[arg(long)]
+        pictures: bool,
         /// The file to write.
         #[arg(long)]
         out: PathBuf,
@@ -234,7 +238,11 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let evaluation = crate::evaluate::evaluate(tasks, &folder, episodes, actions)?;
             print(&evaluation)
         }
-        Command::Scenes { run, setting, out } => scenes(tasks, run, setting, &out),
+        Command::Scenes { run, setting, pictures, out } => {
+            let setting = setting.map(|json| setting_of(&json, "--setting")).transpose()?;
+            let (run, episodes) = (RunFolder::new(run), standard_input()?);
+            print(&crate::scenes::write(tasks, &run, setting, pictures, episodes, &out)?)
+        }
         Command::Export { run, checkpoint, out } => {
             print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
@@ -249,11 +257,10 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
     }
 }
 
-fn scenes(tasks: Tasks, run: PathBuf, setting: Option<String>, out: &Path) -> Result<()> {
-    let setting = setting.map(|json| setting_of(&json, "--setting")).transpose()?;
-    let mut episodes = Vec::new();
-    std::io::stdin().read_to_end(&mut episodes).context("standard input")?;
-    print(&crate::scenes::write(tasks, &RunFolder::new(run), setting, episodes.into(), out)?)
+fn standard_input() -> Result<Bytes> {
+    let mut bytes = Vec::new();
+    std::io::stdin().read_to_end(&mut bytes).context("standard input")?;
+    Ok(bytes.into())
 }
 
 fn setting_of(json: &str, flag: &'static str) -> Result<Setting> {

@@ -1,22 +1,22 @@
-//! Evaluation episodes as a viewer shows them: an episode is acted again, from its seeds and actions,
-//! and the solids of its environment are recorded where they were after each step.
+//! Evaluation episodes as a viewer shows them: an episode is acted again, from its seeds and actions, and
+//! the solids of its environment are recorded where they were after each step, or pictures that it renders.
 
 use anyhow::{Result, ensure};
 use environments::{Environment, Pose, Shape, Solid};
 use mcap_log::{FileWriter, Topic};
 use prost::Message;
 use protocol::scene::{
-    self, Color, CylinderPrimitive, FRAME, Primitive, Quaternion, SceneEntity, SceneUpdate,
-    Timestamp, Vector3,
+    self, Color, CompressedImage, CylinderPrimitive, FRAME, FRAME_NS, Primitive, Quaternion,
+    SceneEntity, SceneUpdate, Timestamp, Vector3,
 };
 use protocol::seed;
 use protocol::trajectory::{Source, Trajectory};
 
-/// Time between two frames, so that an episode is shown about as fast as it would happen.
-pub const FRAME_NS: u64 = 50_000_000;
+/// Most pictures of an episode.
+const MOST_PICTURES: u32 = 120;
 
 /// Records the scenes of an episode, the first at `start_ns`; returns the time after the last. A task
-/// without solids has none.
+/// without solids has none; one that renders pictures has them of some of its states, evenly.
 ///
 /// # Errors
 /// When the environment refuses an action, or the disk the scenes.
@@ -26,9 +26,6 @@ pub fn draw(
     trajectory: &Trajectory,
     start_ns: u64,
 ) -> Result<u64> {
-    if environment.solids().is_empty() {
-        return Ok(start_ns);
-    }
     let (purpose, _) = Source::try_from(trajectory.source)?.purposes();
     let Trajectory { run_seed, lane, episode, .. } = *trajectory;
     let mut starts = seed::stream(run_seed, purpose, lane, episode);
@@ -37,11 +34,24 @@ pub fn draw(
     let mut poses = Vec::new();
     let mut time_ns = start_ns;
     environment.reset(&mut starts, &mut observation)?;
-    let mut frame = |environment: &dyn Environment| -> Result<()> {
-        poses.clear();
-        environment.append_poses(&mut poses);
-        let update = scene(environment.solids(), &poses, time_ns);
-        writer.message(Topic::Scene, time_ns, &update.encode_to_vec())?;
+    if environment.solids().is_empty() && environment.picture()?.is_none() {
+        return Ok(start_ns);
+    }
+    let states_per_picture = u64::from(trajectory.steps / MOST_PICTURES + 1);
+    let mut frame = |environment: &mut dyn Environment| -> Result<()> {
+        if !environment.solids().is_empty() {
+            poses.clear();
+            environment.append_poses(&mut poses);
+            let update = scene(environment.solids(), &poses, time_ns);
+            writer.message(Topic::Scene, time_ns, &update.encode_to_vec())?;
+        }
+        let state = (time_ns - start_ns) / FRAME_NS;
+        if state.is_multiple_of(states_per_picture)
+            && let Some(picture) = environment.picture()?
+        {
+            let image = image(picture, time_ns);
+            writer.message(Topic::Picture, time_ns, &image.encode_to_vec())?;
+        }
         time_ns += FRAME_NS;
         Ok(())
     };
@@ -63,13 +73,23 @@ fn scene(solids: &[Solid], poses: &[Pose], time_ns: u64) -> SceneUpdate {
     SceneUpdate { entities: entities.collect() }
 }
 
-fn entity(solid: &Solid, pose: &Pose, time_ns: u64) -> SceneEntity {
+fn image(picture: Vec<u8>, time_ns: u64) -> CompressedImage {
+    CompressedImage {
+        timestamp: Some(timestamp(time_ns)),
+        data: picture.into(),
+        format: "png".to_owned(),
+        frame_id: FRAME.to_owned(),
+    }
+}
+
+fn timestamp(time_ns: u64) -> Timestamp {
     let second = 1_000_000_000;
+    Timestamp { seconds: (time_ns / second) as i64, nanos: (time_ns % second) as i32 }
+}
+
+fn entity(solid: &Solid, pose: &Pose, time_ns: u64) -> SceneEntity {
     let mut entity = SceneEntity {
-        timestamp: Some(Timestamp {
-            seconds: (time_ns / second) as i64,
-            nanos: (time_ns % second) as i32,
-        }),
+        timestamp: Some(timestamp(time_ns)),
         frame_id: FRAME.to_owned(),
         id: solid.name.to_owned(),
         ..SceneEntity::default()

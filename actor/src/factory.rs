@@ -69,6 +69,18 @@ impl Factory {
         Ok((self.task.make)(&self.setting)?)
     }
 
+    /// An environment that renders pictures, if it is of Python; else one that draws its solids alone.
+    ///
+    /// # Errors
+    /// As [`Factory::make`].
+    pub fn rendering(&self) -> Result<Box<dyn Environment>> {
+        let mut setting = self.setting.clone();
+        if setting.0.contains_key(python::MAKE) {
+            setting.0.insert(python::RENDER.to_owned(), true.into());
+        }
+        self.with_setting(setting).make()
+    }
+
     /// The named episode, begun where an earlier one was, or in an environment of its own.
     ///
     /// # Errors

@@ -39,6 +39,8 @@ pub(crate) enum Kind {
     Failed = 3,
     /// A slot whose expert is asked, or the action that it takes.
     Expert = 4,
+    /// A slot that is to render its state, or the picture, a PNG file; empty where there is none.
+    Picture = 5,
 }
 
 /// What an environment is.
@@ -64,7 +66,7 @@ pub(crate) struct Hello {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Failure {
     pub(crate) slot: u16,
-    /// `start`, `reset`, `step` or `expert`.
+    /// `start`, `reset`, `step`, `expert` or `render`.
     pub(crate) during: String,
     pub(crate) error: String,
     pub(crate) traceback: String,
@@ -176,6 +178,7 @@ pub(crate) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
         2 => Kind::Turn,
         3 => Kind::Failed,
         4 => Kind::Expert,
+        5 => Kind::Picture,
         other => return Err(io::Error::other(format!("expected a frame, found kind {other}"))),
     };
     if length > LONGEST_BODY {

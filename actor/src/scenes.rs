@@ -7,12 +7,13 @@ use bytes::Bytes;
 use environments::Setting;
 use mcap_log::{FileWriter, Topic};
 use prost::bytes::Buf;
+use protocol::scene::FRAME_NS;
 use protocol::trajectory::{Encoded, Trajectory};
 use run::folder::RunFolder;
 use run::metadata;
 use serde::Serialize;
 
-use crate::drawing::{FRAME_NS, draw};
+use crate::drawing::draw;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
@@ -26,7 +27,8 @@ pub(crate) struct Written {
 }
 
 /// Acts episodes of a run again, one behind the other in `recorded`, each behind its length, and writes them
-/// to a new file, with their observations. `setting` is that of their environment where it is not the run's.
+/// to a new file, with their observations. `setting` is that of their environment where it is not the run's; an
+/// environment of Python renders `pictures`, if it can.
 ///
 /// # Errors
 /// When an episode does not act again as it was recorded, or the file cannot be written.
@@ -34,6 +36,7 @@ pub(crate) fn write(
     tasks: Tasks,
     folder: &RunFolder,
     setting: Option<Setting>,
+    pictures: bool,
     recorded: Bytes,
     out: &Path,
 ) -> Result<Written> {
@@ -46,8 +49,8 @@ pub(crate) fn write(
     let mut resimulator = Resimulator::new(&threads, &factory)?;
     let episodes = episodes(recorded)?;
     let acted = resimulator.each(&episodes, |_, acted| acted);
-    let mut environment = factory.make()?;
-    let topics = [Topic::Trajectory, Topic::EvaluationTrajectory, Topic::Scene];
+    let mut environment = if pictures { factory.rendering()? } else { factory.make()? };
+    let topics = [Topic::Trajectory, Topic::EvaluationTrajectory, Topic::Scene, Topic::Picture];
     let mut writer = FileWriter::create_anew(out, &metadata::of_run(&config), &topics)?;
     let mut time_ns = 0;
     for (recorded, acted) in episodes.iter().zip(acted) {

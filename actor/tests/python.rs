@@ -57,6 +57,28 @@ fn failure(environment: &mut dyn Environment) -> (usize, String) {
 }
 
 #[test]
+fn a_picture_is_rendered_where_it_is_wanted() {
+    if !has_python() {
+        return;
+    }
+    let mut plain = own("line", "").unwrap();
+    reset(&mut *plain, 0);
+    assert_eq!(plain.picture().unwrap(), None);
+    let mut rendering = own("line", "render = true").unwrap();
+    reset(&mut *rendering, 0);
+    let picture = rendering.picture().unwrap().unwrap();
+    // A side of 900 pixels is thinned to a third.
+    let (width, height) = (300_u32.to_be_bytes(), 7_u32.to_be_bytes());
+    assert_eq!(picture[..8], *b"\x89PNG\r\n\x1a\n");
+    assert_eq!(picture[16..24], [width, height].concat());
+    step(&mut *rendering, &1.0_f32.to_le_bytes()).unwrap();
+    assert_ne!(rendering.picture().unwrap().unwrap(), picture);
+    let mut none = own("Grid", "render = true\nhorizon_steps = 5").unwrap();
+    reset(&mut *none, 0);
+    assert_eq!(none.picture().unwrap(), None, "what renders nothing is no failure");
+}
+
+#[test]
 fn spaces_become_numbers_with_labels_and_texts_are_left_out() {
     if !has_python() {
         return;

@@ -25,6 +25,7 @@ impl Child {
         let stdout = output.open()?;
         let stderr = stdout.try_clone().context("sharing the output of a process")?;
         let command = command.process_group(0).env("NO_COLOR", "1").stdout(stdout).stderr(stderr);
+        tracing::info!("starting {command:?}");
         let mut child = command.spawn().context("starting a process")?;
         let input = child.stdin.take();
         Ok(Child { child, input })

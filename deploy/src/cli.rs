@@ -8,7 +8,9 @@ use crate::commands::{
     config, demonstrate, demonstrations, evaluate, experiment, export, log, methods, page, replay,
     report, runs, scale, shell, status, stop, task, tasks, train,
 };
+use run::diagnostics::Diagnostics;
 use terminal::refusal::wrong_usage;
+use terminal::voice::Voice;
 
 /// What the exit codes mean.
 const EXIT_CODES: &str = "Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, \
@@ -21,6 +23,8 @@ const EXIT_CODES: &str = "Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 fi
 struct CommandLine {
     #[command(subcommand)]
     verb: Verb,
+    #[command(flatten)]
+    voice: Voice,
 }
 
 #[derive(Debug, Subcommand)]
@@ -77,6 +81,7 @@ pub(crate) fn run() -> Result<()> {
         | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
         _ => Err(wrong_usage(in_one_line(&error.to_string()))),
     })?;
+    Diagnostics::ForPeople.begin(line.voice.begin());
     match line.verb {
         Verb::Train(arguments) => train::run(arguments),
         Verb::Status(arguments) => status::run(&arguments),
@@ -129,7 +134,9 @@ mod tests {
              --coverage 0.25 --actors 4 --demonstrations d.mcap --run r --set ppo.clip=0.3",
             "goalward train",
             "goalward train --resume --run r",
-            "goalward status r",
+            "goalward status r --json",
+            "goalward -q status r",
+            "goalward train -vv --color never --json",
             "goalward scale r --actors 4",
             "goalward stop r",
             "goalward train --dry-run --no-page",
@@ -151,16 +158,16 @@ mod tests {
             "goalward evaluate r --episodes 100 --json",
             "goalward export r --format safetensors --checkpoint 40 --out e --force --json",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",
-            "goalward experiment a.toml --dry-run",
-            "goalward replay r --verify",
+            "goalward experiment a.toml --dry-run --json",
+            "goalward replay r --verify --json",
             "goalward replay r --retrain --until 40 --out s",
             "goalward replay r --publish --speed 2.5",
             "goalward replay r --with reward.uncertainty=0.1 --with model=s --out r.csv",
             "goalward report r s --out web",
             "goalward report figure3.toml r --quick --experiments e",
-            "goalward log info r",
+            "goalward log info r --json",
             "goalward log repair a.mcap b.mcap",
-            "goalward log restore r --out s",
+            "goalward log restore r --out s --json",
         ] {
             CommandLine::try_parse_from(line.split_whitespace()).unwrap();
         }
@@ -173,6 +180,8 @@ mod tests {
             "goalward train --steps -5",
             "goalward train --seed one",
             "goalward train --wings 2",
+            "goalward train -q -v",
+            "goalward train --color blue",
             "goalward demonstrate navigation --out d.mcap",
             "goalward demonstrate navigation --episodes 0 --out d.mcap",
             "goalward log info",

@@ -108,7 +108,7 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
     recording.remove_unfinished()?;
     let mut actor = recording.actor()?;
     actor.env("NO_COLOR", "1").stderr(output.open()?);
-    match recording.record(&mut actor, StatusLine::on_output())? {
+    match recording.record(&mut actor, StatusLine::new())? {
         Some(status) if !status.success() => {
             bail!("recording demonstrations failed ({status}); {}", output.last_lines())
         }

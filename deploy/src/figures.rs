@@ -5,14 +5,19 @@ use serde::Serialize;
 use terminal::print::print_line;
 
 /// The flag of every verb that prints figures.
-#[derive(Clone, Copy, Debug, clap::Args)]
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Figures {
     /// Prints JSON for programs instead of a table for people.
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     json: bool,
 }
 
 impl Figures {
+    /// Whether they are for programs.
+    pub(crate) fn are_json(self) -> bool {
+        self.json
+    }
+
     /// Prints figures; `table` makes them readable.
     ///
     /// # Errors

@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn a_program_says_how_far_it_is_beside_its_figures() {
         let printed = "{\"episodes_done\":1,\"episodes_wanted\":4,\"steps_done\":9}\n{\"a\":1}\n";
-        let line = StatusLine::on_error();
+        let line = StatusLine::new();
         let reading = follow(printed.as_bytes(), "evaluating", line).unwrap();
         let rest = reading.join().unwrap().unwrap();
         assert_eq!(rest, b"{\"a\":1}\n");

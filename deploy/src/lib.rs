@@ -17,6 +17,8 @@
 //! | `progress` | the progress of a run in one line |
 //! | `progress_file` | the newest progress, for experiments |
 //! | `child`, `programs` | processes that `goalward` starts |
+//! | `choices` | values that flags are known to take |
+//! | `event_files` | the event file for TensorBoard that it writes meanwhile |
 //! | `companion_page` | the page that `goalward train` serves meanwhile |
 //! | `answer` | a program asked for one answer, for the page |
 //! | `other_reward` | another reward for what a run has recorded |
@@ -31,12 +33,14 @@
 
 mod answer;
 mod child;
+mod choices;
 mod cli;
 mod commands;
 mod companion_page;
 mod demonstrations;
 mod description;
 mod destination;
+mod event_files;
 mod experiment;
 mod figures;
 mod full_log;
@@ -55,21 +59,19 @@ mod summary;
 mod supervisor;
 mod tasks;
 
-use std::io::Write;
 use std::process::ExitCode;
 
-use run::diagnostics::Diagnostics;
+use terminal::print::print_error;
 
 /// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
 /// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
 /// after wrong usage, 3 if it finished but data was lost, and 130 if the user stopped it.
 pub fn main() -> ExitCode {
-    Diagnostics::ForPeople.begin("error");
     match cli::run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if !terminal::refusal::is_explained(&error) {
-                writeln!(std::io::stderr(), "goalward: {error:#}").ok();
+                print_error(&format!("{error:#}"));
             }
             terminal::refusal::exit_code(&error)
         }

@@ -1,7 +1,6 @@
 //! What processes print: one file each, appended to; those of a run in its `output` folder.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -60,12 +59,7 @@ impl Output {
     /// # Errors
     /// When the file cannot be read.
     pub(crate) fn end(&self) -> std::io::Result<String> {
-        let mut file = File::open(&self.path)?;
-        let length = file.metadata()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(QUOTED_BYTES)))?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes)?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
+        run::output::end(&self.path, QUOTED_BYTES)
     }
 }
 

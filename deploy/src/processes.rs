@@ -9,6 +9,7 @@ use anyhow::Result;
 use bus::{BusAddress, Member};
 use protocol::messages::ActorHeard;
 use run::process_stat::ProcessStat;
+use serde::Serialize;
 
 use terminal::numbers;
 
@@ -28,7 +29,8 @@ const LEAST_SAMPLE: Duration = Duration::from_millis(250);
 const UNKNOWN: &str = "-";
 
 /// What a process is doing, as far as the system knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub(crate) enum State {
     /// It runs, or waits for something.
     Running,
@@ -50,6 +52,17 @@ struct Process {
     id: Option<u32>,
     state: State,
     begun: Option<ProcessStat>,
+}
+
+/// A process of a run, for programs.
+#[derive(Debug, Serialize)]
+pub(crate) struct ProcessFigures {
+    process: String,
+    id: Option<u32>,
+    state: State,
+    /// Of an actor: leases that it holds, and how long ago it was heard of.
+    leases: Option<u32>,
+    heard_s_ago: Option<f64>,
 }
 
 /// The processes of a run.
@@ -132,6 +145,21 @@ impl Processes {
             process.row(self.looked.elapsed(), heard)
         };
         self.processes.iter().map(row).collect()
+    }
+
+    /// The same for programs.
+    pub(crate) fn figures(&self, heard: &[ActorHeard]) -> Vec<ProcessFigures> {
+        let figures = |process: &Process| {
+            let heard = heard.iter().find(|heard| heard.name == process.full_name);
+            ProcessFigures {
+                process: process.name.clone(),
+                id: process.id,
+                state: process.state,
+                leases: heard.map(|heard| heard.leases),
+                heard_s_ago: heard.map(|heard| heard.ago_s),
+            }
+        };
+        self.processes.iter().map(figures).collect()
     }
 
     /// The rows below their head, and below them how those that are stopped are let go.

@@ -90,7 +90,7 @@ impl Program {
 /// # Errors
 /// When it cannot start, fails, or prints something else.
 pub(crate) fn result<T: DeserializeOwned>(program: &mut Command, doing: &'static str) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::on_error())?;
+    let mut started = Started::new(program, doing, StatusLine::new())?;
     let input = started.child.stdin.take();
     let result = started.result();
     drop(input);
@@ -106,7 +106,7 @@ pub(crate) fn result_for<T: DeserializeOwned>(
     doing: &'static str,
     input: &[u8],
 ) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::on_error())?;
+    let mut started = Started::new(program, doing, StatusLine::new())?;
     let written = started.child.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
     let result = started.result()?;
     written.context("writing to a program")?;
@@ -144,6 +144,7 @@ struct Started {
 impl Started {
     fn new(program: &mut Command, doing: &'static str, line: StatusLine) -> Result<Started> {
         let program = program.stdin(Stdio::piped()).stdout(Stdio::piped());
+        tracing::info!("starting {program:?}");
         let mut child = program.spawn().context("starting a program")?;
         let output = child.stdout.take().context("a program has an output")?;
         let printed = headway::follow(output, doing, line).context("listening to a program")?;

@@ -22,7 +22,7 @@ pub(crate) struct ProgressView {
 impl ProgressView {
     /// For a terminal if standard output is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
-        ProgressView { line: StatusLine::on_output(), pace: Pace::default(), phase: None }
+        ProgressView { line: StatusLine::new(), pace: Pace::default(), phase: None }
     }
 
     /// Says what is going on while there is no progress yet.

@@ -11,7 +11,7 @@ use run::folder::RunFolder;
 use crate::programs::Program;
 
 /// The command that writes episodes of a run to a new file, and what it reads. `setting` is that of their
-/// environment, as JSON, where it is not the run's.
+/// environment, as JSON, where it is not the run's; an environment of Python renders `pictures`, if it can.
 ///
 /// # Errors
 /// When the run has no configuration, or the program is not there.
@@ -19,11 +19,13 @@ pub(crate) fn command(
     folder: &RunFolder,
     setting: Option<&str>,
     episodes: &[Trajectory],
+    pictures: bool,
     out: &Path,
 ) -> Result<(Command, Vec<u8>)> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     actor.arg("scenes").arg("--run").arg(folder.path()).arg("--out").arg(out);
     actor.args(setting.into_iter().flat_map(|setting| ["--setting", setting]));
+    actor.args(pictures.then_some("--pictures"));
     let encoded = episodes.iter().flat_map(Message::encode_length_delimited_to_vec);
     Ok((actor, encoded.collect()))
 }

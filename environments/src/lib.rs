@@ -123,6 +123,15 @@ pub trait Environment: Send {
 
     /// Appends the present pose of every solid, in the order of [`Environment::solids`].
     fn append_poses(&self, _poses: &mut Vec<Pose>) {}
+
+    /// A picture of the present state, a PNG file; none where the environment renders none, or has not been
+    /// made to.
+    ///
+    /// # Errors
+    /// When it cannot be rendered.
+    fn picture(&mut self) -> Result<Option<Vec<u8>>, EnvironmentError> {
+        Ok(None)
+    }
 }
 
 /// What a step did.

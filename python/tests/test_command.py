@@ -85,7 +85,7 @@ def test_input_that_cannot_be_used_is_told_in_one_line(
     assert main(["import", str(source), "--task", str(task), "--out", str(out), *words]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert told.err.startswith("error: ") and told.err.count("\n") == 1
+    assert told.err.startswith("goalward: ") and told.err.count("\n") == 1
     assert expected in told.err
     assert sorted(tmp_path.iterdir()) == before
 

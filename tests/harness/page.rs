@@ -77,6 +77,16 @@ impl Page {
         self.answer(&self.question("GET", path, &self.address))
     }
 
+    /// The bytes of an answer that is all well.
+    pub fn bytes(&self, path: &str) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.send(&self.question("GET", path, &self.address)).read_to_end(&mut bytes).unwrap();
+        assert!(bytes.starts_with(b"HTTP/1.1 200 "), "{}", String::from_utf8_lossy(&bytes));
+        let end = b"\r\n\r\n";
+        let body = bytes.windows(end.len()).position(|part| part == end).unwrap();
+        bytes.split_off(body + end.len())
+    }
+
     /// An answer of the page to itself.
     pub fn json(&self, path: &str) -> Value {
         let (status, body) = self.get(path);

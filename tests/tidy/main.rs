@@ -37,7 +37,21 @@ const EDGES: [(&str, &[&str]); 15] = [
     ("terminal", &["protocol"]),
     ("report", &["protocol", "mcap-log", "run", "terminal"]),
     ("page", &["protocol", "mcap-log", "run", "terminal", "report"]),
-    ("deploy", &["protocol", "bus", "mcap-log", "run", "terminal", "report", "page"]),
+    (
+        "goalward",
+        &[
+            "protocol",
+            "bus",
+            "mcap-log",
+            "run",
+            "terminal",
+            "report",
+            "page",
+            "actor",
+            "learner",
+            "proximity-service",
+        ],
+    ),
     (
         "system-tests",
         &[
@@ -49,7 +63,7 @@ const EDGES: [(&str, &[&str]); 15] = [
             "actor",
             "learner",
             "proximity-service",
-            "deploy",
+            "goalward",
         ],
     ),
 ];
@@ -250,6 +264,16 @@ fn crates_know_only_whom_they_should() {
         }
     }
     keep("crates depend on each other as ARCHITECTURE.md says", breaches);
+}
+
+#[test]
+fn the_command_knows_no_process_but_by_its_program() {
+    let sources = sources();
+    let command = sources
+        .iter()
+        .filter(|source| source.is_in("deploy/src/") && !source.is_in("deploy/src/bin/"));
+    let rule = "of the package `goalward` only the programs in deploy/src/bin/ name the crates of processes";
+    keep(rule, places(command, ["actor::", "learner::", "proximity_service::"]));
 }
 
 #[test]

@@ -6,6 +6,7 @@ Nothing is installed for this file: the actor hands its text to the interpreter.
 
 import ctypes
 import importlib
+import inspect
 import json
 import os
 import random
@@ -15,13 +16,16 @@ import struct
 import sys
 import traceback
 import types
+import zlib
 from importlib import metadata
 
 SPACES = "goalward_spaces"  # the module that is handed over beside this text
 
-HELLO, TURN, FAILED, EXPERT = 1, 2, 3, 4
+HELLO, TURN, FAILED, EXPERT, PICTURE = 1, 2, 3, 4, 5
 RESET, REBUILD, STEP = 0, 1, 2
 TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
+
+LARGEST = 400  # most pixels of a picture's side
 
 PACKAGES = ("gymnasium", "numpy", "gymnasium-robotics", "mujoco", "minigrid", "box2d-py", "box2d", "pygame")
 
@@ -76,17 +80,26 @@ def loaded(name, text):
     return module
 
 
-def maker(reference, kwargs, refused):
+def maker(reference, kwargs, render, refused):
     """What makes the environment that `gym:ID`, `gym:module:ID` or `python:module:function` names."""
     import gymnasium
 
     kind, _, name = reference.partition(":")
+    mode = {"render_mode": "rgb_array"} if render else {}
     if kind == "gym":
-        return lambda: gymnasium.make(name, **kwargs)
+        return lambda: gymnasium.make(name, **{**mode, **kwargs})
     if kind == "python":
         function = imported(name)
-        return lambda: function(**kwargs)
+        if mode and not takes(function, "render_mode"):
+            mode = {}
+        return lambda: function(**{**mode, **kwargs})
     raise refused(f"expected gym:ID or python:module:function, found {reference}")
+
+
+def takes(function, name):
+    """Whether a function has a parameter of this name, or takes any."""
+    parameters = inspect.signature(function).parameters
+    return name in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
 
 
 def teller(rule):
@@ -109,7 +122,8 @@ class Environments:
         import gymnasium
         import numpy as np
 
-        self.np, self.make = np, maker(options["environment"], options["kwargs"], conversion.Refused)
+        self.np, self.renders = np, options["render"]
+        self.make = maker(options["environment"], options["kwargs"], self.renders, conversion.Refused)
         self.slots = {}
         first = self.make()
         if not isinstance(first, gymnasium.Env):
@@ -197,6 +211,30 @@ class Environments:
         return self.actions.encode(self.acting[slot](self.seen[slot]))
 
 
+    def picture(self, slot):
+        """What the environment renders, as a PNG file; empty where that is no picture."""
+        np = self.np
+        seen = self.slots[slot].render() if self.renders else None
+        if not isinstance(seen, np.ndarray) or seen.dtype != np.uint8 or seen.ndim != 3 or seen.shape[2] < 3:
+            return b""
+        stride = -(-max(seen.shape[:2]) // LARGEST)
+        return png(np, np.ascontiguousarray(seen[::stride, ::stride, :3]))
+
+
+def png(np, pixels):
+    """Pixels of three colors as a file."""
+    height, width, _ = pixels.shape
+    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each begins with its filter: none
+    rows[:, 1:] = pixels.reshape(height, 3 * width)
+
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 3)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + chunks
+
+
 def time_limit(environment):
     """The longest episode; none where neither a wrapper nor the environment itself says."""
     if environment.spec is not None and environment.spec.max_episode_steps:
@@ -274,9 +312,9 @@ def answered(environments, kind, body):
         return turn(environments, body)
     slot = struct.unpack("<H", body)[0]
     try:
-        return environments.expert_action(slot)
+        return environments.picture(slot) if kind == PICTURE else environments.expert_action(slot)
     except BaseException as error:
-        raise Failed(slot, "expert", error) from error
+        raise Failed(slot, "render" if kind == PICTURE else "expert", error) from error
 
 
 def main():
@@ -291,7 +329,7 @@ def main():
     while (head := receive(link, 5)) is not None:
         length, kind = struct.unpack("<IB", head)
         body = receive(link, length)
-        if body is None or kind not in (TURN, EXPERT):
+        if body is None or kind not in (TURN, EXPERT, PICTURE):
             return 1
         try:
             answer = answered(environments, kind, body)

@@ -20,6 +20,9 @@ use crate::frame::{Answer, Hello, Request};
 /// The key of a setting that says what makes the environment.
 pub const MAKE: &str = "make";
 
+/// The key of a setting that has the environment render pictures.
+pub const RENDER: &str = "render";
+
 /// What an environment of Python is made with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -47,6 +50,9 @@ pub struct PythonSetting {
     /// Longest episode; 0 takes the environment's own.
     #[serde(default)]
     pub horizon_steps: u32,
+    /// Whether it renders pictures of its states.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub render: bool,
     /// Versions of Python and its packages that the task was described with.
     #[serde(default)]
     pub versions: BTreeMap<String, String>,
@@ -67,9 +73,15 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl PythonSetting {
     /// What a process is started with.
     pub(super) fn options(&self) -> String {
-        let PythonSetting { make, kwargs, success, expert, .. } = self;
-        json!({ "environment": make, "kwargs": kwargs, "success": success, "expert": expert })
-            .to_string()
+        let PythonSetting { make, kwargs, success, expert, render, .. } = self;
+        json!({
+            "environment": make,
+            "kwargs": kwargs,
+            "success": success,
+            "expert": expert,
+            "render": render,
+        })
+        .to_string()
     }
 }
 
@@ -258,6 +270,14 @@ impl Environment for Slot {
             write_floats(self.scale.unscaled(floats(&found)), action);
         }
         Ok(true)
+    }
+
+    fn picture(&mut self) -> Result<Option<Vec<u8>>, EnvironmentError> {
+        if !self.setting.render {
+            return Ok(None);
+        }
+        let picture = locked(&self.link).picture(self.number)?;
+        Ok((!picture.is_empty()).then_some(picture))
     }
 
     fn state_hash(&self) -> u64 {

@@ -136,6 +136,15 @@ impl Link {
         self.python.receive(Kind::Expert)
     }
 
+    /// A picture of the state of a slot, a PNG file; empty where the environment renders none.
+    ///
+    /// # Errors
+    /// As [`Link::answer`].
+    pub(super) fn picture(&mut self, slot: u16) -> Result<Vec<u8>, EnvironmentError> {
+        frame::write(&mut self.python.stream, Kind::Picture, &slot.to_le_bytes()).ok();
+        self.python.receive(Kind::Picture)
+    }
+
     fn turn(&mut self) -> Result<(), EnvironmentError> {
         let body = std::mem::take(&mut self.pending);
         self.announced.clear();
@@ -261,7 +270,7 @@ mod tests {
             return;
         }
         let options = r#"{"environment": "python:tests.python_environments:line", "kwargs": {},
-            "success": "none", "expert": ""}"#;
+            "success": "none", "expert": "", "render": false}"#;
         let start = || Link::start(options, PATIENCE).unwrap();
         let mut link = std::thread::scope(|scope| scope.spawn(start).join()).unwrap();
         std::thread::sleep(Duration::from_millis(100));
@@ -276,7 +285,7 @@ mod tests {
             return;
         }
         let options = r#"{"environment": "python:tests.python_environments:bad",
-            "kwargs": {"how": "hangs"}, "success": "none", "expert": ""}"#;
+            "kwargs": {"how": "hangs"}, "success": "none", "expert": "", "render": false}"#;
         let mut link = Link::start(options, Duration::from_secs(3)).unwrap();
         let slot = link.take_slot();
         link.announce(slot, Request::Reset { seed: 1, rebuild: false });

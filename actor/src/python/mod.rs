@@ -16,5 +16,5 @@ mod environment;
 mod link;
 mod purity;
 
-pub use environment::{MAKE, PythonSetting, make};
+pub use environment::{MAKE, PythonSetting, RENDER, make};
 pub use purity::purified;

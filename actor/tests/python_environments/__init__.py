@@ -18,9 +18,15 @@ class Line(gymnasium.Env):
         {"place": spaces.Box(-9.0, 9.0, (1,)), "parity": spaces.Discrete(2), "said": spaces.Text(9)}
     )
     action_space = spaces.Box(np.array([0.0]), np.array([0.5]))
+    metadata = {"render_modes": ["rgb_array"]}
 
-    def __init__(self, start=0.0):
-        self.start = start
+    def __init__(self, start=0.0, render_mode=None):
+        self.start, self.render_mode = start, render_mode
+
+    def render(self):
+        picture = np.zeros((20, 900, 3), dtype=np.uint8)
+        picture[:, : int(100 * (2.0 + self.place))] = 255
+        return picture
 
     def seen(self):
         return {"place": np.array([self.place], dtype=np.float32), "parity": self.steps % 2, "said": "so"}
@@ -38,8 +44,8 @@ class Line(gymnasium.Env):
         return self.seen(), -1.0, success or self.place < -1, self.steps >= 20, {"is_success": success}
 
 
-def line(start=0.0):
-    return gymnasium.wrappers.TimeLimit(Line(start), 20)
+def line(start=0.0, render_mode=None):
+    return gymnasium.wrappers.TimeLimit(Line(start, render_mode), 20)
 
 
 def is_far(seen, reward, terminated, info):

@@ -36,6 +36,7 @@ pub(crate) fn routes() -> Router<Arc<Pages>> {
         .route("/runs/{id}/episodes/{collection}", get(episodes))
         .route("/runs/{id}/episodes/{collection}/{row}", get(episode))
         .route("/runs/{id}/episodes/{collection}/{row}/scenes", get(scenes))
+        .route("/runs/{id}/episodes/{collection}/{row}/pictures", get(pictures))
         .route("/runs/{id}/episodes/{collection}/{row}/proximity", get(proximity))
         .route("/runs/{id}/episodes/{collection}/{row}/grid", get(grid))
         .route("/runs/{id}/episodes/{collection}/{row}/reward", get(reward))
@@ -116,6 +117,15 @@ async fn scenes(
     of_episode(pages, id, collection, row, |runs, asked| json(&runs.shown.scenes(&asked)?)).await
 }
 
+async fn pictures(
+    State(pages): Shared,
+    Path((id, collection, row)): Path<(String, String, usize)>,
+) -> Answer {
+    let ask = |runs: &Runs, asked: Asked| Ok(runs.shown.pictures(&asked)?);
+    let found = answer_of_episode(pages, id, collection, row, ask).await?;
+    Ok(([(header::CONTENT_TYPE, "application/octet-stream")], found).into_response())
+}
+
 /// The checkpoint whose reward model is asked; the newest where none is named.
 #[derive(Deserialize)]
 struct Model {
@@ -168,20 +178,29 @@ async fn reward(
     of_episode(pages, id, collection, row, ask).await
 }
 
-/// What `read` says of a run.
+/// What `read` says of a run, as JSON.
 async fn of_run(
     pages: Arc<Pages>,
     id: String,
     read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<String, Refused> + Send + 'static,
 ) -> Answer {
+    let found = answer_of_run(pages, id, read).await?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], found).into_response())
+}
+
+async fn answer_of_run<T: Send + 'static>(
+    pages: Arc<Pages>,
+    id: String,
+    read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<T, Refused> + Send + 'static,
+) -> Result<T, Refused> {
     let found = pages.read(move |runs| match runs.folder(&id) {
         Some(folder) => read(runs, &id, &folder),
         None => Err(Refused::unknown(format!("no run is called {id}"))),
     });
-    Ok(([(header::CONTENT_TYPE, "application/json")], found.await??).into_response())
+    found.await?
 }
 
-/// What `read` says of an episode of a run.
+/// What `read` says of an episode of a run, as JSON.
 async fn of_episode(
     pages: Arc<Pages>,
     id: String,
@@ -189,12 +208,23 @@ async fn of_episode(
     row: usize,
     read: impl FnOnce(&Runs, Asked) -> Result<String, Refused> + Send + 'static,
 ) -> Answer {
+    let found = answer_of_episode(pages, id, collection, row, read).await?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], found).into_response())
+}
+
+async fn answer_of_episode<T: Send + 'static>(
+    pages: Arc<Pages>,
+    id: String,
+    collection: String,
+    row: usize,
+    read: impl FnOnce(&Runs, Asked) -> Result<T, Refused> + Send + 'static,
+) -> Result<T, Refused> {
     let ask = move |runs: &Runs, _: &str, folder: &RunFolder| {
         let asked = runs.shown.asked(folder, &collection, row)?;
         let unknown = || Refused::unknown(format!("there is no episode {row} in {collection}"));
         read(runs, asked.ok_or_else(unknown)?)
     };
-    of_run(pages, id, ask).await
+    answer_of_run(pages, id, ask).await
 }
 
 fn json(answer: &impl Serialize) -> Result<String, Refused> {

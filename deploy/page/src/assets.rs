@@ -32,6 +32,7 @@ pub(crate) const ASSETS: &[Asset] = &[
     script!("grid.js"),
     script!("numbers.js"),
     script!("otherwise.js"),
+    script!("pictures.js"),
     script!("player.js"),
     script!("processes.js"),
     script!("rows.js"),
@@ -39,6 +40,7 @@ pub(crate) const ASSETS: &[Asset] = &[
     script!("runs.js"),
     script!("series.js"),
     script!("solids.js"),
+    script!("sorting.js"),
     script!("table.js"),
     // Bundled by `deploy/page/three`.
     script!("three.js"),

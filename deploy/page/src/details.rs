@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::collections;
 use crate::curves::Curves;
 use crate::listed::Listed;
+use crate::published;
 
 /// A run, as its view shows it.
 #[derive(Debug, Serialize)]
@@ -18,7 +19,11 @@ pub(crate) struct Details {
     configuration: String,
     differences: Vec<Difference>,
     summary: Option<Summary>,
+    /// Success rate at the end of the authors' curve of its method in its setting.
+    published: Option<f64>,
     command: String,
+    /// Whether its environment may render pictures: it is one of Python whose episodes act again.
+    renders: bool,
     /// Names of its collections of episodes.
     collections: Vec<String>,
     /// Iterations after which there are checkpoints.
@@ -47,8 +52,10 @@ impl Details {
             run,
             configuration: config.to_text(),
             differences: differences(&config),
+            published: published::success_rate(&config),
             summary,
             command: repeat::command(folder, &config),
+            renders: config.environment.0.contains_key("make") && config.task.deterministic,
             collections: collections::names(folder, &config),
             checkpoints: folder
                 .checkpoint_folders()

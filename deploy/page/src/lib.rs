@@ -14,6 +14,7 @@
 //! | `kept` | what was read of runs, until their files change |
 //! | `curves` | what a run's log has of its updates |
 //! | `details` | what a run is |
+//! | `published` | the end of the authors' curve of its method |
 //! | `collections` | the log, demonstrations, evaluations |
 //! | `episodes` | what each episode came to, and where it lies |
 //! | `shown` | an episode, what the reward model says of it, its scene |
@@ -32,6 +33,7 @@ mod kept;
 mod listed;
 mod output;
 mod programs;
+mod published;
 mod runs;
 mod scenes;
 mod server;

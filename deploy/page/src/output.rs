@@ -1,10 +1,9 @@
 //! What the processes of a run have printed: the end of each one's file.
 
-use std::fs::{self, File};
-use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::fs;
 
 use run::folder::RunFolder;
+use run::output::end;
 use serde::Serialize;
 
 /// How much of a file is shown, bytes.
@@ -25,27 +24,14 @@ impl Output {
             .filter_map(|file| {
                 let name = file.file_name().into_string().ok()?;
                 let name = name.strip_suffix(".log")?.to_owned();
-                let text = end(&file.path()).ok().filter(|text| !text.trim().is_empty())?;
+                let text =
+                    end(&file.path(), SHOWN_BYTES).ok().filter(|text| !text.trim().is_empty())?;
                 Some(Output { name, text })
             })
             .collect();
         found.sort_by(|one, other| one.name.cmp(&other.name));
         found
     }
-}
-
-/// The last lines of a file, whole ones where they do not begin the file.
-fn end(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
-    let begin = file.metadata()?.len().saturating_sub(SHOWN_BYTES);
-    file.seek(SeekFrom::Start(begin))?;
-    let mut bytes = Vec::new();
-    file.take(SHOWN_BYTES).read_to_end(&mut bytes)?;
-    let text = String::from_utf8_lossy(&bytes).into_owned();
-    Ok(match text.split_once('\n') {
-        Some((_, whole)) if begin > 0 => whole.to_owned(),
-        _ => text,
-    })
 }
 
 #[cfg(test)]

@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 /// What the page asks of the programs of a run, which others start.
 pub trait Programs: Send + Sync {
     /// Acts a recorded episode of a run again and writes it to a new file, with its observations and what a
-    /// viewer draws of it. `setting` is that of its environment, as JSON, where it is not the run's.
+    /// viewer draws of it. `setting` is that of its environment, as JSON, where it is not the run's; one of
+    /// Python renders `pictures`, if it can.
     ///
     /// # Errors
     /// When it does not act again as it was recorded.
@@ -20,6 +21,7 @@ pub trait Programs: Send + Sync {
         folder: &RunFolder,
         setting: Option<&str>,
         episode: &Trajectory,
+        pictures: bool,
         out: &Path,
     ) -> Result<()>;
 

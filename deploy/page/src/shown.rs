@@ -1,8 +1,9 @@
 //! Episodes as a browser shows them: what happened, what the reward model said or says, the scene.
 
 use anyhow::{Context, Result};
+use bytes::Bytes;
 use mcap_log::{FileReader, Record};
-use protocol::scene::SceneUpdate;
+use protocol::scene::{FRAME_NS, SceneUpdate};
 use protocol::task::{ActionSpec, ObservationSpec, Task, floats};
 use protocol::trajectory::Trajectory;
 use report::grid::{Classes, Everywhere};
@@ -28,6 +29,8 @@ pub(crate) struct Asked {
     config: RunConfig,
     setting: Option<String>,
     recorded: Recorded,
+    /// Its scenes, where it has been acted again already.
+    scenes: Option<Vec<SceneUpdate>>,
 }
 
 impl Shown {
@@ -71,10 +74,12 @@ impl Shown {
         let episodes = locked(&episodes);
         let setting = episodes.setting();
         let Some(recorded) = episodes.recorded(row, &config.task.spec()) else { return Ok(None) };
-        let mut asked = Asked { folder: folder.clone(), config, setting, recorded: recorded? };
+        let (folder, recorded) = (folder.clone(), recorded?);
+        let mut asked = Asked { folder, config, setting, recorded, scenes: None };
         drop(episodes);
         if asked.recorded.trajectory.is_actions_only() {
-            asked.recorded.trajectory = self.drawn(&asked)?.0;
+            let Drawn { trajectory, scenes, .. } = self.drawn(&asked, false)?;
+            (asked.recorded.trajectory, asked.scenes) = (trajectory, Some(scenes));
         }
         Ok(Some(asked))
     }
@@ -84,7 +89,26 @@ impl Shown {
     /// # Errors
     /// When it does not act again as it was recorded.
     pub(crate) fn scenes(&self, asked: &Asked) -> Result<Option<Scenes>> {
-        Ok(Scenes::of(&self.drawn(asked)?.1))
+        Ok(match &asked.scenes {
+            Some(scenes) => Scenes::of(scenes),
+            None => Scenes::of(&self.drawn(asked, false)?.scenes),
+        })
+    }
+
+    /// Pictures that the environment renders of an episode: behind one another the number of the state, the
+    /// length of the file and the PNG file, numbers as four bytes, the lowest first.
+    ///
+    /// # Errors
+    /// When it does not act again as it was recorded, or cannot render.
+    pub(crate) fn pictures(&self, asked: &Asked) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        for (state, picture) in self.drawn(asked, true)?.pictures {
+            for number in [state, u32::try_from(picture.len())?] {
+                bytes.extend(number.to_le_bytes());
+            }
+            bytes.extend(picture);
+        }
+        Ok(bytes)
     }
 
     /// What a run's reward model says of an episode's observations now.
@@ -125,22 +149,36 @@ impl Shown {
         self.programs.processes(folder)
     }
 
-    /// An episode acted again, and its scenes.
-    fn drawn(&self, asked: &Asked) -> Result<(Trajectory, Vec<SceneUpdate>)> {
-        let Asked { folder, config, setting, recorded } = asked;
+    /// An episode acted again, with pictures if its environment can render them.
+    fn drawn(&self, asked: &Asked, pictures: bool) -> Result<Drawn> {
+        let Asked { folder, config, setting, recorded, .. } = asked;
         let place = tempfile::tempdir()?;
         let file = place.path().join("episode.mcap");
-        self.programs.draw(folder, setting.as_deref(), &recorded.trajectory, &file)?;
-        let (mut trajectory, mut scenes) = (None, Vec::new());
+        self.programs.draw(folder, setting.as_deref(), &recorded.trajectory, pictures, &file)?;
+        let (mut trajectory, mut scenes, mut pictures) = (None, Vec::new(), Vec::new());
         for entry in FileReader::open(&file)? {
-            match entry?.record {
+            let entry = entry?;
+            match entry.record {
                 Record::Scene(scene) => scenes.push(scene),
+                Record::Picture(picture) => {
+                    let state = u32::try_from(entry.log_time_ns / FRAME_NS)?;
+                    pictures.push((state, picture.data));
+                }
                 record => trajectory = trajectory.or(record.trajectory()),
             }
         }
         let bytes = trajectory.context("expected an episode that acts again, found none")?;
-        Ok((Trajectory::recorded(bytes, &config.task.spec())?, scenes))
+        let trajectory = Trajectory::recorded(bytes, &config.task.spec())?;
+        Ok(Drawn { trajectory, scenes, pictures })
     }
+}
+
+/// An episode that was acted again.
+struct Drawn {
+    trajectory: Trajectory,
+    scenes: Vec<SceneUpdate>,
+    /// By the number of the state.
+    pictures: Vec<(u32, Bytes)>,
 }
 
 /// Estimates at places of a grid, each by its number in an observation.

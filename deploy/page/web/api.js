@@ -7,12 +7,13 @@ function address(path, query = {}) {
   return `./api/${path}${all.size > 0 ? `?${all}` : ""}`;
 }
 
-async function get(path, query) {
+async function answered(path, query) {
   const answer = await fetch(address(path, query));
-  const body = await answer.json();
-  if (!answer.ok) throw new Error(body.error);
-  return body;
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  return answer;
 }
+
+const get = async (path, query) => (await answered(path, query)).json();
 
 /** All runs. */
 export const runs = () => get("runs");
@@ -41,6 +42,19 @@ export const episode = (...name) => get(ofEpisode(...name));
 
 /** An episode's solids where they were; null for a task without. */
 export const scenes = (...name) => get(`${ofEpisode(...name)}/scenes`);
+
+/** Pictures of some of an episode's states, as its environment renders them: the number of the state, and a file. */
+export async function pictures(...name) {
+  const bytes = await (await answered(`${ofEpisode(...name)}/pictures`)).arrayBuffer();
+  const [view, found] = [new DataView(bytes), []];
+  for (let at = 0; at < bytes.byteLength;) {
+    const [state, length] = [view.getUint32(at, true), view.getUint32(at + 4, true)];
+    at += 8;
+    found.push({ state, file: new Blob([bytes.slice(at, at + length)], { type: "image/png" }) });
+    at += length;
+  }
+  return found;
+}
 
 /** What a reward model says of an episode's observations; the newest where no checkpoint is named. */
 export const proximity = (name, checkpoint) => get(`${ofEpisode(...name)}/proximity`, checkpoint ? { checkpoint } : {});

@@ -30,8 +30,11 @@ export class Chart {
       element("figcaption", {}, title, element("span", { class: "save" }, files)), this.svg, this.readout);
   }
 
-  /** Draws lines: `{name, color, raw, points, low, high, dashed}`, over an x axis called `xName`. */
-  draw(lines, xName) {
+  /**
+   * Draws lines: `{name, color, raw, points, low, high, dashed}`, over an x axis called `xName`, and heights of others
+   * to compare with, marked at the right: `{name, color, y}`.
+   */
+  draw(lines, xName, marks = []) {
     [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
     this.svg.setAttribute("aria-label", this.summary());
     if (this.lines.length === 0) {
@@ -39,7 +42,7 @@ export class Chart {
       return;
     }
     this.range = this.ranges();
-    const parts = this.lines.flatMap((line) => this.drawnLine(line));
+    const parts = [...marks.map((mark) => this.drawnMark(mark)), ...this.lines.flatMap((line) => this.drawnLine(line))];
     this.cursor = drawn("line", { y1: TOP, y2: this.height - BOTTOM, stroke: "var(--soft)", visibility: "hidden" });
     this.svg.replaceChildren(...this.axes(), ...parts, this.cursor);
   }
@@ -87,6 +90,14 @@ export class Chart {
       ...stroke, d: this.path(points), "stroke-width": 1.8, "stroke-dasharray": dashed ? "5 3" : null,
     }));
     return parts;
+  }
+
+  drawnMark({ name, color, y }) {
+    const [right, height] = [WIDTH - RIGHT, this.y(y)];
+    return drawn("g", { class: "mark" },
+      drawn("title", {}, `${name}: ${this.show(y)}`),
+      drawn("line", { x1: LEFT, x2: right, y1: height, y2: height, stroke: color, "stroke-dasharray": "2 5" }),
+      drawn("path", { d: `M${right} ${height}l8 -5v10Z`, fill: color }));
   }
 
   axes() {

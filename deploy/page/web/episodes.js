@@ -182,6 +182,5 @@ export class EpisodesView {
 }
 
 function ended({ success, ending, steps_to_goal: reached }) {
-  const mark = element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : ENDINGS[ending]);
-  return mark;
+  return element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : ENDINGS[ending]);
 }

@@ -7,9 +7,9 @@ import { count, date, duration, percent } from "./format.js";
 const WALL_TIME = ["rollout", "scoring", "policy_update"];
 
 /** The sections below a run's curves. */
-export function facts({ run, configuration, differences, summary, command }) {
+export function facts({ run, configuration, differences, summary, published, command }) {
   return [
-    element("h2", {}, "How it stands"), list(standing(run, summary)),
+    element("h2", {}, "How it stands"), list([...standing(run, summary), ...ofAuthors(published)]),
     ...(summary ? [element("h2", {}, "Where the time went"), parts(summary.seconds)] : []),
     element("h2", {}, "To repeat it"),
     element("p", {}, element("code", {}, command), " ", button("Copy", () => navigator.clipboard.writeText(command))),
@@ -39,6 +39,10 @@ export function compared(all) {
     element("div", { class: "scroll" }, element("table", {},
       element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
   ];
+}
+
+function ofAuthors(published) {
+  return published === null ? [] : [["success, the authors' published curve", `${percent(published)} after 4.9 million steps in MuJoCo`]];
 }
 
 function standing(run, summary) {

@@ -7,6 +7,7 @@ import { short } from "./format.js";
 import { GridStage } from "./grid.js";
 import { NumberStage } from "./numbers.js";
 import { Otherwise } from "./otherwise.js";
+import { PictureStage } from "./pictures.js";
 import { SolidStage } from "./solids.js";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
@@ -87,13 +88,39 @@ export class Player {
     if (this.name !== name) return;
     const Kind = isGrid ? GridStage : solids && SolidStage.isPossible() ? SolidStage : NumberStage;
     if (solids && Kind === NumberStage) this.complain("This browser has no WebGL: numbers stand for the solids.");
-    if (!(this.shown instanceof Kind)) {
-      this.shown?.close();
-      this.shown = new Kind();
-      this.stagePlace.replaceChildren(this.shown.place);
-    }
+    this.enter(Kind);
     await this.shown.take(episode, solids);
-    this.extras.replaceChildren(...(isGrid ? this.heat() : []));
+    this.extras.replaceChildren(...(isGrid ? this.heat() : []), ...(this.details.renders ? [this.rendering()] : []));
+  }
+
+  /** Has a stage of this kind. */
+  enter(Kind) {
+    if (this.shown instanceof Kind) return;
+    this.shown?.close();
+    this.shown = new Kind();
+    this.stagePlace.replaceChildren(this.shown.place);
+  }
+
+  /** What has the environment render the episode, which takes as long as acting it again. */
+  rendering() {
+    const render = button("Render", async () => {
+      const { name } = this;
+      [render.disabled, render.textContent] = [true, "Rendering"];
+      try {
+        const found = await api.pictures(...name);
+        if (found.length === 0) throw new Error("The environment renders no pictures: it has no render mode rgb_array.");
+        if (this.name !== name) return;
+        this.complain("");
+        this.enter(PictureStage);
+        this.shown.take(found);
+        this.shown.show(this.at);
+        render.remove();
+      } catch (error) {
+        this.complain(error.message);
+        [render.disabled, render.textContent] = [false, "Render"];
+      }
+    });
+    return render;
   }
 
   /** What a model says of the agent on every cell, if somebody wants to see it. */
@@ -109,11 +136,11 @@ export class Player {
   async drawHeat(checkpoint) {
     this.heated = checkpoint;
     if (!checkpoint) {
-      this.shown.heat(null);
+      this.shown.heat?.(null);
       return;
     }
     try {
-      this.shown.heat(await api.grid(this.name, checkpoint));
+      this.shown.heat?.(await api.grid(this.name, checkpoint));
     } catch (error) {
       this.complain(error.message);
     }

@@ -1,6 +1,7 @@
 // The rows of a collection of episodes, and which of them somebody asks for.
 
 import * as api from "./api.js";
+import { compare } from "./sorting.js";
 
 const SOURCES = ["training", "evaluation", "demonstration"];
 
@@ -50,11 +51,4 @@ function wish(word) {
   if ("failed".startsWith(word)) return (row) => row.success === false;
   if ("successful".startsWith(word)) return (row) => row.success === true;
   return (row) => row.source.startsWith(word);
-}
-
-function compare(a, b) {
-  if (a === b) return 0;
-  if (a === null) return -1;
-  if (b === null) return 1;
-  return a < b ? -1 : 1;
 }

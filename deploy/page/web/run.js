@@ -99,7 +99,8 @@ export class RunView {
     });
     this.legend.replaceChildren(...(this.ids.length > 1 ? names : []));
     for (const wanted of this.charts) {
-      wanted.chart.draw(groups.flatMap((group) => this.lines(group, wanted)), AXES[this.looks.x]);
+      const marks = wanted.columns[0] === "success_rate" ? groups.flatMap(published) : [];
+      wanted.chart.draw(groups.flatMap((group) => this.lines(group, wanted)), AXES[this.looks.x], marks);
     }
   }
 
@@ -127,4 +128,11 @@ export class RunView {
       return { ...look, raw: this.looks.weight > 0 ? found[0] : null, points: smoothed(found[0], this.looks.weight) };
     });
   }
+}
+
+/** The end of the authors' curve, where all runs of a group have the same. */
+function published({ all, color }) {
+  const [first, ...others] = all.map(({ details }) => details?.published ?? null);
+  if (first === null || others.some((other) => other !== first)) return [];
+  return [{ name: "The authors' published curve ends at", color, y: first }];
 }

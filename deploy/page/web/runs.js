@@ -2,6 +2,7 @@
 
 import { button, element } from "./dom.js";
 import { count, date, duration, percent } from "./format.js";
+import { compare, head } from "./sorting.js";
 
 const COLUMNS = [
   { key: "id", label: "run", text: true, show: link },
@@ -67,21 +68,14 @@ export class ListView {
 
   table(runs) {
     if (runs.length === 0) return element("p", {}, "No run matches the filter.");
-    const head = COLUMNS.map((column) => this.head(column));
-    const rows = runs.map((run) => element("tr", {}, this.choice(run), COLUMNS.map((column) => cell(column, run))));
-    return element("div", { class: "scroll" }, element("table", {},
-      element("thead", {}, element("tr", {}, element("th", { "aria-label": "chosen" }), head)),
-      element("tbody", {}, rows)));
-  }
-
-  head({ key, label, text }) {
-    const { key: sorted, falls } = this.sorting;
-    const order = key === sorted ? (falls ? "descending" : "ascending") : null;
-    const sort = button(label, () => {
-      this.sorting = { key, falls: key === sorted ? !falls : !text };
+    const heads = head(COLUMNS, this.sorting, (sorting) => {
+      this.sorting = sorting;
       this.draw();
     });
-    return element("th", { class: text ? "text" : null, "aria-sort": order, scope: "col" }, sort);
+    const rows = runs.map((run) => element("tr", {}, this.choice(run), COLUMNS.map((column) => cell(column, run))));
+    return element("div", { class: "scroll" }, element("table", {},
+      element("thead", {}, element("tr", {}, element("th", { "aria-label": "chosen" }), heads)),
+      element("tbody", {}, rows)));
   }
 
   choice(run) {
@@ -95,13 +89,6 @@ export class ListView {
     });
     return element("td", {}, box);
   }
-}
-
-function compare(a, b) {
-  if (a === b) return 0;
-  if (a === null) return -1;
-  if (b === null) return 1;
-  return a < b ? -1 : 1;
 }
 
 function cell({ key, text, show }, run) {

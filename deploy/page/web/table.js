@@ -1,6 +1,7 @@
 // A long table of which only what is seen is in the page.
 
-import { button, element } from "./dom.js";
+import { element } from "./dom.js";
+import { head } from "./sorting.js";
 
 const ROW_HEIGHT = 28;
 const ROWS_BEYOND = 8;
@@ -45,15 +46,10 @@ export class LongTable {
   }
 
   drawHead() {
-    const { key: sorted, falls } = this.sorting;
-    this.head.replaceChildren(...this.columns.map(({ key, label, text }) => {
-      const order = key === sorted ? (falls ? "descending" : "ascending") : null;
-      const sort = button(label, () => {
-        this.sorting = { key, falls: key === sorted ? !falls : !text };
-        this.drawHead();
-        this.onsort(this.sorting);
-      });
-      return element("th", { class: text ? "text" : null, "aria-sort": order, scope: "col" }, sort);
+    this.head.replaceChildren(...head(this.columns, this.sorting, (sorting) => {
+      this.sorting = sorting;
+      this.drawHead();
+      this.onsort();
     }));
   }
 

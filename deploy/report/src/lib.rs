@@ -19,12 +19,14 @@
 //! | `episode`, `scene`, `solid` | proximity along an episode and pictures of it (Figure 10) |
 //! | `pictures` | all pictures of a report |
 //! | `page`, `csv` | what is written |
+//! | `tensorboard`, `event_file` | a run's curves for TensorBoard |
 
 pub mod chart;
 mod csv;
 mod curve;
 mod episode;
 mod estimate;
+mod event_file;
 pub mod figure;
 pub mod grid;
 mod learning;
@@ -39,6 +41,7 @@ mod runs;
 mod scene;
 mod solid;
 mod statistics;
+mod tensorboard;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -53,6 +56,7 @@ use crate::measured::{MeasuredCurve, MeasuredFigure};
 use crate::origin::apart;
 use crate::pictures::Pictures;
 use crate::programs::Programs;
+pub use crate::tensorboard::TensorBoard;
 
 /// Folders of runs as a figure.
 ///

@@ -8,6 +8,7 @@ use serde::Serialize;
 use terminal::numbers;
 use terminal::refusal::wrong_usage;
 
+use crate::choices;
 use crate::figures::Figures;
 
 /// Flags of `goalward config`.
@@ -19,10 +20,10 @@ pub(crate) struct Arguments {
     #[arg(long, default_value = DEFAULT_TASK)]
     task: String,
     /// Values to begin with: goalward, paper or authors.
-    #[arg(long, default_value = DEFAULT_PRESET)]
+    #[arg(long, default_value = DEFAULT_PRESET, value_parser = choices::presets())]
     preset: String,
-    /// The method; `goalward methods` lists them.
-    #[arg(long, default_value = "goal-proximity")]
+    /// The method; `goalward methods` says what each is.
+    #[arg(long, default_value = "goal-proximity", value_parser = choices::methods())]
     method: String,
     #[command(flatten)]
     figures: Figures,

@@ -70,7 +70,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
         }
     }
-    match recording.record(&mut recording.actor()?, StatusLine::on_error())? {
+    match recording.record(&mut recording.actor()?, StatusLine::new())? {
         Some(status) => programs::expect_success(status),
         None => Err(stopped()),
     }

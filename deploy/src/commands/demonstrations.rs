@@ -6,6 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use run::config::DEFAULT_PRESET;
 
+use crate::figures::Figures;
 use crate::{destination, programs, tasks};
 use terminal::refusal::wrong_usage;
 
@@ -24,6 +25,8 @@ pub(crate) enum Verb {
     Info {
         /// The file.
         file: PathBuf,
+        #[command(flatten)]
+        figures: Figures,
     },
 }
 
@@ -82,7 +85,9 @@ impl Import {
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Import(arguments) => import(arguments),
-        Verb::Info { file } => package("info", |package| package.arg(file)),
+        Verb::Info { file, figures } => package("info", |package| {
+            package.arg(file).args(figures.are_json().then_some("--json"))
+        }),
     }
 }
 
@@ -90,9 +95,10 @@ fn import(arguments: &Import) -> Result<()> {
     let Import { source, task, settings, out, force, .. } = arguments;
     destination::file(out, *force)?;
     let config = tasks::configuration(task, DEFAULT_PRESET, settings)?;
-    let task = serde_json::to_string(&config.task).context("a task as JSON")?;
+    let spec = serde_json::to_string(&config.task).context("a task as JSON")?;
     package("import", |package| {
-        package.arg(source).args(["--task-json", &task]).arg("--out").arg(out);
+        package.arg(source).args(["--task-json", &spec, "--task-argument", task]);
+        package.arg("--out").arg(out);
         package.args(force.then_some("--overwrite")).args(arguments.selection())
     })
 }

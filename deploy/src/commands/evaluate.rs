@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::figures::Figures;
 use crate::programs::{self, Program};
 use crate::summary::success;
-use crate::{destination, machine};
+use crate::{choices, destination, machine};
 use terminal::numbers;
 
 /// Flags of `goalward evaluate`.
@@ -23,8 +23,8 @@ pub(crate) struct Arguments {
     /// Episodes to run; by default as many as at the end of training.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
-    /// How actions are chosen, `sample` or `mode`; by default as at the end of training.
-    #[arg(long, value_name = "CHOICE")]
+    /// How actions are chosen: drawn or the most probable; by default as at the end of training.
+    #[arg(long, value_name = "CHOICE", value_parser = choices::actions())]
     actions: Option<ActionChoice>,
     /// Replaces the file of an earlier evaluation of this policy.
     #[arg(long)]

@@ -4,12 +4,15 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use serde::Serialize;
 
 use crate::experiment::{
-    Archive, Left, execute, figure_of_plan, left, overview, queue, read_all, refuse_other_builds,
+    Archive, CurveStanding, Left, curves, execute, figure_of_plan, left, queue, read_all,
+    refuse_other_builds, table,
 };
+use crate::figures::Figures;
 use crate::{description, destination, programs};
-use terminal::print::print_line;
+use terminal::print::print_remark;
 use terminal::refusal::stopped;
 
 /// Flags of `goalward experiment`.
@@ -36,21 +39,22 @@ pub(crate) struct Arguments {
     /// Only say what is done, what is missing, and how many core-hours it takes.
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    figures: Figures,
 }
 
 /// Trains what is missing of plans.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { plans, quick, out, jobs, other_build, dry_run } = arguments;
+    let Arguments { plans, quick, out, jobs, other_build, dry_run, .. } = arguments;
     let planned = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
     let runs = queue(&planned, &mut archive);
     if *dry_run {
-        print_overview(arguments)?;
         let left = left(&runs, &mut archive);
         let (finished, words) = (runs.len() - left.runs, in_words(&left));
-        print_line(&format!("{finished} of {} runs are finished{words}", runs.len()));
-        print_line(&format!("  {}", own_line(arguments)));
-        return Ok(());
+        let line = own_line(arguments);
+        let next = format!("{finished} of {} runs are finished{words}\n  {line}", runs.len());
+        return print_standing(arguments, left, &next);
     }
     destination::outside_runs(out)?;
     if !other_build {
@@ -63,9 +67,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
     let ended = execute(&runs, &mut archive, jobs, *other_build)?;
-    print_overview(arguments)?;
+    let next = if ended.is_stopped || !ended.failed.is_empty() {
+        String::new()
+    } else {
+        format!("next:\n  {}", report_line(arguments))
+    };
+    print_standing(arguments, left(&runs, &mut archive), &next)?;
     if ended.is_stopped {
-        print_line(&format!("stopped; go on with\n  {}", own_line(arguments)));
+        print_remark(&format!("stopped; go on with\n  {}", own_line(arguments)));
         return Err(stopped());
     }
     if !ended.failed.is_empty() {
@@ -80,9 +89,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     if !ended.elsewhere.is_empty() {
         let names = ended.elsewhere.join(", ");
-        print_line(&format!("trained by somebody else right now: {names}"));
+        print_remark(&format!("trained by somebody else right now: {names}"));
     }
-    print_line(&format!("next:\n  {}", report_line(arguments)));
     Ok(())
 }
 
@@ -103,11 +111,30 @@ fn half_of_the_cores() -> usize {
     std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1))
 }
 
-fn print_overview(arguments: &Arguments) -> Result<()> {
-    for plan in &arguments.plans {
-        print_line(&overview(&figure_of_plan(plan, &arguments.out, arguments.quick)?));
-    }
-    Ok(())
+/// What of plans is done, and what is left.
+#[derive(Serialize)]
+struct Standing {
+    curves: Vec<CurveStanding>,
+    runs_left: usize,
+    core_hours_left: f64,
+    /// Of the runs left those whose cost nobody has measured.
+    not_measured: usize,
+}
+
+/// Prints how the plans stand, and for people what is `next`.
+fn print_standing(arguments: &Arguments, left: Left, next: &str) -> Result<()> {
+    let figure = |plan| figure_of_plan(plan, &arguments.out, arguments.quick);
+    let figures = arguments.plans.iter().map(|plan| figure(plan)).collect::<Result<Vec<_>>>()?;
+    let standing = Standing {
+        curves: figures.iter().flat_map(curves).collect(),
+        runs_left: left.runs,
+        core_hours_left: left.core_hours,
+        not_measured: left.unknown,
+    };
+    arguments.figures.print(&standing, |standing| {
+        let tables = figures.iter().map(|figure| table(figure, &standing.curves) + "\n");
+        tables.collect::<String>() + next
+    })
 }
 
 /// The same command again.

@@ -92,10 +92,11 @@ impl Programs for OfRuns {
         folder: &RunFolder,
         setting: Option<&str>,
         episode: &Trajectory,
+        pictures: bool,
         out: &Path,
     ) -> Result<()> {
         let episode = std::slice::from_ref(episode);
-        let (actor, input) = scenes::command(folder, setting, episode, out)?;
+        let (actor, input) = scenes::command(folder, setting, episode, pictures, out)?;
         answer::of(actor, &input).map(|IgnoredAny| ())
     }
 

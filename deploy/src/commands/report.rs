@@ -1,16 +1,19 @@
 //! `goalward report`: runs, or the figures of plans, as a page with pictures and as tables.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use report::TensorBoard;
+use report::figure::Figure;
 use report::programs::{Estimates, Programs};
 use run::folder::RunFolder;
+use run::summary::Summary;
 use serde::Deserialize;
 
-use crate::destination;
 use crate::experiment::figure_of_plan;
 use crate::programs::{self, Program};
-use terminal::print::print_line;
+use crate::{destination, event_files};
+use terminal::print::{print_line, print_remark};
 use terminal::refusal::wrong_usage;
 
 /// Flags of `goalward report`.
@@ -31,25 +34,44 @@ pub(crate) struct Arguments {
     /// Folder of the plans' runs, as given to `goalward experiment --out`.
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     experiments: PathBuf,
+    /// Writes the curves of every run for TensorBoard, too, into DIR/NAME of the run.
+    #[arg(long, value_name = "DIR")]
+    tensorboard: Option<PathBuf>,
 }
 
 /// Writes a report.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { what, out, force, quick, experiments } = arguments;
+    let Arguments { what, out, force, quick, experiments, tensorboard } = arguments;
     let is_plan = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml");
     let (plans, folders): (Vec<_>, Vec<_>) = what.into_iter().partition(is_plan);
     if quick && plans.is_empty() {
         return Err(wrong_usage("--quick: expected a plan, found runs only"));
     }
     destination::folder(&out, force)?;
+    tensorboard.as_deref().map(destination::outside_runs).transpose()?;
     let figure = |plan: &PathBuf| figure_of_plan(plan, &experiments, quick);
     let mut figures = plans.iter().map(figure).collect::<Result<Vec<_>>>()?;
     if !folders.is_empty() {
         let folders = folders.into_iter().map(RunFolder::new).collect();
         figures.push(report::figure_of_runs(folders)?);
     }
+    if let Some(folder) = tensorboard {
+        write_event_files(&figures, &folder)?;
+    }
     let page = report::write(figures, &out, &OfRuns)?;
     print_line(&format!("{}", page.display()));
+    Ok(())
+}
+
+fn write_event_files(figures: &[Figure], folder: &Path) -> Result<()> {
+    let curves = figures.iter().flat_map(|figure| &figure.panels).flat_map(|panel| &panel.curves);
+    for run in curves.flat_map(|curve| &curve.runs).filter(|run| run.is_run()) {
+        let mut file = TensorBoard::of(run.clone(), &event_files::of_run(run, folder)?)?;
+        match Summary::of_finished(run, print_remark) {
+            Some(summary) => file.end(&summary)?,
+            None => file.go_on()?,
+        }
+    }
     Ok(())
 }
 

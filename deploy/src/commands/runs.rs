@@ -78,6 +78,7 @@ fn table(lines: &[Overview], folder: &Path) -> String {
         let done = numbers::percent_done(line.environment_steps, line.steps_wanted);
         let steps = match line.state {
             State::Finished => numbers::count(line.environment_steps),
+            State::Live | State::Stopped if line.steps_wanted == 0 => UNKNOWN.to_owned(),
             State::Live | State::Stopped => {
                 format!("{} ({done} %)", numbers::count(line.environment_steps))
             }

@@ -34,6 +34,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let expected = "expected gym:ID, gym:module:ID or python:module:function";
         return Err(wrong_usage(format!("{expected}, found {task}")));
     }
+    // Others belong to a run, not to its task.
+    let stranger = settings.iter().find(|setting| !setting.starts_with("environment."));
+    if let Some(found) = stranger {
+        return Err(wrong_usage(format!("--set: expected environment.KEY=VALUE, found {found}")));
+    }
     destination::file(out, *force)?;
     let text = tasks::file_of_python(task, settings)?;
     durable::write(out, text).with_context(|| out.display().to_string())?;

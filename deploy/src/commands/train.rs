@@ -10,17 +10,20 @@ use run::demonstrations::file_of;
 use run::folder::RunFolder;
 use run::repeat;
 use run::summary::Summary;
+use serde::Serialize;
 
 use crate::companion_page::CompanionPage;
+use crate::event_files::EventFiles;
 use crate::experiment::estimate;
+use crate::figures::Figures;
 use crate::machine::Machine;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
-use crate::{demonstrations, description, limits, summary};
+use crate::{choices, demonstrations, description, destination, limits, summary};
 use terminal::numbers;
-use terminal::print::{print_line, print_remark};
+use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped};
 
 /// What a run's folder can grow by, with room to spare.
@@ -37,11 +40,11 @@ pub(crate) struct Arguments {
     task: Option<String>,
     /// Values to begin with: goalward (our best, the default), paper (its tables) or authors (what
     /// produced their curves).
-    #[arg(long)]
+    #[arg(long, value_parser = choices::presets())]
     preset: Option<String>,
     /// Method: goal-proximity (the default), a baseline such as gail, gaifo, gaifo-s, bc, bco or sqil,
-    /// or an ablation; `goalward methods` lists them.
-    #[arg(long)]
+    /// or an ablation; `goalward methods` says what each is.
+    #[arg(long, value_parser = choices::methods())]
     method: Option<String>,
     /// Seed of every random stream.
     #[arg(long, allow_negative_numbers = true)]
@@ -75,6 +78,9 @@ pub(crate) struct Arguments {
     /// Only says what would be trained, once everything has been checked.
     #[arg(long)]
     dry_run: bool,
+    /// Writes the run's curves for TensorBoard meanwhile, into DIR/NAME of the run.
+    #[arg(long, value_name = "DIR")]
+    tensorboard: Option<PathBuf>,
     /// Serves no page of the run meanwhile; see `goalward page`.
     #[arg(long)]
     no_page: bool,
@@ -82,6 +88,8 @@ pub(crate) struct Arguments {
     /// neither; the log and the summary name both.
     #[arg(long, requires = "resume")]
     other_build: bool,
+    #[command(flatten)]
+    figures: Figures,
 }
 
 impl Arguments {
@@ -105,16 +113,17 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { other_build, no_page, dry_run, .. } = arguments;
+    let Arguments { other_build, no_page, dry_run, figures, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
+    let tensorboard = arguments.tensorboard.clone();
+    tensorboard.as_deref().map(destination::outside_runs).transpose()?;
     let mut plan = begin(arguments.wishes())?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
-        print_line(&format!("the run in {} is finished already", plan.folder.path().display()));
-        print_end(&plan.folder, &summary);
-        return Ok(());
+        print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
+        return print_end(figures, &plan.folder, summary);
     }
-    let differences = differences(&plan.config);
+    let changes = Changes::of(&plan.config);
     programs::check_all()?;
     if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
@@ -126,36 +135,37 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         plan::refuse_other_build(&plan.folder)?;
     }
     if dry_run {
-        print_line(&start_line(&plan, if plan.resumed { "would continue" } else { "would train" }));
-        remarks.iter().for_each(|remark| print_line(remark));
-        print_line(differences.trim_end());
-        return Ok(());
+        let start = start_line(&plan, if plan.resumed { "would continue" } else { "would train" });
+        remarks.iter().for_each(|remark| print_remark(remark));
+        let planned = Planned::of(&plan, changes);
+        return figures.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
     }
     let _lock = plan.lay_out()?;
     let place = plan.folder.place()?;
     let page = if no_page { None } else { CompanionPage::start(plan.folder.path()) };
     print_start(&plan, page.as_ref());
-    remarks.iter().for_each(|remark| print_line(remark));
+    remarks.iter().for_each(|remark| print_remark(remark));
 
+    let events = tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?;
     let mut view = ProgressView::new();
     let outcome = prepare_and_supervise(&plan, &mut view);
     view.finish();
+    drop(events);
     if outcome.is_err() {
         // Whatever failed first, this is why.
         place.check()?;
     }
     match outcome? {
         Outcome::Finished => {
-            let summary = Summary::of_run(&plan.folder)?;
-            print_end(&plan.folder, &summary.context("the learner left no summary")?);
+            let summary = Summary::of_run(&plan.folder)?.context("the learner left no summary")?;
+            print_end(figures, &plan.folder, summary)
         }
         Outcome::Stopped => {
             print_how_to_resume(&plan.folder);
-            return Err(stopped());
+            Err(stopped())
         }
-        Outcome::EndOfLog => {}
+        Outcome::EndOfLog => Ok(()),
     }
-    Ok(())
 }
 
 /// Everything that can be known to be wrong before the run has a folder. Gives what else is to be said.
@@ -219,7 +229,7 @@ fn existing_part(path: &Path) -> PathBuf {
 fn print_start(plan: &Plan, page: Option<&CompanionPage>) {
     let line = start_line(plan, if plan.resumed { "continuing" } else { "training" });
     let page = page.map_or(String::new(), |page| format!("; {}", page.address()));
-    print_line(&(line + &page));
+    print_remark(&(line + &page));
 }
 
 fn start_line(plan: &Plan, doing: &str) -> String {
@@ -233,31 +243,93 @@ fn start_line(plan: &Plan, doing: &str) -> String {
     )
 }
 
-/// What a run would change in the defaults of its task, preset and method, and what it costs.
-fn differences(config: &RunConfig) -> String {
-    let differences = repeat::differences(config).into_iter();
-    let mut rows: Vec<_> = differences
-        .map(|(key, [value, usual])| [key, value, format!("(default {usual})")])
-        .collect();
-    if let Some(core_s) = estimate::measured(config) {
-        let core_s = numbers::duration(core_s.max(1.0));
-        rows.push(["processor time".to_owned(), format!("about {core_s}"), String::new()]);
-    }
-    numbers::columns(&rows)
+/// A run that is not trained yet.
+#[derive(Debug, Serialize)]
+struct Planned {
+    run: PathBuf,
+    task: String,
+    method: String,
+    preset: String,
+    seed: u64,
+    steps: u64,
+    #[serde(flatten)]
+    changes: Changes,
 }
 
-fn print_end(folder: &RunFolder, summary: &Summary) {
-    let (goalward, shown) = (programs::own_command(), folder.path().display());
-    print_line(&format!(
-        "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
-         next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
-        summary::table(summary)
-    ));
+impl Planned {
+    fn of(plan: &Plan, changes: Changes) -> Planned {
+        let config = &plan.config;
+        Planned {
+            run: plan.folder.path().to_owned(),
+            task: config.task.name.clone(),
+            method: config.method.clone(),
+            preset: config.preset.clone(),
+            seed: config.seed,
+            steps: config.steps_wanted(),
+            changes,
+        }
+    }
+}
+
+/// What a run would change in the defaults of its task, preset and method, and what it costs.
+#[derive(Debug, Serialize)]
+struct Changes {
+    settings: Vec<Change>,
+    /// Seconds of one core, as far as anybody has measured it.
+    processor_s: Option<f64>,
+}
+
+/// A setting that is not the default.
+#[derive(Debug, Serialize)]
+struct Change {
+    key: String,
+    value: String,
+    default: String,
+}
+
+impl Changes {
+    fn of(config: &RunConfig) -> Changes {
+        let differences = repeat::differences(config).into_iter();
+        let changes = differences.map(|(key, [value, default])| Change { key, value, default });
+        Changes { settings: changes.collect(), processor_s: estimate::measured(config) }
+    }
+
+    fn table(&self) -> String {
+        let row = |Change { key, value, default }: &Change| {
+            [key.clone(), value.clone(), format!("(default {default})")]
+        };
+        let mut rows: Vec<_> = self.settings.iter().map(row).collect();
+        if let Some(core_s) = self.processor_s {
+            let core_s = numbers::duration(core_s.max(1.0));
+            rows.push(["processor time".to_owned(), format!("about {core_s}"), String::new()]);
+        }
+        numbers::columns(&rows)
+    }
+}
+
+/// A run that is finished.
+#[derive(Debug, Serialize)]
+struct Finished {
+    run: PathBuf,
+    #[serde(flatten)]
+    summary: Summary,
+}
+
+fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<()> {
+    let finished = Finished { run: folder.path().to_owned(), summary };
+    figures.print(&finished, |Finished { run, summary }| {
+        let (goalward, shown) = (programs::own_command(), run.display());
+        format!(
+            "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
+             next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
+            summary::table(summary)
+        )
+    })
 }
 
 fn print_how_to_resume(folder: &RunFolder) {
     let (goalward, shown) = (programs::own_command(), folder.path().display());
-    print_line(&format!(
+    print_remark(&format!(
         "stopped; the run is in {shown}. Continue it with either of\n  \
          deploy/run_local.sh --resume --run {shown}\n  {goalward} train --resume --run {shown}"
     ));
@@ -282,9 +354,11 @@ mod tests {
             run: None,
             settings: vec!["ppo.clip=0.3".to_owned()],
             resume: false,
+            tensorboard: None,
             no_page: false,
             dry_run: false,
             other_build: false,
+            figures: Figures::default(),
         };
         let settings = arguments.wishes().settings;
         let config = run::tasks::configuration("navigation", "goalward", &settings).unwrap();

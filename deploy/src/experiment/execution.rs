@@ -57,7 +57,7 @@ pub(crate) fn execute(
         recorder: None,
         running: Vec::new(),
         estimate: Estimate::default(),
-        line: StatusLine::on_output(),
+        line: StatusLine::new(),
         ended: Ended::default(),
     };
     for run in runs {

@@ -10,7 +10,7 @@
 //! | `execution` | which run is next, what became of it, Ctrl-C |
 //! | `training`, `recorder` | a `goalward train` for a run, and before it an expert for its demonstrations |
 //! | `estimate` | the time that is left, and the core-hours |
-//! | `overview` | what is done and what is missing, as a table |
+//! | `overview` | what is done and what is missing |
 //!
 //! A run is known by what decides its result, so two figures that show the same run share it, and a
 //! plan that was interrupted, extended or reordered runs only what is missing.
@@ -36,7 +36,7 @@ pub(crate) use archive::Archive;
 pub(crate) use builds::refuse_other_builds;
 pub(crate) use estimate::{Left, left};
 pub(crate) use execution::execute;
-pub(crate) use overview::overview;
+pub(crate) use overview::{CurveStanding, curves, table};
 pub(crate) use plan::{queue, read_all};
 
 use plan::Plan;

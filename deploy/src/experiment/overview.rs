@@ -1,32 +1,66 @@
 //! What of a figure is done, what is missing, and how well the finished runs do.
 
 use run::summary::Summary;
+use serde::Serialize;
 
 use report::figure::{Curve, Figure};
 use terminal::numbers;
 use terminal::print::print_remark;
 
-/// The curves of a figure as a table: finished runs, their mean success, the authors' curve.
-pub(crate) fn overview(figure: &Figure) -> String {
+/// How a curve of a figure stands.
+#[derive(Debug, Serialize)]
+pub(crate) struct CurveStanding {
+    figure: String,
+    panel: String,
+    curve: String,
+    runs: usize,
+    finished: usize,
+    /// Mean of the finished runs.
+    success_rate: Option<f64>,
+    /// The end of the authors' curve.
+    authors: Option<f64>,
+}
+
+/// How the curves of a figure stand.
+pub(crate) fn curves(figure: &Figure) -> Vec<CurveStanding> {
+    let of_panel = figure.panels.iter().flat_map(|panel| {
+        panel.curves.iter().map(|curve| {
+            let rates = success_rates(curve);
+            let mean = rates.iter().sum::<f64>() / rates.len() as f64;
+            CurveStanding {
+                figure: figure.name.clone(),
+                panel: panel.name.clone(),
+                curve: curve.name.clone(),
+                runs: curve.runs.len(),
+                finished: rates.len(),
+                success_rate: mean.is_finite().then_some(mean),
+                authors: curve.anchor,
+            }
+        })
+    });
+    of_panel.collect()
+}
+
+/// Those of `curves` that are of a figure, as a table below its title.
+pub(crate) fn table(figure: &Figure, curves: &[CurveStanding]) -> String {
     let mut rows = vec![["panel", "curve", "seeds", "success", "authors"].map(str::to_owned)];
-    for panel in &figure.panels {
-        for curve in &panel.curves {
-            let [seeds, success] = finished(curve);
-            let anchor = numbers::percent(curve.anchor.unwrap_or(f64::NAN), 0);
-            rows.push([panel.name.clone(), curve.name.clone(), seeds, success, anchor]);
-        }
+    let rate = |rate: Option<f64>, digits| numbers::percent(rate.unwrap_or(f64::NAN), digits);
+    for curve in curves.iter().filter(|curve| curve.figure == figure.name) {
+        rows.push([
+            curve.panel.clone(),
+            curve.curve.clone(),
+            format!("{} of {}", curve.finished, curve.runs),
+            rate(curve.success_rate, 1),
+            rate(curve.authors, 0),
+        ]);
     }
     format!("{}: {}\n{}", figure.name, figure.title, numbers::columns(&rows))
 }
 
-/// How many runs of a curve are finished, and their mean success.
-fn finished(curve: &Curve) -> [String; 2] {
-    let mut rates = Vec::new();
-    for run in &curve.runs {
-        rates.extend(Summary::of_finished(run, print_remark).as_ref().map(success));
-    }
-    let mean = rates.iter().sum::<f64>() / rates.len() as f64;
-    [format!("{} of {}", rates.len(), curve.runs.len()), numbers::percent(mean, 1)]
+/// Of the runs that are finished.
+fn success_rates(curve: &Curve) -> Vec<f64> {
+    let finished = curve.runs.iter().filter_map(|run| Summary::of_finished(run, print_remark));
+    finished.map(|summary| success(&summary)).collect()
 }
 
 /// Of the last training episodes, as in the paper's curves; of the evaluation, where a method has no

@@ -5,3 +5,4 @@ pub mod numbers;
 pub mod print;
 pub mod refusal;
 pub mod status_line;
+pub mod voice;

@@ -1,11 +1,12 @@
-//! The line that says how something long stands: on a terminal it updates itself, into a pipe it is
-//! printed now and then.
+//! The line that says on standard error how something long stands: on a terminal it updates itself, into a
+//! pipe it is printed now and then.
 
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::print::{print_line, print_remark};
+use crate::print::print_remark;
+use crate::voice;
 
 /// Time between two lines in a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -13,17 +14,14 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// The same if there is nothing new to say.
 const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
 
-/// A line, and remarks on standard error.
+/// A line, and remarks.
 pub enum StatusLine {
     /// It stays at the bottom.
     Terminal(ProgressBar),
     /// It comes again when it is due.
-    Pipe {
-        /// What has been printed.
-        printed: Printed,
-        /// Where to.
-        print: fn(&str),
-    },
+    Pipe(Printed),
+    /// Nobody wants to see it.
+    Quiet,
 }
 
 /// What has been printed to a pipe.
@@ -50,29 +48,22 @@ impl Printed {
     }
 }
 
+impl Default for StatusLine {
+    fn default() -> Self {
+        StatusLine::new()
+    }
+}
+
 impl StatusLine {
-    /// On standard output: for a terminal if it is one that can redraw a line, which one called `dumb`
-    /// cannot; for a pipe otherwise.
-    pub fn on_output() -> Self {
-        Self::on(ProgressDrawTarget::stdout(), print_line)
-    }
-
-    /// The same on standard error, where standard output is for data.
-    pub fn on_error() -> Self {
-        Self::on(ProgressDrawTarget::stderr(), print_remark)
-    }
-
-    /// The same line for what may be done in a moment: nothing of that is printed to a pipe.
-    pub fn patient(mut self) -> Self {
-        if let StatusLine::Pipe { printed, .. } = &mut self {
-            printed.last = Some((Instant::now(), String::new()));
+    /// For a terminal if standard error is one that can redraw a line, which one called `dumb` cannot; for
+    /// a pipe otherwise.
+    pub fn new() -> Self {
+        let target = ProgressDrawTarget::stderr();
+        if voice::is_quiet() {
+            return StatusLine::Quiet;
         }
-        self
-    }
-
-    fn on(target: ProgressDrawTarget, print: fn(&str)) -> Self {
         if target.is_hidden() {
-            return StatusLine::Pipe { printed: Printed::default(), print };
+            return StatusLine::Pipe(Printed::default());
         }
         let bar = ProgressBar::with_draw_target(None, target);
         bar.set_style(
@@ -82,11 +73,20 @@ impl StatusLine {
         StatusLine::Terminal(bar)
     }
 
+    /// The same line for what may be done in a moment: nothing of that is printed to a pipe.
+    pub fn patient(mut self) -> Self {
+        if let StatusLine::Pipe(printed) = &mut self {
+            printed.last = Some((Instant::now(), String::new()));
+        }
+        self
+    }
+
     /// Says at once what is going on.
     pub fn say(&self, text: &str) {
         match self {
             StatusLine::Terminal(bar) => bar.set_message(text.to_owned()),
-            StatusLine::Pipe { print, .. } => print(text),
+            StatusLine::Pipe(_) => print_remark(text),
+            StatusLine::Quiet => {}
         }
     }
 
@@ -98,11 +98,12 @@ impl StatusLine {
                 bar.set_message(line.to_owned());
                 bar.tick();
             }
-            StatusLine::Pipe { printed, print } => {
+            StatusLine::Pipe(printed) => {
                 if printed.is_due(Instant::now(), tenth, is_news, line) {
-                    print(line);
+                    print_remark(line);
                 }
             }
+            StatusLine::Quiet => {}
         }
     }
 
@@ -113,12 +114,12 @@ impl StatusLine {
         }
     }
 
-    /// Prints a remark for people on standard error, above the line.
+    /// Prints a remark above the line.
     pub fn note(&self, text: &str) {
         let print = || print_remark(text);
         match self {
             StatusLine::Terminal(bar) => bar.suspend(print),
-            StatusLine::Pipe { .. } => print(),
+            StatusLine::Pipe(_) | StatusLine::Quiet => print(),
         };
     }
 
@@ -152,8 +153,8 @@ mod tests {
 
     #[test]
     fn a_patient_line_says_nothing_of_a_moment() {
-        let line = StatusLine::Pipe { printed: Printed::default(), print: print_line };
-        let StatusLine::Pipe { mut printed, .. } = line.patient() else { unreachable!() };
+        let line = StatusLine::Pipe(Printed::default());
+        let StatusLine::Pipe(mut printed) = line.patient() else { unreachable!() };
         let now = Instant::now();
         assert!(!printed.is_due(now, 0, false, "a"));
         assert!(printed.is_due(now + LINE_EVERY, 0, false, "b"));

@@ -62,7 +62,8 @@ pub fn info(path: &Path) -> Result<Option<FileInfo>, Error> {
 }
 
 impl FileInfo {
-    fn state(&self) -> &'static str {
+    /// In a word how it stands: sealed, being written, damaged.
+    pub fn state(&self) -> &'static str {
         match (&self.ending, self.active) {
             (Ending::Complete, false) => "sealed",
             (Ending::Complete, true) => "sealed but for its name",

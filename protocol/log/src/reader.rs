@@ -13,7 +13,7 @@ use prost::DecodeError;
 use prost::Message as _;
 use protocol::Error;
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
-use protocol::scene::SceneUpdate;
+use protocol::scene::{CompressedImage, SceneUpdate};
 
 use super::folder::{followed, is_active};
 use super::metadata::Metadata;
@@ -40,6 +40,8 @@ pub enum Record {
     Checkpoint(Checkpoint),
     /// On `/evaluation/scene`.
     Scene(SceneUpdate),
+    /// On `/evaluation/image`.
+    Picture(CompressedImage),
 }
 
 impl Record {
@@ -60,6 +62,7 @@ impl Record {
             Topic::RewardUpdate => Record::RewardUpdate(RewardUpdate::decode(bytes)?),
             Topic::Checkpoint => Record::Checkpoint(Checkpoint::decode(bytes)?),
             Topic::Scene => Record::Scene(SceneUpdate::decode(bytes)?),
+            Topic::Picture => Record::Picture(CompressedImage::decode(bytes)?),
         })
     }
 }

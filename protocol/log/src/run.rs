@@ -219,8 +219,9 @@ fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
     let bytes = message.bytes.as_ref();
     let topic = message.topic;
     let name = match topic {
-        Topic::Scene => {
-            let message = "topic /evaluation/scene: expected the log of a run, found an evaluation";
+        Topic::Scene | Topic::Picture => {
+            let topic = topic.name();
+            let message = format!("topic {topic}: expected the log of a run, found an evaluation");
             return Err(read_error(path, message));
         }
         Topic::Trajectory | Topic::EvaluationTrajectory => {

@@ -28,11 +28,13 @@ pub enum Topic {
     Checkpoint,
     /// What a viewer draws of an evaluation episode.
     Scene,
+    /// A picture that an environment has rendered of one.
+    Picture,
 }
 
 impl Topic {
     /// Every topic.
-    pub const ALL: [Topic; 7] = [
+    pub const ALL: [Topic; 8] = [
         Topic::Trajectory,
         Topic::EvaluationTrajectory,
         Topic::Score,
@@ -40,6 +42,7 @@ impl Topic {
         Topic::RewardUpdate,
         Topic::Checkpoint,
         Topic::Scene,
+        Topic::Picture,
     ];
 
     /// The topic's name in MCAP.
@@ -52,6 +55,7 @@ impl Topic {
             Topic::RewardUpdate => "/proximity/update",
             Topic::Checkpoint => "/checkpoint",
             Topic::Scene => "/evaluation/scene",
+            Topic::Picture => "/evaluation/image",
         }
     }
 
@@ -64,12 +68,13 @@ impl Topic {
             Topic::RewardUpdate => "goalward.v1.RewardUpdate",
             Topic::Checkpoint => "goalward.v1.Checkpoint",
             Topic::Scene => "foxglove.SceneUpdate",
+            Topic::Picture => "foxglove.CompressedImage",
         }
     }
 
     /// The compiled schema that declares the topic's message.
     pub fn schema_set(self) -> &'static [u8] {
-        if self == Topic::Scene { SCENE_SCHEMA } else { SCHEMA }
+        if matches!(self, Topic::Scene | Topic::Picture) { SCENE_SCHEMA } else { SCHEMA }
     }
 
     /// The topic that a trajectory goes to.

@@ -1,10 +1,14 @@
-//! What a viewer draws of an episode: messages of Foxglove's scene (`schema/scene.proto`), recorded
+//! What a viewer draws of an episode: messages of Foxglove's scene and image (`schema/scene.proto`), recorded
 //! beside evaluation episodes. Nothing is ever learned from them.
 
 use prost::Message;
+use prost::bytes::Bytes;
 
 /// The frame that everything is drawn in: the environment's own world.
 pub const FRAME: &str = "world";
+
+/// Time between two frames, so that an episode is shown about as fast as it would happen.
+pub const FRAME_NS: u64 = 50_000_000;
 
 /// New places of solids; a solid drawn before under the same name is replaced.
 #[derive(Clone, PartialEq, Message)]
@@ -12,6 +16,23 @@ pub struct SceneUpdate {
     /// The solids.
     #[prost(message, repeated, tag = "2")]
     pub entities: Vec<SceneEntity>,
+}
+
+/// A picture of a state, as the environment itself renders it.
+#[derive(Clone, PartialEq, Eq, Message)]
+pub struct CompressedImage {
+    /// When it is so.
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    /// A file.
+    #[prost(bytes = "bytes", tag = "2")]
+    pub data: Bytes,
+    /// Its format, such as `png`.
+    #[prost(string, tag = "3")]
+    pub format: String,
+    /// The frame of the camera.
+    #[prost(string, tag = "4")]
+    pub frame_id: String,
 }
 
 /// A solid.

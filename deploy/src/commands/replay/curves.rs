@@ -4,12 +4,12 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use report::chart::{self, Axis, COLORS, Chart, Line, Marker, Style};
 
 /// Mean returns of some episodes that followed one another; of two numbers the first is recorded.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 pub(super) struct Point {
     episodes: u64,
     reached: Option<[f64; 2]>,

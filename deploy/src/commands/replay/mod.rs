@@ -11,6 +11,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use run::folder::RunFolder;
 
+use crate::figures::Figures;
+
 /// Flags of `goalward replay`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -31,6 +33,8 @@ pub(crate) struct Arguments {
     /// Replaces rewards that were written there before; never anything of a run but those.
     #[arg(long, conflicts_with_all = ["verify", "publish", "retrain"])]
     force: bool,
+    #[command(flatten)]
+    figures: Figures,
 }
 
 /// What is done with the log, one of these.
@@ -55,16 +59,17 @@ struct What {
 
 /// Replays a run.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let folder = RunFolder::new(arguments.run);
-    if arguments.what.verify {
+    let Arguments { run, what, until, speed, out, force, figures } = arguments;
+    let folder = RunFolder::new(run);
+    if what.verify {
         folder.config()?;
-        return verify::verify(&folder);
+        return verify::verify(&folder, figures);
     }
-    if arguments.what.publish {
-        return publish::publish(&folder, arguments.speed);
+    if what.publish {
+        return publish::publish(&folder, speed, figures);
     }
-    if arguments.what.retrain {
-        return retrain::retrain(&folder, arguments.until, arguments.out);
+    if what.retrain {
+        return retrain::retrain(&folder, until, out, figures);
     }
-    rescore::rescore(&folder, &arguments.what.with, arguments.out, arguments.force)
+    rescore::rescore(&folder, &what.with, out, force, figures)
 }

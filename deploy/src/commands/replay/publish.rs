@@ -5,24 +5,25 @@ use std::process::Stdio;
 use anyhow::{Context, Result};
 use bus::BusAddress;
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
+use crate::figures::Figures;
 use crate::full_log::FullLog;
 use crate::plan;
 use crate::programs::{self, Program};
 use terminal::numbers;
-use terminal::print::print_line;
+use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
 
 /// What the actor says.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 struct Published {
     trajectories: u64,
     readers: u64,
 }
 
 /// Publishes a log once somebody listens; Ctrl-C ends it.
-pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
+pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) -> Result<()> {
     folder.config()?;
     if let Some(speed) = speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
         return Err(wrong_usage(format!("--speed: expected a number above 0, found {speed}")));
@@ -40,7 +41,7 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
     if let Some(speed) = speed {
         actor.args(["--speed", &speed.to_string()]);
     }
-    print_line(&format!("publishing {} when somebody listens", folder.log().display()));
+    print_remark(&format!("publishing {} when somebody listens", folder.log().display()));
     let mut actor = actor
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -55,9 +56,9 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>) -> Result<()> {
         address.remove()?;
     }
     programs::expect_success(ended.status)?;
-    let Published { trajectories, readers } =
+    let published: Published =
         serde_json::from_slice(&ended.stdout).context("reading the result of the publisher")?;
-    let trajectories = numbers::count(trajectories);
-    print_line(&format!("published {trajectories} trajectories; readers: {readers}"));
-    Ok(())
+    figures.print(&published, |Published { trajectories, readers }| {
+        format!("published {} trajectories; readers: {readers}", numbers::count(*trajectories))
+    })
 }

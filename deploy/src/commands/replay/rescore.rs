@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::curves::{self, Point};
 use crate::destination;
+use crate::figures::Figures;
 use crate::full_log::FullLog;
 use crate::other_reward::OtherReward;
 use crate::programs::{self, Program};
 use terminal::numbers;
-use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
 /// What the service says; of two numbers the first is of the recorded rewards.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 struct Comparison {
     episodes: u64,
     reached: Option<[f64; 2]>,
@@ -37,6 +37,7 @@ pub(super) fn rescore(
     changes: &[String],
     out: Option<PathBuf>,
     force: bool,
+    figures: Figures,
 ) -> Result<()> {
     let OtherReward { config, model } = OtherReward::of(folder, changes)?;
     let [out, configuration, picture] = files(folder, out, force)?;
@@ -51,8 +52,7 @@ pub(super) fn rescore(
     }
     let comparison: Comparison = programs::result(&mut service, "scoring again")?;
     curves::draw(&comparison.curve, &picture)?;
-    print_line(table(&comparison, &out, &picture).trim_end());
-    Ok(())
+    figures.print(&comparison, |comparison| table(comparison, &out, &picture))
 }
 
 /// Where the rewards, their configuration and their picture go.

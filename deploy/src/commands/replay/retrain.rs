@@ -9,15 +9,17 @@ use anyhow::{Context, Result, ensure};
 use mcap_log::{Contents, Record, read_contents};
 use run::config::RunConfig;
 use run::folder::RunFolder;
+use serde::Serialize;
 
 use crate::commands::train::block_on_supervision;
 use crate::destination;
+use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
 use crate::plan::Plan;
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source};
 use terminal::numbers;
-use terminal::print::print_line;
+use terminal::print::print_remark;
 use terminal::refusal::{stopped, wrong_usage};
 
 /// Hashes of the weights after every update, by what was updated.
@@ -31,6 +33,7 @@ pub(super) fn retrain(
     recorded: &RunFolder,
     until: Option<u64>,
     out: Option<PathBuf>,
+    figures: Figures,
 ) -> Result<()> {
     let kept = out.is_some();
     if let Some(out) = &out {
@@ -49,10 +52,10 @@ pub(super) fn retrain(
     view.finish();
     if outcome? == Outcome::Stopped {
         let shown = plan.folder.path().display();
-        print_line(&format!("stopped; what was trained again is in {shown}"));
+        print_remark(&format!("stopped; what was trained again is in {shown}"));
         return Err(stopped());
     }
-    compare(&expected, &hashes(&plan.folder)?)?;
+    figures.print(&compare(&expected, &hashes(&plan.folder)?)?, Same::table)?;
     drop(lock);
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
@@ -89,8 +92,28 @@ fn hashes(folder: &RunFolder) -> Result<Hashes> {
     Ok(hashes)
 }
 
-fn compare(expected: &Hashes, found: &Hashes) -> Result<()> {
-    let mut equal = 0;
+/// What was trained again to the same weights.
+#[derive(Debug, Serialize)]
+struct Same {
+    /// Updates whose weights were compared.
+    updates: u64,
+    /// Of the last of them.
+    policy_sha256: Option<String>,
+    ensemble_sha256: Option<String>,
+}
+
+impl Same {
+    fn table(&self) -> String {
+        let Same { updates, policy_sha256, ensemble_sha256 } = self;
+        let weights = format!("the weights after {} updates", numbers::count(*updates));
+        let hashes = [("policy sha256", policy_sha256), ("ensemble sha256", ensemble_sha256)];
+        let hashes = hashes.into_iter().filter_map(|(title, hash)| Some((title, hash.clone()?)));
+        numbers::table(&std::iter::once(("the same", weights)).chain(hashes).collect::<Vec<_>>())
+    }
+}
+
+fn compare(expected: &Hashes, found: &Hashes) -> Result<Same> {
+    let mut updates = 0;
     // By version, so that the first difference in time comes first.
     let mut names: Vec<_> = found.keys().filter(|name| expected.contains_key(name)).collect();
     names.sort_by_key(|(kind, version)| (*version, *kind));
@@ -102,17 +125,14 @@ fn compare(expected: &Hashes, found: &Hashes) -> Result<()> {
             expected[name],
             found[name]
         );
-        equal += 1;
+        updates += 1;
     }
-    ensure!(equal > 0, "expected updates to compare, found none");
-    let last = |kind: &str| found.iter().rev().find(|((name, _), _)| *name == kind);
-    let mut rows =
-        vec![("the same", format!("the weights after {} updates", numbers::count(equal)))];
-    for (title, kind) in [("policy sha256", "policy"), ("ensemble sha256", "ensemble")] {
-        rows.extend(last(kind).map(|(_, hash)| (title, hash.clone())));
-    }
-    print_line(numbers::table(&rows).trim_end());
-    Ok(())
+    ensure!(updates > 0, "expected updates to compare, found none");
+    let last = |kind: &str| {
+        let newest = found.iter().rev().find(|((name, _), _)| *name == kind);
+        newest.map(|(_, hash)| hash.clone())
+    };
+    Ok(Same { updates, policy_sha256: last("policy"), ensemble_sha256: last("ensemble") })
 }
 
 #[cfg(test)]

@@ -3,15 +3,15 @@
 
 use anyhow::{Result, bail, ensure};
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
+use crate::figures::Figures;
 use crate::programs::{self, Program};
 use terminal::numbers;
-use terminal::print::print_line;
 use terminal::refusal::Refusal;
 
 /// What the actor says.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 struct Verification {
     episodes: u64,
     steps: u64,
@@ -22,11 +22,11 @@ struct Verification {
 }
 
 /// Verifies a run's log: fails when an episode differs, and has lost data when a file is damaged.
-pub(super) fn verify(folder: &RunFolder) -> Result<()> {
+pub(super) fn verify(folder: &RunFolder, figures: Figures) -> Result<()> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
     let verification: Verification = programs::result(actor, "acting again")?;
-    print_line(table(&verification).trim_end());
+    figures.print(&verification, table)?;
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
         bail!("{} of {episodes} episodes differ; the first: {difference}", episodes - equal);

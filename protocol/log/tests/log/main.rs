@@ -140,6 +140,7 @@ fn encode(record: &Record) -> (Topic, Vec<u8>) {
         Record::RewardUpdate(update) => (Topic::RewardUpdate, update.encode_to_vec()),
         Record::Checkpoint(checkpoint) => (Topic::Checkpoint, checkpoint.encode_to_vec()),
         Record::Scene(scene) => (Topic::Scene, scene.encode_to_vec()),
+        Record::Picture(picture) => (Topic::Picture, picture.encode_to_vec()),
     }
 }
 
@@ -239,4 +240,20 @@ fn room_on_the_disk_is_asked_for() {
     require_room(folder.path(), 1).unwrap();
     let message = require_room(folder.path(), 1 << 60).unwrap_err().to_string();
     assert!(message.contains("no room on the disk: expected 1099511627776 MiB"), "{message}");
+}
+
+#[test]
+fn the_index_says_when_the_first_message_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file.mcap");
+    let mut writer = FileWriter::create(&path, &metadata(), &Topic::ALL).unwrap();
+    let begun = 1_700_000_000_000_000_000;
+    for time in 0..5 {
+        writer.message(Topic::Checkpoint, begun + time, b"").unwrap();
+    }
+    writer.seal().unwrap();
+    let summary = mcap::Summary::read(&std::fs::read(&path).unwrap()).unwrap().unwrap();
+    let starts: Vec<u64> =
+        summary.chunk_indexes.iter().map(|chunk| chunk.message_start_time).collect();
+    assert_eq!(starts, [begun, begun + 1], "viewers take the least of these as the beginning");
 }

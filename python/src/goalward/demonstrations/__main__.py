@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 from collections.abc import Sequence
@@ -31,9 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        print(_import(options) if options.command == "import" else _info(options.file))
+        print(_import(options) if options.command == "import" else _info(options.file, as_json=options.json))
     except Error as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"goalward: {error}", file=sys.stderr)
         return REFUSED
     return 0
 
@@ -47,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     task = importer.add_mutually_exclusive_group(required=True)
     task.add_argument("--task", type=Path, help="the task's file, TOML")
     task.add_argument("--task-json", help=argparse.SUPPRESS)
+    importer.add_argument("--task-argument", help=argparse.SUPPRESS)
     importer.add_argument("--out", type=Path, required=True, help="the MCAP file to write")
     importer.add_argument("--format", choices=[AUTO, *FORMATS], default=AUTO)
     importer.add_argument("--keys", type=_keys, help="observation keys, in the order of the task")
@@ -56,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     importer.add_argument("--overwrite", action="store_true", help="replace a file that is there")
     info = commands.add_parser("info", help="say what a file of demonstrations holds")
     info.add_argument("file", type=Path)
+    info.add_argument("--json", action="store_true", help="print JSON for programs")
     return parser
 
 
@@ -84,16 +87,30 @@ def _import(options: argparse.Namespace) -> str:
     write(options.out, loaded.episodes, task, overwrite=options.overwrite)
     count = len(loaded.episodes)
     counts = f"{count} episodes with {_steps(loaded.episodes)} steps, {loaded.left_out} left out"
-    words = ["goalward", "train", str(options.task or task.name), "--demonstrations", str(options.out)]
+    named = options.task_argument or str(options.task or task.name)
+    words = ["goalward", "train", named, "--demonstrations", str(options.out)]
     command = shlex.join([*words, "--set", f"demonstrations.episodes={count}"])
     return f"{options.out}: {counts}; next: {command}"
 
 
-def _info(path: Path) -> str:
+def _info(path: Path, *, as_json: bool) -> str:
     found = read(path)
     count, task = len(found.episodes), found.task
     lengths = [len(np.asarray(episode.observations)) - 1 for episode in found.episodes]
-    actions = "states only" if found.episodes[0].actions is None else "with actions"
+    with_actions = found.episodes[0].actions is not None
+    if as_json:
+        figures = {
+            "file": str(path),
+            "task": task.name,
+            "episodes": count,
+            "steps": sum(lengths),
+            "steps_of_shortest": min(lengths),
+            "steps_of_longest": max(lengths),
+            "observation_shape": list(task.observation.shape),
+            "actions": with_actions,
+        }
+        return json.dumps(figures, indent=2)
+    actions = "with actions" if with_actions else "states only"
     shape = " x ".join(map(str, task.observation.shape))
     steps = f"{sum(lengths)} steps ({min(lengths)} to {max(lengths)} each)"
     return f"{path}: {count} episodes of {task.name} with {steps}, observations of {shape}, {actions}"

@@ -1,21 +1,25 @@
 //! `goalward log info`, `log repair`, `log restore` and `log scene`: what recorded files hold, sealing those
 //! that a crash left, observations for those that have actions only, and episodes for viewers.
 
+mod info;
+
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Result};
 use bus::BusAddress;
-use mcap_log::{Contents, Record, is_active, log_files, read_contents};
+use mcap_log::{Contents, Record, Topic, log_files, read_contents};
 use protocol::trajectory::Trajectory;
 use run::folder::RunFolder;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
+use self::info::Holding;
+use crate::figures::Figures;
 use crate::full_log::{self, Restored};
 use crate::{destination, plan, programs, scenes};
 use terminal::numbers;
-use terminal::print::print_line;
 use terminal::refusal::{Refusal, wrong_usage};
 
 /// The verbs of `goalward log`.
@@ -35,6 +39,8 @@ pub(crate) enum Verb {
         /// Replaces the log files of the folder; never anything of a run.
         #[arg(long)]
         force: bool,
+        #[command(flatten)]
+        figures: Figures,
     },
     /// Write episodes of a run with the solids that Foxglove and Lichtblick draw.
     Scene {
@@ -49,6 +55,8 @@ pub(crate) enum Verb {
         /// Replaces the file, if it is one.
         #[arg(long)]
         force: bool,
+        #[command(flatten)]
+        figures: Figures,
     },
 }
 
@@ -77,74 +85,116 @@ pub(crate) struct Arguments {
     /// MCAP files, or folders of runs.
     #[arg(required = true, value_name = "FILE|RUN")]
     files: Vec<PathBuf>,
+    #[command(flatten)]
+    figures: Figures,
 }
 
-/// Does what the verb says to every file.
+/// Does what the verb says.
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
-        Verb::Info(arguments) => each(arguments, info),
-        Verb::Repair(arguments) => each(arguments, repair),
-        Verb::Restore { run, out, force } => restore(&RunFolder::new(run), out, *force),
-        Verb::Scene { run, episodes, out, force } => {
+        Verb::Info(arguments) => info(arguments),
+        Verb::Repair(arguments) => repair(arguments),
+        Verb::Restore { run, out, force, figures } => {
+            restore(&RunFolder::new(run), out, *force, *figures)
+        }
+        Verb::Scene { run, episodes, out, force, figures } => {
             destination::file(out, *force)?;
-            scene(&RunFolder::new(run), episodes, out)
+            scene(&RunFolder::new(run), episodes, out, *figures)
         }
     }
 }
 
-/// Goes through all files, the damaged ones too, before it says that data is lost.
-fn each(arguments: &Arguments, treat: impl Fn(&Path) -> Result<bool>) -> Result<()> {
-    let mut lost = Vec::new();
-    for file in files_of(&arguments.files)? {
-        if treat(&file)? {
-            lost.push(file.display().to_string());
-        }
-    }
+fn info(Arguments { files, figures }: &Arguments) -> Result<()> {
+    let found =
+        files_of(files)?.iter().map(|file| Holding::of(file)).collect::<Result<Vec<_>>>()?;
+    figures.print(&found, |found| lines(found.iter().map(Holding::text)))?;
+    refuse_loss(found.iter().filter(|found| found.lost).map(|found| &*found.file))
+}
+
+fn lines(texts: impl Iterator<Item = impl AsRef<str>>) -> String {
+    texts.fold(String::new(), |lines, text| lines + text.as_ref() + "\n")
+}
+
+/// Says which files have lost something; the others have been treated, too.
+fn refuse_loss<'a>(lost: impl Iterator<Item = &'a Path>) -> Result<()> {
+    let lost: Vec<_> = lost.map(|file| file.display().to_string()).collect();
     if lost.is_empty() {
         return Ok(());
     }
-    Err(Refusal::DataLost(format!("not all that was recorded can be read: {}", lost.join(", ")))
-        .into())
+    let lost = lost.join(", ");
+    Err(Refusal::DataLost(format!("not all that was recorded can be read: {lost}")).into())
 }
 
-fn info(file: &Path) -> Result<bool> {
-    let Some(info) = mcap_log::info(file).map_err(Refusal::usage)? else {
-        print_line(&format!("{}: ends before it says what it is", file.display()));
-        // The first thing that a writer does is to create its file.
-        return Ok(!is_active(file));
-    };
-    print_line(&info.to_string());
-    Ok(info.ending.lost())
+/// What became of a file.
+#[derive(Debug, Serialize)]
+struct Repaired {
+    file: PathBuf,
+    /// None if there was nothing to keep.
+    sealed: Option<PathBuf>,
+    /// Messages by topic.
+    kept: BTreeMap<&'static str, u64>,
+    damage: Vec<String>,
+    lost: u64,
+    #[serde(skip)]
+    text: String,
 }
 
-fn repair(file: &Path) -> Result<bool> {
+fn repair(Arguments { files, figures }: &Arguments) -> Result<()> {
+    let repaired =
+        files_of(files)?.iter().map(|file| repaired(file)).collect::<Result<Vec<_>>>()?;
+    figures.print(&repaired, |repaired| lines(repaired.iter().map(|file| &file.text)))?;
+    refuse_loss(repaired.iter().filter(|file| !file.damage.is_empty()).map(|file| &*file.file))
+}
+
+fn repaired(file: &Path) -> Result<Repaired> {
     // A link is not the file: that is sealed under its own name, where it lies.
-    let file = &fs::canonicalize(file)
+    let sealed = &fs::canonicalize(file)
         .map_err(|error| wrong_usage(format!("{}: {error}", file.display())))?;
-    let _held = hold_run(file)?;
-    let repair = mcap_log::repair(file).map_err(Refusal::usage)?;
-    print_line(&repair.to_string());
-    Ok(!repair.damage.is_empty())
+    let _held = hold_run(sealed)?;
+    let repair = mcap_log::repair(sealed).map_err(Refusal::usage)?;
+    let kept = |(topic, &count): (&Topic, &u64)| (topic.name(), count);
+    Ok(Repaired {
+        file: file.to_owned(),
+        text: repair.to_string(),
+        kept: repair.kept.iter().map(kept).collect(),
+        sealed: repair.sealed,
+        damage: repair.damage,
+        lost: repair.lost,
+    })
 }
 
-fn restore(run: &RunFolder, out: &Path, force: bool) -> Result<()> {
+/// A log with observations.
+#[derive(Debug, Serialize)]
+struct WithObservations {
+    folder: PathBuf,
+    episodes: u64,
+    /// Of them those that were acted again.
+    restored: u64,
+}
+
+fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result<()> {
     run.config()?;
     destination::folder(out, force)?;
     for file in log_files(out).unwrap_or_default() {
         fs::remove_file(&file.path).with_context(|| format!("removing {}", file.path.display()))?;
     }
     let Restored { episodes, restored } = full_log::restore(run, out)?;
-    let [episodes, restored] = [episodes, restored].map(numbers::count);
-    print_line(&format!("{}: {episodes} episodes, {restored} acted again", out.display()));
+    let written = WithObservations { folder: out.to_owned(), episodes, restored };
+    figures.print(&written, |WithObservations { folder, episodes, restored }| {
+        let [episodes, restored] = [episodes, restored].map(|count| numbers::count(*count));
+        format!("{}: {episodes} episodes, {restored} acted again", folder.display())
+    })?;
     full_log::refuse_loss(run)
 }
 
-fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path) -> Result<()> {
-    /// What the actor says.
-    #[derive(Deserialize)]
-    struct Written {
-        frames: u64,
-    }
+/// What the actor says of scenes.
+#[derive(Debug, Deserialize, Serialize)]
+struct Written {
+    episodes: u64,
+    frames: u64,
+}
+
+fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -> Result<()> {
     let spec = run.config()?.task.spec();
     let mut found = vec![None; named.len()];
     for entry in read_contents(&run.log(), Contents::Trajectories).map_err(Refusal::usage)? {
@@ -163,11 +213,12 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path) -> Result<()> {
     if out.exists() {
         fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
     }
-    let (mut actor, input) = scenes::command(run, None, &episodes, out)?;
-    let Written { frames } = programs::result_for(&mut actor, "acting again", &input)?;
-    let [episodes, frames] = [episodes.len() as u64, frames].map(numbers::count);
-    print_line(&format!("{}: {episodes} episodes, {frames} frames", out.display()));
-    Ok(())
+    let (mut actor, input) = scenes::command(run, None, &episodes, true, out)?;
+    let written = programs::result_for(&mut actor, "acting again", &input)?;
+    figures.print(&written, |Written { episodes, frames }| {
+        let [episodes, frames] = [episodes, frames].map(|count| numbers::count(*count));
+        format!("{}: {episodes} episodes, {frames} frames", out.display())
+    })
 }
 
 /// The files named, and those of the runs named.

@@ -1,0 +1,84 @@
+//! Where the authors' published curve of a method ends, in the setting that a run is in.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use protocol::table::{flat, parse_setting};
+use run::config::RunConfig;
+use serde::Deserialize;
+use toml::{Table, Value};
+
+/// The plans whose panels have curves of their own; other figures show the same ones again.
+const PLANS: [&str; 4] = [
+    include_str!("../../experiments/figure3.toml"),
+    include_str!("../../experiments/figure4.toml"),
+    include_str!("../../experiments/figure8.toml"),
+    include_str!("../../experiments/figure9.toml"),
+];
+
+/// What of a plan matters here.
+#[derive(Deserialize)]
+struct Plan {
+    panel: Vec<Panel>,
+}
+
+#[derive(Deserialize)]
+struct Panel {
+    task: String,
+    #[serde(default)]
+    set: Vec<String>,
+    #[serde(default)]
+    anchors: BTreeMap<String, f64>,
+}
+
+/// The end of a curve, and the settings that it holds in.
+struct Published {
+    task: String,
+    settings: BTreeMap<String, Value>,
+    anchors: BTreeMap<String, f64>,
+}
+
+static PUBLISHED: LazyLock<Vec<Published>> = LazyLock::new(|| {
+    let plans = PLANS.iter().map(|plan| toml::from_str(plan).expect("a test reads the plans"));
+    plans.flat_map(|plan: Plan| plan.panel).map(Published::of).collect()
+});
+
+/// The success rate at the end of the authors' curve of a run's method, after 4.9 million steps; none where
+/// none is published for the run's task and setting.
+pub(crate) fn success_rate(config: &RunConfig) -> Option<f64> {
+    let values = flat(&Table::try_from(config).ok()?);
+    let fits = |published: &&Published| {
+        let holds = |(key, value): (&String, &Value)| values.get(key) == Some(value);
+        published.task == config.task.name && published.settings.iter().all(holds)
+    };
+    PUBLISHED.iter().filter(fits).find_map(|found| found.anchors.get(&config.method).copied())
+}
+
+impl Published {
+    fn of(Panel { task, set, anchors }: Panel) -> Published {
+        let setting = |text: &String| flat(&parse_setting(text).expect("a test reads the plans"));
+        Published { task, settings: set.iter().flat_map(setting).collect(), anchors }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use run::tasks;
+
+    use super::*;
+
+    #[test]
+    fn the_curve_is_that_of_task_method_and_setting() {
+        let of = |task, settings: &[&str]| {
+            let settings: Vec<String> = settings.iter().map(|&text| text.to_owned()).collect();
+            success_rate(&tasks::configuration(task, "goalward", &settings).unwrap())
+        };
+        assert_eq!(of("navigation", &["demonstrations.coverage=0.5"]), Some(0.98));
+        assert_eq!(of("navigation", &["demonstrations.coverage=0.25", "method=bc"]), Some(0.56));
+        assert_eq!(of("navigation", &["demonstrations.coverage=0.3"]), None);
+        assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=gaifo"]), Some(0.23));
+        assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=segment-matching"]), None);
+        let ant = ["environment.noise=0.05", "method=difference"];
+        assert_eq!(of("ant-reach", &ant), Some(0.34));
+    }
+}

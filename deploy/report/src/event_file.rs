@@ -1,0 +1,128 @@
+//! Event files, which TensorBoard reads: records of protobuf messages, each with its length and checksums.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use prost::Message;
+
+/// TensorBoard knows its files by the second part of the name.
+const NAME: &str = "events.out.tfevents.goalward";
+
+/// What the first record says.
+const VERSION: &str = "brain.Event:2";
+
+/// A record, `tensorboard.Event`.
+#[derive(Clone, PartialEq, Message)]
+struct Event {
+    /// Seconds since 1970.
+    #[prost(double, tag = "1")]
+    wall_time: f64,
+    #[prost(int64, tag = "2")]
+    step: i64,
+    #[prost(oneof = "What", tags = "3, 5")]
+    what: Option<What>,
+}
+
+#[derive(Clone, PartialEq, prost::Oneof)]
+enum What {
+    #[prost(string, tag = "3")]
+    FileVersion(String),
+    #[prost(message, tag = "5")]
+    Summary(Values),
+}
+
+/// `tensorboard.Summary`.
+#[derive(Clone, PartialEq, Message)]
+struct Values {
+    #[prost(message, repeated, tag = "1")]
+    value: Vec<Value>,
+}
+
+/// `tensorboard.Summary.Value`.
+#[derive(Clone, PartialEq, Message)]
+struct Value {
+    #[prost(string, tag = "1")]
+    tag: String,
+    #[prost(float, optional, tag = "2")]
+    simple_value: Option<f32>,
+}
+
+/// A file that is written.
+pub(crate) struct EventFile {
+    file: BufWriter<File>,
+}
+
+impl EventFile {
+    /// Begins the file of a folder anew; the folder is made.
+    pub(crate) fn create(folder: &Path, wall_time: f64) -> io::Result<EventFile> {
+        fs::create_dir_all(folder)?;
+        let mut file = EventFile { file: BufWriter::new(File::create(folder.join(NAME))?) };
+        file.record(&Event {
+            wall_time,
+            step: 0,
+            what: Some(What::FileVersion(VERSION.to_owned())),
+        })?;
+        Ok(file)
+    }
+
+    /// Writes numbers by their tags; those that are none are left out.
+    pub(crate) fn scalars(
+        &mut self,
+        wall_time: f64,
+        step: u64,
+        scalars: &[(&str, f64)],
+    ) -> io::Result<()> {
+        let known = scalars.iter().filter(|(_, number)| number.is_finite());
+        let value = |&(tag, number): &(&str, f64)| Value {
+            tag: tag.to_owned(),
+            simple_value: Some(number as f32),
+        };
+        let summary = Values { value: known.map(value).collect() };
+        let what = Some(What::Summary(summary));
+        self.record(&Event { wall_time, step: step as i64, what })
+    }
+
+    /// Hands to the system what has been written.
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+
+    fn record(&mut self, event: &Event) -> io::Result<()> {
+        let content = event.encode_to_vec();
+        let length = (content.len() as u64).to_le_bytes();
+        self.file.write_all(&length)?;
+        self.file.write_all(&masked_crc(&length))?;
+        self.file.write_all(&content)?;
+        self.file.write_all(&masked_crc(&content))
+    }
+}
+
+/// The checksum of TensorFlow's records.
+fn masked_crc(bytes: &[u8]) -> [u8; 4] {
+    let crc = crc32c::crc32c(bytes);
+    crc.rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What TensorBoard 2.21 writes of the same two events with its own `RecordWriter`.
+    const THEIRS: &str = "1800000000000000a37f4b220900001040fc54d9411a0d627261696e2e4576656e743a32338d2fe9\
+        2b00000000000000861bc34b0900006040fc54d9411080202a1d0a1b0a14726f6c6c6f75742f73756363657373\
+        5f72617465150000003f2d3f7dc7";
+
+    #[test]
+    fn the_bytes_are_those_of_tensorboard() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = directory.path().join("a/b");
+        let mut file = EventFile::create(&folder, 1_700_000_000.25).unwrap();
+        let scalars = [("rollout/success_rate", 0.5), ("policy/entropy", f64::NAN)];
+        file.scalars(1_700_000_001.5, 4096, &scalars).unwrap();
+        file.flush().unwrap();
+        let written = fs::read(folder.join(NAME)).unwrap();
+        let written: String = written.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(written, THEIRS);
+    }
+}

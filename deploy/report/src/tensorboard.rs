@@ -1,0 +1,112 @@
+//! The curves of a run for TensorBoard, as far as the run has come.
+
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+use anyhow::{Context, Result};
+use mcap_log::{Contents, Record, read_contents};
+use protocol::messages::{PolicyUpdate, RewardUpdate};
+use run::folder::RunFolder;
+use run::summary::Summary;
+
+use crate::event_file::EventFile;
+
+/// The event file of a run.
+pub struct TensorBoard {
+    run: RunFolder,
+    file: EventFile,
+    /// When the run was begun, seconds since 1970.
+    begun: f64,
+    /// The first iteration that is not written yet.
+    next: u64,
+}
+
+impl TensorBoard {
+    /// Begins the event file of a run in `folder`.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn of(run: RunFolder, folder: &Path) -> Result<TensorBoard> {
+        let begun = run.config_file().metadata().and_then(|metadata| metadata.modified());
+        let begun = begun.context("when the run was begun")?.duration_since(UNIX_EPOCH)?;
+        let begun = begun.as_secs_f64();
+        let shown = || folder.display().to_string();
+        let file = EventFile::create(folder, begun).with_context(shown)?;
+        Ok(TensorBoard { run, file, begun, next: 0 })
+    }
+
+    /// Writes the updates that the log has got since the last time. One that is made again after a process
+    /// died is the same, and not written again.
+    ///
+    /// # Errors
+    /// When the log cannot be read, or the file not be written.
+    pub fn go_on(&mut self) -> Result<()> {
+        if !self.run.log().exists() {
+            return Ok(());
+        }
+        let mut learned = None;
+        for entry in read_contents(&self.run.log(), Contents::Updates)? {
+            match entry?.record {
+                Record::RewardUpdate(update) => learned = Some(update),
+                Record::PolicyUpdate(update) => self.update(&update, learned.take())?,
+                _ => {}
+            }
+        }
+        Ok(self.file.flush()?)
+    }
+
+    /// Writes what came of a finished run.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn end(mut self, summary: &Summary) -> Result<()> {
+        self.go_on()?;
+        let number = |number: Option<f64>| number.unwrap_or(f64::NAN);
+        let scalars = [
+            ("evaluation/success_rate", number(summary.evaluation.success_rate)),
+            ("evaluation/mean_return", number(summary.evaluation.mean_return)),
+        ];
+        let step = summary.env_steps.max(summary.iterations);
+        self.file.scalars(self.begun + summary.wall_s, step, &scalars)?;
+        Ok(self.file.flush()?)
+    }
+
+    fn update(&mut self, update: &PolicyUpdate, learned: Option<RewardUpdate>) -> Result<()> {
+        if update.iteration < self.next {
+            return Ok(());
+        }
+        self.next = update.iteration + 1;
+        // Cloning takes no steps of an environment.
+        let step = if update.environment_steps > 0 { update.environment_steps } else { self.next };
+        let wall_time = self.begun + update.wall_s;
+        Ok(self.file.scalars(wall_time, step, &scalars(update, learned.as_ref()))?)
+    }
+}
+
+fn scalars(update: &PolicyUpdate, learned: Option<&RewardUpdate>) -> Vec<(&'static str, f64)> {
+    let mut scalars = vec![
+        ("rollout/success_rate", update.success_rate),
+        ("rollout/episode_steps", update.mean_episode_steps),
+        ("reward/reward", update.mean_reward),
+        ("reward/proximity", update.mean_proximity),
+        ("reward/uncertainty", update.mean_uncertainty),
+        ("policy/loss", update.policy_loss),
+        ("policy/value_loss", update.value_loss),
+        ("policy/entropy", update.entropy),
+        ("policy/approximate_kl", update.approximate_kl),
+        ("policy/clip_fraction", update.clip_fraction),
+        ("policy/gradient_norm", update.gradient_norm),
+        ("policy/learning_rate", update.learning_rate),
+        ("policy/held_out_loss", update.held_out_loss),
+        ("time/rollout_s", update.rollout_s),
+        ("time/scoring_s", update.scoring_s),
+        ("time/update_s", update.update_s),
+    ];
+    scalars.extend(learned.into_iter().flat_map(|update| {
+        [
+            ("reward/demonstration_loss", update.demonstration_loss),
+            ("reward/agent_loss", update.agent_loss),
+        ]
+    }));
+    scalars
+}

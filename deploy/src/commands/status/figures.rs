@@ -1,0 +1,84 @@
+//! How a run stands, for programs.
+
+use protocol::messages::{PolicyUpdate, Progress};
+use serde_json::{Value, json};
+
+use super::table::doing;
+use super::{Standing, Status, Stopped};
+
+impl Status {
+    /// What the run is, its state, and what there is to say in that state. A number that is not known is null.
+    pub(super) fn figures(&self) -> Value {
+        let config = &self.config;
+        let (state, mut figures) = match &self.standing {
+            Standing::Live { processes, progress, times } => {
+                let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
+                let figures = json!({
+                    "trouble": processes.trouble(),
+                    "progress": progress.as_deref().map(of_progress),
+                    "time_to_success": times,
+                    "processes": processes.figures(heard),
+                });
+                ("training", figures)
+            }
+            Standing::Finished(summary) => ("finished", json!({ "summary": summary })),
+            Standing::Beginning { records } => {
+                ("starting", json!({ "records_demonstrations": records }))
+            }
+            Standing::Stopped(stopped) => ("stopped", of_stopped(stopped)),
+        };
+        figures["run"] = json!(self.folder.path());
+        figures["state"] = json!(state);
+        figures["task"] = json!(config.task.name);
+        figures["method"] = json!(config.method);
+        figures["preset"] = json!(config.preset);
+        figures["seed"] = json!(config.seed);
+        figures["steps_wanted"] = json!(config.steps);
+        figures
+    }
+}
+
+fn of_progress(progress: &Progress) -> Value {
+    let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
+    let reward_model = learned.map(|update| {
+        json!({
+            "demonstration_loss": update.demonstration_loss,
+            "agent_loss": update.agent_loss,
+            "gradient_steps": update.gradient_steps,
+        })
+    });
+    json!({
+        "doing": doing(progress),
+        "update": progress.update.as_ref().map(of_update),
+        "reward_model": reward_model,
+        "actors": progress.actors,
+        "leases": progress.leases,
+        "wall_s": progress.wall_s,
+        "log_bytes": progress.log_bytes,
+    })
+}
+
+fn of_update(update: &PolicyUpdate) -> Value {
+    json!({
+        "environment_steps": update.environment_steps,
+        "iterations": update.iteration + 1,
+        "episodes": update.episodes,
+        "success_rate": update.success_rate,
+        "approximate_kl": update.approximate_kl,
+        "value_loss": update.value_loss,
+    })
+}
+
+fn of_stopped(stopped: &Stopped) -> Value {
+    let Stopped { begun, newest, damaged, update, times } = stopped;
+    let checkpoint = newest
+        .as_ref()
+        .map(|(iteration, folder)| json!({ "iteration": iteration, "folder": folder }));
+    json!({
+        "begun": begun,
+        "checkpoint": checkpoint,
+        "damaged": damaged.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "update": update.as_ref().map(of_update),
+        "time_to_success": times,
+    })
+}

@@ -1,0 +1,165 @@
+//! How a run stands, for people.
+
+use protocol::messages::{Phase, PolicyUpdate, Progress};
+use run::config::RunConfig;
+
+use super::{PATIENCE, Standing, Status, Stopped};
+use crate::processes::Processes;
+use crate::progress::offline;
+use crate::summary::{self, times_to_success};
+use terminal::numbers;
+
+impl Status {
+    /// A headline and a table.
+    pub(super) fn table(&self) -> String {
+        let config = &self.config;
+        match &self.standing {
+            Standing::Live { processes, progress, times } => {
+                let mut rows = match progress {
+                    Some(progress) => live_rows(progress, config),
+                    None => common_rows(config),
+                };
+                rows.extend(times_to_success(times));
+                let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
+                let headline = headline(processes, progress.as_deref());
+                format!("{headline}\n{}{}", numbers::table(&rows), processes.table(heard))
+            }
+            Standing::Finished(summary) => format!("finished\n{}", summary::table(summary)),
+            Standing::Beginning { records } => {
+                let doing = match records {
+                    true => "recording its demonstrations",
+                    false => "its processes are not there yet",
+                };
+                format!("starting: {doing}\n{}", numbers::table(&common_rows(config)))
+            }
+            Standing::Stopped(stopped) => stopped_table(stopped, config),
+        }
+    }
+}
+
+fn headline(processes: &Processes, progress: Option<&Progress>) -> String {
+    let silence =
+        || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
+    let usual = || progress.map_or_else(silence, |_| "training".to_owned());
+    processes.trouble().unwrap_or_else(usual)
+}
+
+fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
+    let mut rows = common_rows(config);
+    rows.push(("doing", doing(progress)));
+    let done = progress.update.as_ref().map_or(0, |update| update.environment_steps);
+    rows.push(("environment steps", steps(done, progress.steps_wanted)));
+    rows.extend(progress.update.iter().flat_map(update_rows));
+    // A fixed reward has no versions, and one just read from a checkpoint has no losses yet.
+    let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
+    if let Some(update) = learned {
+        let losses = [update.demonstration_loss, update.agent_loss].map(numbers::number);
+        let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
+        rows.push(("reward loss", losses));
+        let steps = numbers::count(update.gradient_steps);
+        rows.push(("reward model", format!("{steps} gradient steps in its last update")));
+    }
+    let (actors, leases) = (progress.actors, progress.leases);
+    rows.push(("actors", format!("{actors}, {leases} leases handed out")));
+    rows.push(("time", numbers::duration(progress.wall_s)));
+    rows.push(("log", numbers::bytes(progress.log_bytes)));
+    rows
+}
+
+/// What a live run does.
+pub(super) fn doing(progress: &Progress) -> String {
+    match Phase::try_from(progress.phase) {
+        Ok(Phase::Pretraining) => offline(progress),
+        Ok(Phase::Training) | Err(_) => "rolling out and learning".to_owned(),
+        Ok(Phase::Evaluating) => "evaluating the policy".to_owned(),
+        Ok(Phase::Finished) => "ending".to_owned(),
+        Ok(Phase::DiskFull) => "waiting for room on the disk".to_owned(),
+    }
+}
+
+fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
+    let mut rows = common_rows(config);
+    let place = stopped.newest.as_ref().map_or_else(
+        || "none: it begins anew".to_owned(),
+        |(iteration, folder)| {
+            format!("after iteration {}, {}", numbers::count(*iteration), folder.display())
+        },
+    );
+    rows.push(("newest checkpoint", place));
+    rows.extend(stopped.damaged.iter().map(|error| ("damaged", error.to_string())));
+    if let Some(update) = &stopped.update {
+        rows.push(("environment steps", steps(update.environment_steps, config.steps)));
+        rows.extend(update_rows(update));
+        rows.extend(times_to_success(&stopped.times));
+    }
+    let heading = if stopped.begun { "stopped, not finished" } else { "never started" };
+    format!("{heading}\n{}", numbers::table(&rows))
+}
+
+fn common_rows(config: &RunConfig) -> Vec<(&'static str, String)> {
+    vec![("run", format!("{}, preset {}, seed {}", config.task, config.preset, config.seed))]
+}
+
+fn update_rows(update: &PolicyUpdate) -> Vec<(&'static str, String)> {
+    vec![
+        ("iterations", numbers::count(update.iteration + 1)),
+        ("episodes", numbers::count(update.episodes)),
+        ("success, last 100 training episodes", numbers::percent(update.success_rate, 1)),
+        ("policy KL, value loss", {
+            let (divergence, value) = (update.approximate_kl, update.value_loss);
+            format!("{}, {}", numbers::number(divergence), numbers::number(value))
+        }),
+    ]
+}
+
+fn steps(done: u64, wanted: u64) -> String {
+    let percent = numbers::percent_done(done, wanted);
+    format!("{} of {} ({percent} %)", numbers::count(done), numbers::count(wanted))
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::messages::{Pretraining, RewardUpdate};
+    use run::folder::{CHECKPOINT_FILES, RunFolder};
+    use run::tasks;
+
+    use super::*;
+
+    fn config() -> RunConfig {
+        tasks::configuration("navigation", "goalward", &[]).unwrap()
+    }
+
+    #[test]
+    fn a_stopped_run_tells_its_checkpoint() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let table = || stopped_table(&Stopped::of(&folder), &config());
+        let found = table();
+        assert!(found.starts_with("never started") && found.contains("begins anew"), "{found}");
+        std::fs::create_dir(folder.log()).unwrap();
+        assert!(table().starts_with("stopped"));
+        let checkpoint = folder.checkpoint_folder(1250);
+        std::fs::create_dir_all(&checkpoint).unwrap();
+        let found = table();
+        assert!(found.contains("begins anew") && found.contains("damaged"), "{found}");
+        for name in CHECKPOINT_FILES {
+            protocol::tensors::Tensors::default().save(&checkpoint.join(name)).unwrap();
+        }
+        let found = table();
+        assert!(found.contains("after iteration 1,250"), "{found}");
+    }
+
+    #[test]
+    fn a_live_run_without_an_update_has_a_table() {
+        let table = numbers::table(&live_rows(&Progress::default(), &config()));
+        assert!(table.contains("offline"), "{table}");
+        assert!(table.contains("0 of 0 (0 %)"), "{table}");
+        let pretraining = Some(Pretraining { done: 30, total: 120 });
+        let reward_update =
+            Some(RewardUpdate { model_version: 2, gradient_steps: 64, ..RewardUpdate::default() });
+        let progress = Progress { pretraining, reward_update, ..Progress::default() };
+        let table = numbers::table(&live_rows(&progress, &config()));
+        assert!(table.contains("30 of 120 gradient steps (25 %)"), "{table}");
+        assert!(table.contains("64 gradient steps in its last update"), "{table}");
+    }
+}
