@@ -150,4 +150,6 @@ fn a_run_whose_supervisor_was_killed_is_resumed_the_same() {
 fn expect_remark(run: &TestRun, part: &str) {
     let remarks = run.remarks();
     assert!(remarks.contains(part), "expected `{part}` in\n{remarks}");
+    let kept = std::fs::read_to_string(run.folder().output().join("supervisor.log")).unwrap();
+    assert!(kept.contains(part), "expected `{part}` for those who look later in\n{kept}");
 }

@@ -3,18 +3,23 @@
 //! [`Progress`].
 
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Write;
+use std::time::Instant;
 
 use protocol::messages::{Phase, Pretraining, Progress};
 
+use crate::output::Output;
 use terminal::numbers;
 use terminal::status_line::StatusLine;
 
 /// Wall time over which the pace is measured, seconds: several iterations at the usual pace.
 const PACE_WINDOW_S: f64 = 20.0;
 
-/// Shows progress on standard output and remarks on standard error.
+/// Shows progress and remarks, and keeps the remarks on a run's processes for those who look later.
 pub(crate) struct ProgressView {
     line: StatusLine,
+    kept: Option<Kept>,
     pace: Pace,
     phase: Option<Phase>,
 }
@@ -22,7 +27,13 @@ pub(crate) struct ProgressView {
 impl ProgressView {
     /// For a terminal if standard output is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
-        ProgressView { line: StatusLine::new(), pace: Pace::default(), phase: None }
+        ProgressView { line: StatusLine::new(), kept: None, pace: Pace::default(), phase: None }
+    }
+
+    /// The same, whose remarks are kept in `output`, too.
+    pub(crate) fn kept_in(output: Output) -> Self {
+        let kept = Some(Kept { output, begun: Instant::now() });
+        ProgressView { kept, ..ProgressView::new() }
     }
 
     /// Says what is going on while there is no progress yet.
@@ -53,14 +64,33 @@ impl ProgressView {
         self.line.tick();
     }
 
-    /// Prints a remark for people on standard error, above the line.
+    /// Prints a remark for people above the line.
     pub(crate) fn note(&self, text: &str) {
         self.line.note(text);
+        if let Some(kept) = &self.kept {
+            kept.note(text);
+        }
     }
 
     /// Removes the line from the terminal.
     pub(crate) fn finish(&self) {
         self.line.finish();
+    }
+}
+
+/// Where remarks are kept.
+struct Kept {
+    output: Output,
+    begun: Instant,
+}
+
+impl Kept {
+    fn note(&self, text: &str) {
+        let seconds = self.begun.elapsed().as_secs_f64();
+        let line = |mut file: File| Ok(writeln!(file, "after {seconds:.1} s: {text}")?);
+        if let Err(error) = self.output.open().and_then(line) {
+            tracing::debug!("a remark could not be kept: {error:#}");
+        }
     }
 }
 

@@ -4,6 +4,7 @@ A frame is a little-endian length, a kind and a body; `actor/src/frame.rs` has t
 Nothing is installed for this file: the actor hands its text to the interpreter.
 """
 
+import contextlib
 import ctypes
 import importlib
 import inspect
@@ -213,8 +214,10 @@ class Environments:
 
     def picture(self, slot):
         """What the environment renders, as a PNG file; empty where that is no picture."""
-        np = self.np
-        seen = self.slots[slot].render() if self.renders else None
+        np, seen = self.np, None
+        if self.renders:
+            with contextlib.suppress(NotImplementedError):
+                seen = self.slots[slot].render()
         if not isinstance(seen, np.ndarray) or seen.dtype != np.uint8 or seen.ndim != 3 or seen.shape[2] < 3:
             return b""
         stride = -(-max(seen.shape[:2]) // LARGEST)

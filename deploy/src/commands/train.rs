@@ -17,6 +17,7 @@ use crate::event_files::EventFiles;
 use crate::experiment::estimate;
 use crate::figures::Figures;
 use crate::machine::Machine;
+use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
@@ -147,7 +148,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     remarks.iter().for_each(|remark| print_remark(remark));
 
     let events = tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?;
-    let mut view = ProgressView::new();
+    let mut view = ProgressView::kept_in(Output::of(&plan.folder, "supervisor"));
     let outcome = prepare_and_supervise(&plan, &mut view);
     view.finish();
     drop(events);
