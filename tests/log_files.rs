@@ -90,3 +90,15 @@ fn a_file_that_lost_its_end_is_no_success() {
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("expected episodes to act again, found none"), "{said}");
 }
+
+#[test]
+fn what_came_before_a_file_that_is_refused_is_told() {
+    let run = TestRun::new(programs!());
+    run.finish(&[]);
+    let file = "run/log/updates-00000.mcap";
+    for verb in ["info", "repair"] {
+        let (well, said) = run.goalward(&["log", verb, file, "nowhere.mcap"]);
+        assert!(!well && said.contains("nowhere.mcap"), "{said}");
+        assert!(said.starts_with(file) || said.contains("updates-00000.mcap: kept"), "{said}");
+    }
+}

@@ -92,8 +92,15 @@ pub(crate) struct Arguments {
 /// Does what the verb says.
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
-        Verb::Info(arguments) => info(arguments),
-        Verb::Repair(arguments) => repair(arguments),
+        Verb::Info(arguments) => {
+            each(arguments, Holding::of, Holding::text, |found| found.lost.then_some(&found.file))
+        }
+        Verb::Repair(arguments) => each(
+            arguments,
+            repaired,
+            |file| &file.text,
+            |file| (!file.damage.is_empty()).then_some(&file.file),
+        ),
         Verb::Restore { run, out, force, figures } => {
             restore(&RunFolder::new(run), out, *force, *figures)
         }
@@ -104,20 +111,25 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
     }
 }
 
-fn info(Arguments { files, figures }: &Arguments) -> Result<()> {
-    let found =
-        files_of(files)?.iter().map(|file| Holding::of(file)).collect::<Result<Vec<_>>>()?;
-    figures.print(&found, |found| lines(found.iter().map(Holding::text)))?;
-    refuse_loss(found.iter().filter(|found| found.lost).map(|found| &*found.file))
-}
-
-fn lines(texts: impl Iterator<Item = impl AsRef<str>>) -> String {
-    texts.fold(String::new(), |lines, text| lines + text.as_ref() + "\n")
-}
-
-/// Says which files have lost something; the others have been treated, too.
-fn refuse_loss<'a>(lost: impl Iterator<Item = &'a Path>) -> Result<()> {
-    let lost: Vec<_> = lost.map(|file| file.display().to_string()).collect();
+/// Treats all files, the damaged ones too, before it says which have `lost` something. Those before one that
+/// cannot be treated are told, too.
+fn each<T: Serialize>(
+    Arguments { files, figures }: &Arguments,
+    treat: impl Fn(&Path) -> Result<T>,
+    text: impl Fn(&T) -> &str,
+    lost: impl Fn(&T) -> Option<&Path>,
+) -> Result<()> {
+    let mut treated = Vec::new();
+    let refused: Result<()> = files_of(files)?.iter().try_for_each(|file| {
+        treated.push(treat(file)?);
+        Ok(())
+    });
+    if !treated.is_empty() {
+        figures.print(&treated, |all| all.iter().map(&text).collect::<Vec<_>>().join("\n"))?;
+    }
+    refused?;
+    let lost: Vec<_> =
+        treated.iter().filter_map(lost).map(|file| file.display().to_string()).collect();
     if lost.is_empty() {
         return Ok(());
     }
@@ -137,13 +149,6 @@ struct Repaired {
     lost: u64,
     #[serde(skip)]
     text: String,
-}
-
-fn repair(Arguments { files, figures }: &Arguments) -> Result<()> {
-    let repaired =
-        files_of(files)?.iter().map(|file| repaired(file)).collect::<Result<Vec<_>>>()?;
-    figures.print(&repaired, |repaired| lines(repaired.iter().map(|file| &file.text)))?;
-    refuse_loss(repaired.iter().filter(|file| !file.damage.is_empty()).map(|file| &*file.file))
 }
 
 fn repaired(file: &Path) -> Result<Repaired> {
