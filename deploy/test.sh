@@ -40,7 +40,7 @@ python_tests() {
     target=$(cargo metadata --format-version 1 --no-deps --locked |
         sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
     say "pytest python"
-    GOALWARD_ACTOR=$target/debug/goalward-actor "$GOALWARD_PYTHON" -m pytest -c python/pyproject.toml python
+    GOALWARD_ACTOR=$target/debug/actor-under-test "$GOALWARD_PYTHON" -m pytest -c python/pyproject.toml python
 }
 
 output=$root/target/test-output.txt

@@ -9,8 +9,8 @@
 use std::time::{Duration, Instant};
 
 use bus::{
-    Bus, BusAddress, Client, NewestPublisher, Pending, Role, Server, SharedMemory,
-    TrajectoryHeader, TrajectoryPublisher,
+    Bus, BusAddress, Client, NewestPublisher, Pending, Role, Server, TrajectoryHeader,
+    TrajectoryPublisher,
 };
 use bytes::Bytes;
 use prost::Message;
@@ -44,14 +44,14 @@ const PLACE_BYTES: usize = 16 << 10;
 
 /// One port of every kind.
 struct Intruder {
-    trajectories: TrajectoryPublisher<SharedMemory>,
-    leases: Client<SharedMemory>,
-    scores: Client<SharedMemory>,
-    weights: NewestPublisher<SharedMemory>,
-    progress: NewestPublisher<SharedMemory>,
-    lease_server: Server<SharedMemory>,
-    score_server: Server<SharedMemory>,
-    asked: Vec<Pending<SharedMemory>>,
+    trajectories: TrajectoryPublisher,
+    leases: Client,
+    scores: Client,
+    weights: NewestPublisher,
+    progress: NewestPublisher,
+    lease_server: Server,
+    score_server: Server,
+    asked: Vec<Pending>,
     random: Stream,
 }
 

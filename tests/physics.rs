@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 
-use bus::{Bus, BusAddress, NewestSubscriber, SharedMemory};
+use bus::{Bus, BusAddress, NewestSubscriber};
 use mcap_log::{FileReader, Record};
 use prost::Message;
 use protocol::messages::Progress;
@@ -75,11 +75,7 @@ fn an_actor_lets_go_of_leases_whose_policy_died_with_the_learner() {
     assert!(run.remarks().contains("learner ended (signal: 9"), "{}", run.remarks());
 }
 
-fn await_progress(
-    progress: &NewestSubscriber<SharedMemory>,
-    what: &str,
-    is_it: impl Fn(&Progress) -> bool,
-) {
+fn await_progress(progress: &NewestSubscriber, what: &str, is_it: impl Fn(&Progress) -> bool) {
     await_some(what, PATIENCE, || {
         let bytes = progress.receive().unwrap()?;
         is_it(&Progress::decode(bytes).unwrap()).then_some(())

@@ -8,7 +8,7 @@ use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
-use bus::{Bus, BusAddress, Client, Doorbell, Role, SharedMemory};
+use bus::{Bus, BusAddress, Client, Doorbell, Role};
 use bytes::Bytes;
 use mcap_log::{FileReader, Record};
 use prost::Message;
@@ -139,8 +139,8 @@ fn status_names_who_is_stopped() {
 
 /// A user's tool that asks the proximity service.
 struct Tool {
-    doorbell: Doorbell<SharedMemory>,
-    client: Client<SharedMemory>,
+    doorbell: Doorbell,
+    client: Client,
 }
 
 impl Tool {

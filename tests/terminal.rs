@@ -40,7 +40,9 @@ fn training(run: &TestRun) -> Command {
 #[test]
 fn a_terminal_that_cannot_redraw_a_line_gets_lines() {
     let run = TestRun::new(programs!());
-    let shown = on_terminal(training(&run), "dumb");
+    let mut training = training(&run);
+    training.env("CI", "true");
+    let shown = on_terminal(training, "dumb");
     for part in ["recording 40 demonstrations", "starting the processes", "/1,600 steps  "] {
         assert!(shown.contains(part), "expected {part} in\n{shown}");
     }

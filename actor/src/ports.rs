@@ -4,8 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail, ensure};
 use bus::{
-    Bus, BusAddress, Client, Doorbell, Pending, Role, SharedMemory, TrajectoryHeader,
-    TrajectoryPublisher,
+    Bus, BusAddress, Client, Doorbell, Pending, Role, TrajectoryHeader, TrajectoryPublisher,
 };
 use bytes::Bytes;
 use prost::Message;
@@ -35,7 +34,7 @@ pub struct Ports {
     folder: RunFolder,
     name: String,
     finished: Vec<Lease>,
-    pending: Option<(Pending<SharedMemory>, Instant)>,
+    pending: Option<(Pending, Instant)>,
     refused: Instant,
     joined: bool,
     /// Since when there has been no learner to ask.
@@ -44,9 +43,9 @@ pub struct Ports {
     stop: Stop,
     dropped: Dropped,
     clock: ProcessorClock,
-    doorbell: Doorbell<SharedMemory>,
-    leases: Client<SharedMemory>,
-    trajectories: TrajectoryPublisher<SharedMemory>,
+    doorbell: Doorbell,
+    leases: Client,
+    trajectories: TrajectoryPublisher,
 }
 
 impl Ports {

@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bus::{NewestSubscriber, SharedMemory};
+use bus::NewestSubscriber;
 use bytes::Bytes;
 use environments::EnvironmentError;
 use prost::Message;
@@ -47,7 +47,7 @@ struct Actor {
     rested: Vec<Episode>,
     awaited: Awaited,
     ports: Ports,
-    weights: NewestSubscriber<SharedMemory>,
+    weights: NewestSubscriber,
     dropped: Dropped,
 }
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail, ensure};
-use bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME, SharedMemory};
+use bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME};
 use bytes::Bytes;
 use prost::Message;
 use protocol::messages::{
@@ -26,13 +26,13 @@ const STOP_PATIENCE: Duration = Duration::from_secs(60);
 /// The learner's side of the proximity service.
 pub struct Scoring {
     bus: Bus,
-    client: Client<SharedMemory>,
-    doorbell: Doorbell<SharedMemory>,
+    client: Client,
+    doorbell: Doorbell,
     stop: Stop,
 }
 
 /// Training of the reward model, under way while the policy is updated.
-pub struct Improvement(Pending<SharedMemory>);
+pub struct Improvement(Pending);
 
 /// Where the service stands that was asked to begin.
 pub enum Begun {

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use bus::{Bus, Doorbell, Published, Role, Server, SharedMemory, TrajectorySubscriber};
+use bus::{Bus, Doorbell, Published, Role, Server, TrajectorySubscriber};
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::{
@@ -54,9 +54,9 @@ pub struct Service {
     improved: Option<RewardUpdate>,
     clock: ProcessorClock,
     bus: Bus,
-    doorbell: Doorbell<SharedMemory>,
-    trajectories: TrajectorySubscriber<SharedMemory>,
-    requests: Server<SharedMemory>,
+    doorbell: Doorbell,
+    trajectories: TrajectorySubscriber,
+    requests: Server,
 }
 
 /// Offline training is done once, however often the learner begins afresh.

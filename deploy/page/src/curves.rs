@@ -1,8 +1,8 @@
 //! What a run's log has of its updates, as rows of numbers.
 
-use mcap_log::{Contents, Record, read_contents};
-use protocol::messages::{PolicyUpdate, RewardUpdate};
+use mcap_log::{Contents, read_contents};
 use run::folder::RunFolder;
+use run::updates::{Update, updates};
 use serde::Serialize;
 
 /// The names of a row's numbers.
@@ -64,12 +64,9 @@ impl Curves {
                 return curves;
             }
         };
-        let mut learned = None;
-        for entry in reader.by_ref() {
-            match entry.map(|entry| entry.record) {
-                Ok(Record::PolicyUpdate(update)) => curves.rows.push(row(&update, learned.take())),
-                Ok(Record::RewardUpdate(update)) => learned = Some(update),
-                Ok(_) => {}
+        for update in updates(reader.by_ref()) {
+            match update {
+                Ok(update) => curves.rows.push(row(update)),
                 Err(error) => curves.trouble.push(error.to_string()),
             }
         }
@@ -85,8 +82,8 @@ impl Curves {
     }
 }
 
-fn row(update: &PolicyUpdate, learned: Option<RewardUpdate>) -> Row {
-    let losses = learned.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
+fn row(Update { policy: update, reward }: Update) -> Row {
+    let losses = reward.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
     [
         update.iteration as f64,
         update.environment_steps as f64,

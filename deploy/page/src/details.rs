@@ -1,9 +1,8 @@
 //! What a run is: its configuration, what of it is not the default, its summary.
 
 use anyhow::Result;
-use run::config::RunConfig;
 use run::folder::RunFolder;
-use run::repeat;
+use run::repeat::{self, Difference};
 use run::summary::Summary;
 use serde::Serialize;
 
@@ -31,14 +30,6 @@ pub(crate) struct Details {
     trouble: Vec<String>,
 }
 
-/// A setting that is not the default of the run's task, preset and method.
-#[derive(Debug, Serialize)]
-struct Difference {
-    key: String,
-    default: String,
-    value: String,
-}
-
 impl Details {
     /// Those of a run.
     ///
@@ -51,7 +42,7 @@ impl Details {
         Ok(Details {
             run,
             configuration: config.to_text(),
-            differences: differences(&config),
+            differences: repeat::differences(&config),
             published: published::success_rate(&config),
             summary,
             command: repeat::command(folder, &config),
@@ -65,9 +56,4 @@ impl Details {
             trouble,
         })
     }
-}
-
-fn differences(config: &RunConfig) -> Vec<Difference> {
-    let differing = repeat::differences(config).into_iter();
-    differing.map(|(key, [value, default])| Difference { key, default, value }).collect()
 }

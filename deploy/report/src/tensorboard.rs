@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::UNIX_EPOCH;
 
 use anyhow::{Context, Result};
-use mcap_log::{Contents, Record, read_contents};
-use protocol::messages::{PolicyUpdate, RewardUpdate};
+use mcap_log::{Contents, read_contents};
 use run::folder::RunFolder;
 use run::summary::Summary;
+use run::updates::{Update, updates};
 
 use crate::event_file::EventFile;
 
@@ -44,13 +44,8 @@ impl TensorBoard {
         if !self.run.log().exists() {
             return Ok(());
         }
-        let mut learned = None;
-        for entry in read_contents(&self.run.log(), Contents::Updates)? {
-            match entry?.record {
-                Record::RewardUpdate(update) => learned = Some(update),
-                Record::PolicyUpdate(update) => self.update(&update, learned.take())?,
-                _ => {}
-            }
+        for update in updates(read_contents(&self.run.log(), Contents::Updates)?) {
+            self.update(&update?)?;
         }
         Ok(self.file.flush()?)
     }
@@ -71,19 +66,19 @@ impl TensorBoard {
         Ok(self.file.flush()?)
     }
 
-    fn update(&mut self, update: &PolicyUpdate, learned: Option<RewardUpdate>) -> Result<()> {
-        if update.iteration < self.next {
+    fn update(&mut self, update: &Update) -> Result<()> {
+        let policy = &update.policy;
+        if policy.iteration < self.next {
             return Ok(());
         }
-        self.next = update.iteration + 1;
+        self.next = policy.iteration + 1;
         // Cloning takes no steps of an environment.
-        let step = if update.environment_steps > 0 { update.environment_steps } else { self.next };
-        let wall_time = self.begun + update.wall_s;
-        Ok(self.file.scalars(wall_time, step, &scalars(update, learned.as_ref()))?)
+        let step = if policy.environment_steps > 0 { policy.environment_steps } else { self.next };
+        Ok(self.file.scalars(self.begun + policy.wall_s, step, &scalars(update))?)
     }
 }
 
-fn scalars(update: &PolicyUpdate, learned: Option<&RewardUpdate>) -> Vec<(&'static str, f64)> {
+fn scalars(Update { policy: update, reward }: &Update) -> Vec<(&'static str, f64)> {
     let mut scalars = vec![
         ("rollout/success_rate", update.success_rate),
         ("rollout/episode_steps", update.mean_episode_steps),
@@ -102,7 +97,7 @@ fn scalars(update: &PolicyUpdate, learned: Option<&RewardUpdate>) -> Vec<(&'stat
         ("time/scoring_s", update.scoring_s),
         ("time/update_s", update.update_s),
     ];
-    scalars.extend(learned.into_iter().flat_map(|update| {
+    scalars.extend(reward.iter().flat_map(|update| {
         [
             ("reward/demonstration_loss", update.demonstration_loss),
             ("reward/agent_loss", update.agent_loss),

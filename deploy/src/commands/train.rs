@@ -8,7 +8,7 @@ use mcap_log::require_room;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
-use run::repeat;
+use run::repeat::{self, Difference};
 use run::summary::Summary;
 use serde::Serialize;
 
@@ -275,28 +275,18 @@ impl Planned {
 /// What a run would change in the defaults of its task, preset and method, and what it costs.
 #[derive(Debug, Serialize)]
 struct Changes {
-    settings: Vec<Change>,
+    settings: Vec<Difference>,
     /// Seconds of one core, as far as anybody has measured it.
     processor_s: Option<f64>,
 }
 
-/// A setting that is not the default.
-#[derive(Debug, Serialize)]
-struct Change {
-    key: String,
-    value: String,
-    default: String,
-}
-
 impl Changes {
     fn of(config: &RunConfig) -> Changes {
-        let differences = repeat::differences(config).into_iter();
-        let changes = differences.map(|(key, [value, default])| Change { key, value, default });
-        Changes { settings: changes.collect(), processor_s: estimate::measured(config) }
+        Changes { settings: repeat::differences(config), processor_s: estimate::measured(config) }
     }
 
     fn table(&self) -> String {
-        let row = |Change { key, value, default }: &Change| {
+        let row = |Difference { key, value, default }: &Difference| {
             [key.clone(), value.clone(), format!("(default {default})")]
         };
         let mut rows: Vec<_> = self.settings.iter().map(row).collect();

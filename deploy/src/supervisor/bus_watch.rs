@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bus::{Bus, BusAddress, Role, SharedMemory};
+use bus::{Bus, BusAddress, Role};
 use prost::Message;
 use protocol::Error;
 use protocol::dropped::Dropped;
@@ -65,7 +65,7 @@ fn watch(
     stop: &Stop,
     sender: &Sender<Result<Progress, Error>>,
 ) -> Result<(), Error> {
-    let bus = Bus::<SharedMemory>::open(address, "supervisor")?;
+    let bus = Bus::open(address, "supervisor")?;
     let doorbell = bus.doorbell(Role::Supervisor)?;
     let progress = bus.progress_subscriber()?;
     let mut dropped = Dropped::new("messages of progress");

@@ -16,7 +16,7 @@ pub struct Voice {
     #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "quiet")]
     #[arg(help_heading = HEADING)]
     verbose: u8,
-    /// Colors; by default on terminals, unless NO_COLOR is set.
+    /// Colors; by default on terminals that have them, unless NO_COLOR is set.
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto", help_heading = HEADING)]
     #[arg(hide_default_value = true)]
     color: Color,
@@ -39,6 +39,10 @@ impl Voice {
     pub fn begin(self) -> &'static str {
         IS_QUIET.store(self.quiet, Ordering::Relaxed);
         match self.color {
+            // `anstream` would color it where CI is set.
+            Color::Auto if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
+                ColorChoice::Never.write_global();
+            }
             Color::Auto => {}
             Color::Always => ColorChoice::Always.write_global(),
             Color::Never => ColorChoice::Never.write_global(),

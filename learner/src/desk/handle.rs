@@ -5,7 +5,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
-use bus::{Bus, Ringer, Role, SharedMemory};
+use bus::{Bus, Ringer, Role};
 
 use super::{Desk, Order, RolledOut, Setup};
 
@@ -16,7 +16,7 @@ const ORDERS: usize = 64;
 pub struct DeskHandle {
     orders: SyncSender<Order>,
     rollouts: Receiver<RolledOut>,
-    ringer: std::rc::Rc<Ringer<SharedMemory>>,
+    ringer: std::rc::Rc<Ringer>,
     thread: Option<JoinHandle<Result<f64>>>,
 }
 

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use bus::{
-    Bus, BusAddress, Doorbell, NewestPublisher, Published, Request, Role, Server, SharedMemory,
+    Bus, BusAddress, Doorbell, NewestPublisher, Published, Request, Role, Server,
     TrajectorySubscriber,
 };
 use bytes::Bytes;
@@ -116,11 +116,11 @@ struct Desk {
     run_seed: u64,
     lease_timeout: Duration,
     bus: Bus,
-    doorbell: Doorbell<SharedMemory>,
-    trajectories: TrajectorySubscriber<SharedMemory>,
-    leases: Server<SharedMemory>,
-    weights: NewestPublisher<SharedMemory>,
-    progress: NewestPublisher<SharedMemory>,
+    doorbell: Doorbell,
+    trajectories: TrajectorySubscriber,
+    leases: Server,
+    weights: NewestPublisher,
+    progress: NewestPublisher,
     log: LogWriter,
     place: Place,
     stop: Stop,
@@ -128,7 +128,7 @@ struct Desk {
     rollouts: SyncSender<RolledOut>,
     ledger: Option<LeaseLedger>,
     /// Actors that wait for leases; they are answered when there are some.
-    waiting: Vec<(LeaseRequest, Request<SharedMemory>)>,
+    waiting: Vec<(LeaseRequest, Request)>,
     dropped_trajectories: Dropped,
     dropped_questions: Dropped,
     told: Progress,

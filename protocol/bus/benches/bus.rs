@@ -4,12 +4,12 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bus::{Bus, BusAddress, Role, SharedMemory, TrajectoryHeader};
+use bus::{Bus, BusAddress, Role, TrajectoryHeader};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const PATIENCE: Duration = Duration::from_secs(5);
 
-fn open(address: &BusAddress, name: &str) -> Bus<SharedMemory> {
+fn open(address: &BusAddress, name: &str) -> Bus {
     Bus::open(address, name).expect("shared memory has room")
 }
 

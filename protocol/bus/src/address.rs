@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use super::member::members;
 use super::private::{self, check_folder};
 use super::room::SHARED_MEMORY_ROOT;
-use super::{Member, SharedMemory, alive, clean_up, failed};
+use super::{Member, alive, clean_up, failed};
 
 /// Serialises the first use of iceoryx2's process-wide defaults.
 static DEFAULTS_CLAIMED: Mutex<bool> = Mutex::new(false);
@@ -151,7 +151,7 @@ impl BusAddress {
         if !check_folder(&self.root)? {
             return Ok(false);
         }
-        Ok(!alive::<SharedMemory>(&self.config()?)?.is_empty())
+        Ok(!alive(&self.config()?)?.is_empty())
     }
 
     /// Everybody on the bus of this run, by name; the dead too, until what they left is cleaned away.
@@ -162,7 +162,7 @@ impl BusAddress {
         if !check_folder(&self.root)? {
             return Ok(Vec::new());
         }
-        members::<SharedMemory>(&self.config()?)
+        members(&self.config()?)
     }
 
     /// Removes everything the run left in shared memory: after its end, or before a new start. No
@@ -176,8 +176,8 @@ impl BusAddress {
         if check_folder(&self.root)? {
             let config = self.config()?;
             self.remove_sizeless(Duration::ZERO)?;
-            clean_up::<SharedMemory>(&config)?;
-            let alive = alive::<SharedMemory>(&config)?;
+            clean_up(&config)?;
+            let alive = alive(&config)?;
             if !alive.is_empty() {
                 let message = format!("still alive: {}", alive.join(", "));
                 return Err(Error::Bus {

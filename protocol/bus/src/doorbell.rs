@@ -14,7 +14,7 @@ use iceoryx2::prelude::{CallbackProgression, Node};
 use iceoryx2::service::port_factory::event::PortFactory;
 use protocol::Error;
 
-use super::{MAX_NODES, Transport, failed, opened, service_name};
+use super::{MAX_NODES, SharedMemory, failed, opened, service_name};
 
 /// What a process is for its doorbell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl Role {
     }
 }
 
-fn open_service<S: Transport>(node: &Node<S>, role: Role) -> Result<PortFactory<S>, Error> {
+fn open_service(node: &Node<SharedMemory>, role: Role) -> Result<PortFactory<SharedMemory>, Error> {
     let name = service_name(role.bell())?;
     opened("opening", role.bell(), || {
         node.service_builder(&name)
@@ -61,13 +61,13 @@ fn open_service<S: Transport>(node: &Node<S>, role: Role) -> Result<PortFactory<
 
 /// The bell a process sleeps on.
 #[derive(Debug)]
-pub struct Doorbell<S: Transport> {
-    listener: Listener<S>,
+pub struct Doorbell {
+    listener: Listener<SharedMemory>,
     bell: &'static str,
 }
 
-impl<S: Transport> Doorbell<S> {
-    pub(super) fn new(node: &Node<S>, role: Role) -> Result<Self, Error> {
+impl Doorbell {
+    pub(super) fn new(node: &Node<SharedMemory>, role: Role) -> Result<Self, Error> {
         let service = open_service(node, role)?;
         let bell = role.bell();
         let listener =
@@ -98,13 +98,13 @@ impl<S: Transport> Doorbell<S> {
 
 /// Rings the bell of a role.
 #[derive(Debug)]
-pub struct Ringer<S: Transport> {
-    notifier: Notifier<S>,
+pub struct Ringer {
+    notifier: Notifier<SharedMemory>,
     bell: &'static str,
 }
 
-impl<S: Transport> Ringer<S> {
-    fn new(node: &Node<S>, role: Role) -> Result<Self, Error> {
+impl Ringer {
+    fn new(node: &Node<SharedMemory>, role: Role) -> Result<Self, Error> {
         let service = open_service(node, role)?;
         let bell = role.bell();
         let notifier =
@@ -136,16 +136,16 @@ impl<S: Transport> Ringer<S> {
 
 /// The ringers of one process, each opened when it is first needed.
 #[derive(Debug)]
-pub(super) struct Ringers<S: Transport>([OnceCell<Rc<Ringer<S>>>; 4]);
+pub(super) struct Ringers([OnceCell<Rc<Ringer>>; 4]);
 
-impl<S: Transport> Default for Ringers<S> {
+impl Default for Ringers {
     fn default() -> Self {
         Ringers(std::array::from_fn(|_| OnceCell::new()))
     }
 }
 
-impl<S: Transport> Ringers<S> {
-    pub(super) fn of(&self, node: &Node<S>, role: Role) -> Result<Rc<Ringer<S>>, Error> {
+impl Ringers {
+    pub(super) fn of(&self, node: &Node<SharedMemory>, role: Role) -> Result<Rc<Ringer>, Error> {
         let cell = &self.0[role as usize];
         if let Some(ringer) = cell.get() {
             return Ok(Rc::clone(ringer));

@@ -15,7 +15,7 @@
 //! bell; whoever is rung looks at everything it receives, until each port says that it is empty.
 //! Ports belong to the thread that made them.
 //!
-//! What no transport promises is settled above it: a trajectory whose reader was not connected yet, or
+//! What the bus does not promise is settled above it: a trajectory whose reader was not connected yet, or
 //! did not read for long, is gone, so the learner hands its lease out again ([`TrajectoryPublisher::publish`]).
 
 mod address;
@@ -36,6 +36,7 @@ use iceoryx2::prelude::{
     CallbackProgression, Config, Node, NodeBuilder, NodeName, NodeState, ServiceName,
     SignalHandlingMode,
 };
+use iceoryx2::service::ipc::Service as SharedMemory;
 use protocol::Error;
 
 use address::CREATION_TIMEOUT;
@@ -44,12 +45,6 @@ use trajectories::Rule;
 
 pub use address::BusAddress;
 pub use doorbell::{Doorbell, Ringer, Role};
-/// What carries the bus: [`SharedMemory`] or [`InProcess`].
-pub use iceoryx2::service::Service as Transport;
-/// Between processes.
-pub use iceoryx2::service::ipc::Service as SharedMemory;
-/// Between threads of one process, for tests.
-pub use iceoryx2::service::local::Service as InProcess;
 pub use member::Member;
 use member::members;
 pub use newest::{NewestPublisher, NewestSubscriber};
@@ -77,13 +72,13 @@ const OPEN_PATIENCE: Duration = Duration::from_secs(2);
 
 /// A process's place on the bus of a run. Ports outlive it.
 #[derive(Debug)]
-pub struct Bus<S: Transport = SharedMemory> {
+pub struct Bus {
     address: BusAddress,
-    node: Node<S>,
-    ringers: Rc<Ringers<S>>,
+    node: Node<SharedMemory>,
+    ringers: Rc<Ringers>,
 }
 
-impl<S: Transport> Bus<S> {
+impl Bus {
     /// Joins the bus at `address` under the process's `name`, such as `actor-3`.
     ///
     /// # Errors
@@ -99,7 +94,7 @@ impl<S: Transport> Bus<S> {
             .name(&node_name)
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<S>()
+            .create::<SharedMemory>()
             .map_err(failed("creation of a node", name))?;
         address.close_to_others()?;
         Ok(Bus { address: address.clone(), node, ringers: Rc::new(Ringers::default()) })
@@ -110,7 +105,7 @@ impl<S: Transport> Bus<S> {
     /// # Errors
     /// When the bus cannot be listed.
     pub fn alive(&self) -> Result<Vec<String>, Error> {
-        alive::<S>(self.node.config())
+        alive(self.node.config())
     }
 
     /// Frees what dead processes left: a reader's full buffer, a server's place, memory. Nothing
@@ -133,7 +128,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn doorbell(&self, role: Role) -> Result<Doorbell<S>, Error> {
+    pub fn doorbell(&self, role: Role) -> Result<Doorbell, Error> {
         Doorbell::new(&self.node, role)
     }
 
@@ -141,7 +136,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn ringer(&self, role: Role) -> Result<Rc<Ringer<S>>, Error> {
+    pub fn ringer(&self, role: Role) -> Result<Rc<Ringer>, Error> {
         self.ringers.of(&self.node, role)
     }
 
@@ -151,7 +146,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn rollout_publisher(&self, patience: Duration) -> Result<TrajectoryPublisher<S>, Error> {
+    pub fn rollout_publisher(&self, patience: Duration) -> Result<TrajectoryPublisher, Error> {
         TrajectoryPublisher::new(self, Rule::Learning, patience)
     }
 
@@ -160,10 +155,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn trajectory_publisher(
-        &self,
-        patience: Duration,
-    ) -> Result<TrajectoryPublisher<S>, Error> {
+    pub fn trajectory_publisher(&self, patience: Duration) -> Result<TrajectoryPublisher, Error> {
         TrajectoryPublisher::new(self, Rule::Everybody, patience)
     }
 
@@ -171,7 +163,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn learning_subscriber(&self) -> Result<TrajectorySubscriber<S>, Error> {
+    pub fn learning_subscriber(&self) -> Result<TrajectorySubscriber, Error> {
         TrajectorySubscriber::new(self, true)
     }
 
@@ -179,7 +171,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn trajectory_subscriber(&self) -> Result<TrajectorySubscriber<S>, Error> {
+    pub fn trajectory_subscriber(&self) -> Result<TrajectorySubscriber, Error> {
         TrajectorySubscriber::new(self, false)
     }
 
@@ -187,7 +179,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn weights_publisher(&self, max_bytes: usize) -> Result<NewestPublisher<S>, Error> {
+    pub fn weights_publisher(&self, max_bytes: usize) -> Result<NewestPublisher, Error> {
         NewestPublisher::new(self, &newest::WEIGHTS, max_bytes)
     }
 
@@ -195,7 +187,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn weights_subscriber(&self) -> Result<NewestSubscriber<S>, Error> {
+    pub fn weights_subscriber(&self) -> Result<NewestSubscriber, Error> {
         NewestSubscriber::new(self, &newest::WEIGHTS)
     }
 
@@ -203,7 +195,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn progress_publisher(&self, max_bytes: usize) -> Result<NewestPublisher<S>, Error> {
+    pub fn progress_publisher(&self, max_bytes: usize) -> Result<NewestPublisher, Error> {
         NewestPublisher::new(self, &newest::PROGRESS, max_bytes)
     }
 
@@ -211,7 +203,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn progress_subscriber(&self) -> Result<NewestSubscriber<S>, Error> {
+    pub fn progress_subscriber(&self) -> Result<NewestSubscriber, Error> {
         NewestSubscriber::new(self, &newest::PROGRESS)
     }
 
@@ -219,7 +211,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn lease_client(&self, role: Role) -> Result<Client<S>, Error> {
+    pub fn lease_client(&self, role: Role) -> Result<Client, Error> {
         Client::new(self, &question::LEASES, role)
     }
 
@@ -227,7 +219,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn lease_server(&self) -> Result<Server<S>, Error> {
+    pub fn lease_server(&self) -> Result<Server, Error> {
         Server::new(self, &question::LEASES)
     }
 
@@ -235,7 +227,7 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn score_client(&self, role: Role) -> Result<Client<S>, Error> {
+    pub fn score_client(&self, role: Role) -> Result<Client, Error> {
         Client::new(self, &question::SCORES, role)
     }
 
@@ -243,19 +235,19 @@ impl<S: Transport> Bus<S> {
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn score_server(&self) -> Result<Server<S>, Error> {
+    pub fn score_server(&self) -> Result<Server, Error> {
         Server::new(self, &question::SCORES)
     }
 }
 
-fn alive<S: Transport>(config: &Config) -> Result<Vec<String>, Error> {
-    let living = members::<S>(config)?.into_iter().filter(|member| member.lives);
+fn alive(config: &Config) -> Result<Vec<String>, Error> {
+    let living = members(config)?.into_iter().filter(|member| member.lives);
     Ok(living.map(|member| member.name).collect())
 }
 
 /// Frees what dead processes left, for those who hold no node.
-fn clean_up<S: Transport>(config: &Config) -> Result<(), Error> {
-    Node::<S>::list(config, |state| {
+fn clean_up(config: &Config) -> Result<(), Error> {
+    Node::<SharedMemory>::list(config, |state| {
         if let NodeState::Dead(view) = state
             && let Err(error) = view.try_remove_stale_resources()
         {

@@ -4,7 +4,7 @@ use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState};
 use protocol::Error;
 
-use super::{Transport, failed};
+use super::{SharedMemory, failed};
 
 /// A process on a bus, once for each name it opened the bus under.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,9 +18,9 @@ pub struct Member {
 }
 
 /// Everybody on a bus, by name.
-pub(super) fn members<S: Transport>(config: &Config) -> Result<Vec<Member>, Error> {
+pub(super) fn members(config: &Config) -> Result<Vec<Member>, Error> {
     let mut members = Vec::new();
-    Node::<S>::list(config, |state| {
+    Node::<SharedMemory>::list(config, |state| {
         let (name, lives) = match &state {
             NodeState::Alive(view) => (name_of(view), true),
             NodeState::Dead(view) => (name_of(view), false),
@@ -28,7 +28,11 @@ pub(super) fn members<S: Transport>(config: &Config) -> Result<Vec<Member>, Erro
             NodeState::Inaccessible(id) => (Some(format!("inaccessible node {id}")), true),
             NodeState::Undefined(_) => (None, false),
         };
-        let process = state.node_id().pid::<S>().ok().and_then(|id| u32::try_from(id.value()).ok());
+        let process = state
+            .node_id()
+            .pid::<SharedMemory>()
+            .ok()
+            .and_then(|id| u32::try_from(id.value()).ok());
         members.extend(name.map(|name| Member { name, process, lives }));
         CallbackProgression::Continue
     })

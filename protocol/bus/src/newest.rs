@@ -12,7 +12,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::Error;
 
 use super::{
-    Bus, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, Transport, failed, opened, service_name,
+    Bus, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, failed, opened, service_name,
 };
 
 /// A service of this kind.
@@ -34,10 +34,7 @@ pub(super) const PROGRESS: Newest =
 /// A reader copies a value out and gives its place back before it takes the next.
 const MAX_BORROWED: usize = 1;
 
-fn open_service<S: Transport>(
-    bus: &Bus<S>,
-    newest: &Newest,
-) -> Result<PortFactory<S, [u8], ()>, Error> {
+fn open_service(bus: &Bus, newest: &Newest) -> Result<PortFactory<SharedMemory, [u8], ()>, Error> {
     let name = service_name(newest.service)?;
     opened("opening", newest.service, || {
         bus.node
@@ -56,14 +53,14 @@ fn open_service<S: Transport>(
 
 /// The writer's end.
 #[derive(Debug)]
-pub struct NewestPublisher<S: Transport> {
-    publisher: Publisher<S, [u8], ()>,
-    bell: Rc<Ringer<S>>,
+pub struct NewestPublisher {
+    publisher: Publisher<SharedMemory, [u8], ()>,
+    bell: Rc<Ringer>,
     service: &'static str,
 }
 
-impl<S: Transport> NewestPublisher<S> {
-    pub(super) fn new(bus: &Bus<S>, newest: &Newest, max_bytes: usize) -> Result<Self, Error> {
+impl NewestPublisher {
+    pub(super) fn new(bus: &Bus, newest: &Newest, max_bytes: usize) -> Result<Self, Error> {
         let service = open_service(bus, newest)?;
         let depth = newest.depth;
         let publisher = opened("creation of a publisher", newest.service, || {
@@ -106,13 +103,13 @@ impl<S: Transport> NewestPublisher<S> {
 
 /// A reader's end.
 #[derive(Debug)]
-pub struct NewestSubscriber<S: Transport> {
-    subscriber: Subscriber<S, [u8], ()>,
+pub struct NewestSubscriber {
+    subscriber: Subscriber<SharedMemory, [u8], ()>,
     service: &'static str,
 }
 
-impl<S: Transport> NewestSubscriber<S> {
-    pub(super) fn new(bus: &Bus<S>, newest: &Newest) -> Result<Self, Error> {
+impl NewestSubscriber {
+    pub(super) fn new(bus: &Bus, newest: &Newest) -> Result<Self, Error> {
         let service = open_service(bus, newest)?;
         let subscriber = opened("creation of a subscriber", newest.service, || {
             service

@@ -14,8 +14,8 @@ use iceoryx2::service::port_factory::request_response::PortFactory;
 use protocol::Error;
 
 use super::{
-    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, Transport, clean_up, failed, opened,
-    service_name,
+    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed,
+    opened, service_name,
 };
 
 /// A service of this kind.
@@ -66,9 +66,9 @@ struct Asker {
     role: u32,
 }
 
-type Service<S> = PortFactory<S, [u8], Asker, [u8], ()>;
+type Service = PortFactory<SharedMemory, [u8], Asker, [u8], ()>;
 
-fn open_service<S: Transport>(bus: &Bus<S>, question: &Question) -> Result<Service<S>, Error> {
+fn open_service(bus: &Bus, question: &Question) -> Result<Service, Error> {
     let name = service_name(question.service)?;
     opened("opening", question.service, || {
         bus.node
@@ -91,16 +91,16 @@ fn open_service<S: Transport>(bus: &Bus<S>, question: &Question) -> Result<Servi
 
 /// The asker's end.
 #[derive(Debug)]
-pub struct Client<S: Transport> {
-    client: iceoryx2::port::client::Client<S, [u8], Asker, [u8], ()>,
-    bell: Rc<Ringer<S>>,
+pub struct Client {
+    client: iceoryx2::port::client::Client<SharedMemory, [u8], Asker, [u8], ()>,
+    bell: Rc<Ringer>,
     asker: Asker,
     config: Config,
     service: &'static str,
 }
 
-impl<S: Transport> Client<S> {
-    pub(super) fn new(bus: &Bus<S>, question: &Question, role: Role) -> Result<Self, Error> {
+impl Client {
+    pub(super) fn new(bus: &Bus, question: &Question, role: Role) -> Result<Self, Error> {
         let service = open_service(bus, question)?;
         let client = opened("creation of a client", question.service, || {
             service
@@ -124,7 +124,7 @@ impl<S: Transport> Client<S> {
     ///
     /// # Errors
     /// When there is no server, or none has room for the question.
-    pub fn send(&self, bytes: &[u8]) -> Result<Pending<S>, Error> {
+    pub fn send(&self, bytes: &[u8]) -> Result<Pending, Error> {
         let mut place = self
             .client
             .loan_slice_uninit(bytes.len())
@@ -150,7 +150,7 @@ impl<S: Transport> Client<S> {
         &self,
         bytes: &[u8],
         deadline: Duration,
-        doorbell: &Doorbell<S>,
+        doorbell: &Doorbell,
         read: impl Fn(Bytes) -> Option<T>,
     ) -> Result<T, Error> {
         let start = Instant::now();
@@ -176,7 +176,7 @@ impl<S: Transport> Client<S> {
             }
             doorbell.wait(left.min(LOOK_AGAIN))?;
             if cleaned.elapsed() >= CLEAN_UP_EVERY {
-                clean_up::<S>(&self.config)?;
+                clean_up(&self.config)?;
                 cleaned = Instant::now();
             }
             if result.is_err() {
@@ -192,12 +192,12 @@ impl<S: Transport> Client<S> {
 
 /// A question on its way. Dropping it gives the answer up.
 #[derive(Debug)]
-pub struct Pending<S: Transport> {
-    pending: PendingResponse<S, [u8], Asker, [u8], ()>,
+pub struct Pending {
+    pending: PendingResponse<SharedMemory, [u8], Asker, [u8], ()>,
     service: &'static str,
 }
 
-impl<S: Transport> Pending<S> {
+impl Pending {
     /// The answer, once.
     ///
     /// # Errors
@@ -221,14 +221,14 @@ impl<S: Transport> Pending<S> {
 
 /// The end that answers.
 #[derive(Debug)]
-pub struct Server<S: Transport> {
-    server: iceoryx2::port::server::Server<S, [u8], Asker, [u8], ()>,
-    bells: Rc<[Rc<Ringer<S>>]>,
+pub struct Server {
+    server: iceoryx2::port::server::Server<SharedMemory, [u8], Asker, [u8], ()>,
+    bells: Rc<[Rc<Ringer>]>,
     service: &'static str,
 }
 
-impl<S: Transport> Server<S> {
-    pub(super) fn new(bus: &Bus<S>, question: &Question) -> Result<Self, Error> {
+impl Server {
+    pub(super) fn new(bus: &Bus, question: &Question) -> Result<Self, Error> {
         let service = open_service(bus, question)?;
         let server = opened("creation of a server", question.service, || {
             service
@@ -248,7 +248,7 @@ impl<S: Transport> Server<S> {
     ///
     /// # Errors
     /// When the connection to a client fails, or too many given-up questions of a client are kept.
-    pub fn receive(&self) -> Result<Option<Request<S>>, Error> {
+    pub fn receive(&self) -> Result<Option<Request>, Error> {
         let request = self.server.receive().map_err(failed("receiving", self.service))?;
         Ok(request.map(|request| Request {
             request,
@@ -260,13 +260,13 @@ impl<S: Transport> Server<S> {
 
 /// A question received. Dropping it unanswered tells the asker so.
 #[derive(Debug)]
-pub struct Request<S: Transport> {
-    request: ActiveRequest<S, [u8], Asker, [u8], ()>,
-    bells: Rc<[Rc<Ringer<S>>]>,
+pub struct Request {
+    request: ActiveRequest<SharedMemory, [u8], Asker, [u8], ()>,
+    bells: Rc<[Rc<Ringer>]>,
     service: &'static str,
 }
 
-impl<S: Transport> Request<S> {
+impl Request {
     /// The question, in shared memory.
     pub fn bytes(&self) -> &[u8] {
         self.request.payload()

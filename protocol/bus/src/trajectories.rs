@@ -22,7 +22,7 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::Error;
 
-use super::{Bus, MAX_NODES, Ringer, Role, Transport, clean_up, failed, opened, service_name};
+use super::{Bus, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed, opened, service_name};
 
 const SERVICE: &str = "trajectories";
 
@@ -60,11 +60,9 @@ pub struct TrajectoryHeader {
     pub hash: u64,
 }
 
-type Loan<S> = SampleMutUninit<S, [std::mem::MaybeUninit<u8>], TrajectoryHeader>;
+type Loan = SampleMutUninit<SharedMemory, [std::mem::MaybeUninit<u8>], TrajectoryHeader>;
 
-fn open_service<S: Transport>(
-    bus: &Bus<S>,
-) -> Result<PortFactory<S, [u8], TrajectoryHeader>, Error> {
+fn open_service(bus: &Bus) -> Result<PortFactory<SharedMemory, [u8], TrajectoryHeader>, Error> {
     let name = service_name(SERVICE)?;
     opened("opening", SERVICE, || {
         bus.node
@@ -94,17 +92,17 @@ pub(super) enum Rule {
 
 /// An actor's end.
 #[derive(Debug)]
-pub struct TrajectoryPublisher<S: Transport> {
-    publisher: Publisher<S, [u8], TrajectoryHeader>,
-    service: PortFactory<S, [u8], TrajectoryHeader>,
-    bells: [Rc<Ringer<S>>; 2],
+pub struct TrajectoryPublisher {
+    publisher: Publisher<SharedMemory, [u8], TrajectoryHeader>,
+    service: PortFactory<SharedMemory, [u8], TrajectoryHeader>,
+    bells: [Rc<Ringer>; 2],
     config: Config,
     patience: Duration,
     queues: Arc<Mutex<Queues>>,
 }
 
-impl<S: Transport> TrajectoryPublisher<S> {
-    pub(super) fn new(bus: &Bus<S>, rule: Rule, patience: Duration) -> Result<Self, Error> {
+impl TrajectoryPublisher {
+    pub(super) fn new(bus: &Bus, rule: Rule, patience: Duration) -> Result<Self, Error> {
         let service = open_service(bus)?;
         let config = bus.node.config().clone();
         let queues = Arc::new(Mutex::new(Queues::default()));
@@ -115,7 +113,7 @@ impl<S: Transport> TrajectoryPublisher<S> {
                 .allocation_strategy(AllocationStrategy::PowerOfTwo)
                 .max_loaned_samples(1)
                 .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
-                .set_backpressure_handler(wait_for_reader::<S>(
+                .set_backpressure_handler(wait_for_reader(
                     config.clone(),
                     rule,
                     patience,
@@ -167,12 +165,12 @@ impl<S: Transport> TrajectoryPublisher<S> {
     }
 
     /// Every place can be taken when readers went away with full queues: the same as a full queue.
-    fn loan(&self, length: usize) -> Result<Loan<S>, Error> {
+    fn loan(&self, length: usize) -> Result<Loan, Error> {
         let start = Instant::now();
         loop {
             match self.publisher.loan_slice_uninit(length) {
                 Err(LoanError::OutOfMemory) if start.elapsed() < self.patience => {
-                    clean_up::<S>(&self.config)?;
+                    clean_up(&self.config)?;
                     std::thread::sleep(CLEAN_UP_EVERY);
                 }
                 other => return other.map_err(failed("loan of a place", SERVICE)),
@@ -198,7 +196,7 @@ fn queues(shared: &Mutex<Queues>) -> MutexGuard<'_, Queues> {
 
 /// What a publisher does about a full queue: it waits, or does not, and cleans away dead readers now
 /// and then.
-fn wait_for_reader<S: Transport>(
+fn wait_for_reader(
     config: Config,
     rule: Rule,
     patience: Duration,
@@ -226,7 +224,7 @@ fn wait_for_reader<S: Transport>(
         let round = waited.as_millis() / CLEAN_UP_EVERY.as_millis();
         let mut cleaned = cleaned.lock().unwrap_or_else(PoisonError::into_inner);
         if std::mem::replace(&mut *cleaned, round) < round
-            && let Err(error) = clean_up::<S>(&config)
+            && let Err(error) = clean_up(&config)
         {
             tracing::debug!("a blocked publisher could not clean up: {error}");
         }
@@ -247,12 +245,12 @@ pub struct Published {
 
 /// A reader's end.
 #[derive(Debug)]
-pub struct TrajectorySubscriber<S: Transport> {
-    subscriber: Subscriber<S, [u8], TrajectoryHeader>,
+pub struct TrajectorySubscriber {
+    subscriber: Subscriber<SharedMemory, [u8], TrajectoryHeader>,
 }
 
-impl<S: Transport> TrajectorySubscriber<S> {
-    pub(super) fn new(bus: &Bus<S>, learns: bool) -> Result<Self, Error> {
+impl TrajectorySubscriber {
+    pub(super) fn new(bus: &Bus, learns: bool) -> Result<Self, Error> {
         let service = open_service(bus)?;
         let name = PortName::new(if learns { LEARNS } else { "" });
         let name = name.map_err(failed("naming of a subscriber", SERVICE))?;
@@ -272,7 +270,11 @@ impl<S: Transport> TrajectorySubscriber<S> {
         Ok(sample.map(|sample| Published {
             header: *sample.user_header(),
             bytes: Bytes::copy_from_slice(sample.payload()),
-            process: sample.header().node_id().pid::<S>().map_or(0, |id| id.value() as u32),
+            process: sample
+                .header()
+                .node_id()
+                .pid::<SharedMemory>()
+                .map_or(0, |id| id.value() as u32),
         }))
     }
 }

@@ -13,7 +13,7 @@ use std::error::Error;
 use std::io::Write;
 use std::time::Duration;
 
-use bus::{Bus, BusAddress, Published, SharedMemory};
+use bus::{Bus, BusAddress, Published};
 use protocol::trajectory::{Encoded, Trajectory};
 use run::folder::RunFolder;
 
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args_os().nth(1).ok_or("expected the folder of a run")?;
     let folder = RunFolder::new(folder);
     let spec = folder.config()?.task.spec();
-    let bus = Bus::<SharedMemory>::open(&BusAddress::of_run(folder.path())?, "listener")?;
+    let bus = Bus::open(&BusAddress::of_run(folder.path())?, "listener")?;
     let subscriber = bus.trajectory_subscriber()?;
     writeln!(std::io::stderr(), "listening to {}", folder.path().display())?;
     loop {

@@ -1,5 +1,7 @@
 //! How a run is made again: the command line whose configuration is that of the run.
 
+use serde::Serialize;
+
 use crate::config::RunConfig;
 use crate::folder::RunFolder;
 use crate::tasks;
@@ -7,21 +9,35 @@ use crate::tasks;
 /// Keys that have flags of their own.
 const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 
-/// What a run changes in the configuration that its task, preset and method have by themselves, as keys
-/// with its own value and the usual one; seed and steps left out.
-pub fn differences(config: &RunConfig) -> Vec<(String, [String; 2])> {
+/// A setting that is not the default of the run's task, preset and method.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// Its key in the task's file.
+    pub key: String,
+    /// What the run has, as TOML.
+    pub value: String,
+    /// What it would have by itself.
+    pub default: String,
+}
+
+/// What a run changes in the configuration that its task, preset and method have by themselves; seed and
+/// steps left out.
+pub fn differences(config: &RunConfig) -> Vec<Difference> {
     let method = format!("method={}", config.method);
     let usual = tasks::configuration(&config.task.name, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
     let Ok(usual) = usual else { return Vec::new() };
     let differences = config.result_differences(&usual).into_iter();
-    differences.filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str())).collect()
+    differences
+        .filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str()))
+        .map(|(key, [value, default])| Difference { key, value, default })
+        .collect()
 }
 
 /// The same as keys and values.
 pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let differences = differences(config).into_iter();
-    differences.map(|(key, [own, _])| (key, own.trim_matches('"').to_owned())).collect()
+    differences.map(|it| (it.key, it.value.trim_matches('"').to_owned())).collect()
 }
 
 /// The command line; a task of the user's own is in the run's own configuration.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use bus::{Bus, BusAddress, Role, SharedMemory};
+use bus::{Bus, BusAddress, Role};
 use prost::Message;
 use protocol::Error;
 use protocol::messages::{PolicyUpdate, Progress};
@@ -114,7 +114,7 @@ impl Stopped {
 
 /// The newest progress of a run; none while its learner says nothing.
 fn listen(address: &BusAddress) -> Result<Option<Progress>> {
-    let bus = Bus::<SharedMemory>::open(address, "status")?;
+    let bus = Bus::open(address, "status")?;
     let doorbell = bus.doorbell(Role::Supervisor)?;
     let subscriber = bus.progress_subscriber()?;
     let start = Instant::now();

@@ -9,7 +9,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bus::{Bus, BusAddress, SharedMemory};
+use bus::{Bus, BusAddress};
 
 use super::watched;
 
@@ -31,7 +31,7 @@ fn as_stranger(program: &str, arguments: &[&Path]) -> bool {
 /// What opening, looking at and removing a bus say.
 fn refusals(address: &BusAddress) -> [String; 3] {
     [
-        Bus::<SharedMemory>::open(address, "actor-0").unwrap_err().to_string(),
+        Bus::open(address, "actor-0").unwrap_err().to_string(),
         address.is_anyone_alive().unwrap_err().to_string(),
         address.remove().unwrap_err().to_string(),
     ]
@@ -87,7 +87,7 @@ fn names_cannot_be_foretold_from_the_path() {
 #[test]
 fn the_bus_folder_is_its_users_alone() {
     watched(|address| {
-        let bus = Bus::<SharedMemory>::open(address, "actor-0").unwrap();
+        let bus = Bus::open(address, "actor-0").unwrap();
         let _learner = bus.lease_server().unwrap();
         let mode = fs::metadata(address.root()).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o700);
@@ -184,7 +184,7 @@ fn what_another_user_put_there_is_named_with_its_owner() {
 fn another_users_bus_is_named_as_that() {
     let run = tempfile::tempdir().unwrap();
     let address = BusAddress::for_start(run.path()).unwrap();
-    let _bus = Bus::<SharedMemory>::open(&address, "learner").unwrap();
+    let _bus = Bus::open(&address, "learner").unwrap();
     if !rustix::process::geteuid().is_root() {
         return;
     }

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use bus::{Bus, BusAddress, Role, SharedMemory, TRAJECTORY_BUFFER, TrajectoryHeader};
+use bus::{Bus, BusAddress, Role, TRAJECTORY_BUFFER, TrajectoryHeader};
 
 use super::{LONG, SHORT, WATCHDOG, open, until, watched};
 
@@ -59,7 +59,7 @@ impl Drop for Process {
 fn child_process() {
     let Ok(role) = std::env::var(CHILD_ROLE) else { return };
     let run = std::env::var(CHILD_RUN).unwrap();
-    let bus = Bus::<SharedMemory>::open(&BusAddress::of_run(run.as_ref()).unwrap(), &role).unwrap();
+    let bus = Bus::open(&BusAddress::of_run(run.as_ref()).unwrap(), &role).unwrap();
     match role.as_str() {
         "stuck-reader" => {
             let subscriber = bus.trajectory_subscriber().unwrap();
@@ -90,7 +90,7 @@ fn child_process() {
     }
 }
 
-fn alive_is(bus: &Bus<SharedMemory>, names: &[&str]) -> Option<()> {
+fn alive_is(bus: &Bus, names: &[&str]) -> Option<()> {
     (bus.alive().unwrap() == names).then_some(())
 }
 
@@ -99,7 +99,7 @@ fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
     watched(|_| {
         let run = tempfile::tempdir().unwrap();
         let address = BusAddress::for_start(run.path()).unwrap();
-        let bus = open::<SharedMemory>(&address, "actor-0");
+        let bus = open(&address, "actor-0");
         let publisher = bus.trajectory_publisher(LONG).unwrap();
         thread::scope(|scope| {
             let child = scope.spawn(|| Process::start("stuck-reader", run.path()));
@@ -127,10 +127,10 @@ fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
 }
 
 /// A process that reads what a rollout publishes, held (SIGSTOP) in the middle of it.
-fn with_held_reader(role: &str, body: fn(&Bus<SharedMemory>, &mut dyn FnMut() -> usize, &Process)) {
+fn with_held_reader(role: &str, body: fn(&Bus, &mut dyn FnMut() -> usize, &Process)) {
     let run = tempfile::tempdir().unwrap();
     let address = BusAddress::for_start(run.path()).unwrap();
-    let bus = open::<SharedMemory>(&address, "actor-0");
+    let bus = open(&address, "actor-0");
     let publisher = bus.rollout_publisher(HELD_PATIENCE).unwrap();
     let mut publish = || publisher.publish(&[0; 4_000], TrajectoryHeader::default()).unwrap();
     let mut reader = thread::scope(|scope| {
@@ -192,7 +192,7 @@ fn killed_server_is_noticed_once_cleaned_away() {
     watched(|_| {
         let run = tempfile::tempdir().unwrap();
         let address = BusAddress::for_start(run.path()).unwrap();
-        let bus = open::<SharedMemory>(&address, "actor-0");
+        let bus = open(&address, "actor-0");
         let client = bus.lease_client(Role::Actors).unwrap();
         let doorbell = bus.doorbell(Role::Actors).unwrap();
         let mut server = Process::start("stuck-server", run.path());
@@ -210,7 +210,7 @@ fn killed_server_is_noticed_once_cleaned_away() {
             scope.spawn(|| {
                 thread::sleep(Duration::from_millis(300));
                 server.kill();
-                let learner = open::<SharedMemory>(&address, "learner");
+                let learner = open(&address, "learner");
                 let server = learner.lease_server().unwrap();
                 until(|| server.receive().unwrap()).reply(b"next").unwrap();
                 thread::sleep(Duration::from_millis(200));
@@ -251,12 +251,12 @@ fn an_object_without_a_size_holds_up_no_living_process() {
     watched(|_| {
         let run = tempfile::tempdir().unwrap();
         let address = BusAddress::for_start(run.path()).unwrap();
-        let supervisor = open::<SharedMemory>(&address, "supervisor");
+        let supervisor = open(&address, "supervisor");
         leave_objects_without_a_size(&address, run.path());
         thread::scope(|scope| {
             // It waits for the size, without end by itself.
             let server = scope.spawn(|| {
-                let learner = open::<SharedMemory>(&address, "learner");
+                let learner = open(&address, "learner");
                 learner.lease_server().map(drop)
             });
             until(|| {
@@ -280,12 +280,12 @@ fn left_in_shared_memory(address: &BusAddress) -> Vec<String> {
 #[test]
 fn removal_leaves_nothing_and_spares_others() {
     watched(|other_address| {
-        let other = open::<SharedMemory>(other_address, "other run");
+        let other = open(other_address, "other run");
         let other_server = other.score_server().unwrap();
         let run = tempfile::tempdir().unwrap();
         let address = BusAddress::for_start(run.path()).unwrap();
         let mut reader = {
-            let bus = open::<SharedMemory>(&address, "actor-0");
+            let bus = open(&address, "actor-0");
             let publisher = bus.trajectory_publisher(LONG).unwrap();
             thread::scope(|scope| {
                 let child = scope.spawn(|| Process::start("stuck-reader", run.path()));
