@@ -16,8 +16,8 @@ use terminal::numbers;
 const SUPERVISOR: &str = "supervisor";
 
 /// What a row has of a process.
-pub(crate) const HEAD: [&str; 7] =
-    ["process", "id", "state", "processor", "up", "leases", "heard of"];
+pub(crate) const HEAD: [&str; 8] =
+    ["process", "id", "state", "processor", "up", "leases", "steps/s", "heard of"];
 
 /// The processes every run has, besides its actors.
 const CORE: [&str; 3] = [SUPERVISOR, "learner", "proximity-service"];
@@ -38,7 +38,8 @@ pub(crate) enum State {
     Stopped,
     /// It is not there, or no more.
     Gone,
-    /// It lives, but the system does not show it: it is another user's, or in another container.
+    /// It lives, but the system does not show it: it is another user's, in another
+    /// container or on another machine.
     Hidden,
 }
 
@@ -60,8 +61,10 @@ pub(crate) struct ProcessFigures {
     process: String,
     id: Option<u32>,
     state: State,
-    /// Of an actor: leases that it holds, and how long ago it was heard of.
+    /// Of an actor: leases that it holds, environment steps a second since it was first heard of, and
+    /// how long ago it was heard of.
     leases: Option<u32>,
+    steps_per_s: Option<f64>,
     heard_s_ago: Option<f64>,
 }
 
@@ -85,7 +88,7 @@ impl Processes {
         let mut known = BTreeSet::from([std::process::id()]);
         let others = members.into_iter().filter(|member| match member.process {
             // Some have two names; the first one is the process's own.
-            Some(id) => known.insert(id),
+            Some(id) => is_elsewhere(&member.name) || known.insert(id),
             None => true,
         });
         let mut processes: Vec<Process> = others.map(Process::of).collect();
@@ -138,7 +141,7 @@ impl Processes {
     }
 
     /// A row for each process, as [`HEAD`] has it.
-    pub(crate) fn rows(&self, heard: &[ActorHeard]) -> Vec<[String; 7]> {
+    pub(crate) fn rows(&self, heard: &[ActorHeard]) -> Vec<[String; 8]> {
         std::thread::sleep(LEAST_SAMPLE.saturating_sub(self.looked.elapsed()));
         let row = |process: &Process| {
             let heard = heard.iter().find(|heard| heard.name == process.full_name);
@@ -156,6 +159,7 @@ impl Processes {
                 id: process.id,
                 state: process.state,
                 leases: heard.map(|heard| heard.leases),
+                steps_per_s: heard.map(|heard| heard.steps_per_s),
                 heard_s_ago: heard.map(|heard| heard.ago_s),
             }
         };
@@ -178,6 +182,8 @@ impl Processes {
 impl Process {
     fn of(member: Member) -> Process {
         let Member { name: full_name, process: id, lives } = member;
+        // Of an actor on another machine the gateway has the place.
+        let id = id.filter(|_| !is_elsewhere(&full_name));
         let suffix = id.map(|id| format!("-{id}")).unwrap_or_default();
         let name = full_name.strip_suffix(&suffix).unwrap_or(&full_name).to_owned();
         let begun = id.filter(|_| lives).and_then(ProcessStat::of);
@@ -189,7 +195,7 @@ impl Process {
         Process { name, full_name, id, state, begun }
     }
 
-    fn row(&self, sample: Duration, heard: Option<&ActorHeard>) -> [String; 7] {
+    fn row(&self, sample: Duration, heard: Option<&ActorHeard>) -> [String; 8] {
         let unknown = || UNKNOWN.to_owned();
         let state = match self.state {
             State::Running => "running",
@@ -208,6 +214,7 @@ impl Process {
             share.map_or_else(unknown, |share| numbers::percent(share, 0)),
             up.map_or_else(unknown, |up| numbers::duration(up.as_secs_f64())),
             heard.map_or_else(unknown, |heard| heard.leases.to_string()),
+            heard.map_or_else(unknown, |heard| numbers::count(heard.steps_per_s.round() as u64)),
             heard.map_or_else(unknown, |heard| format!("{} ago", numbers::duration(heard.ago_s))),
         ]
     }
@@ -215,6 +222,11 @@ impl Process {
 
 fn is_actor(name: &str) -> bool {
     name.starts_with("actor")
+}
+
+/// Whether this stands for what is on another machine.
+fn is_elsewhere(name: &str) -> bool {
+    name.contains('@')
 }
 
 fn state(stat: &ProcessStat) -> State {
@@ -290,9 +302,10 @@ mod tests {
         ]);
         let names: Vec<&str> = found.processes.iter().map(|process| &*process.name).collect();
         assert_eq!(names, ["learner", "actor-0"]);
-        let heard = ActorHeard { name: format!("actor-0-{first}"), leases: 3, ago_s: 31.0 };
+        let name = format!("actor-0-{first}");
+        let heard = ActorHeard { name, leases: 3, ago_s: 31.0, steps_per_s: 4_100.4 };
         let table = found.table(&[heard]);
         let row = table.lines().last().unwrap();
-        assert!(row.contains("hidden") && row.contains("3       31 s ago"), "{table}");
+        assert!(row.contains("hidden") && row.contains("3       4,100    31 s ago"), "{table}");
     }
 }

@@ -67,7 +67,7 @@ pub struct Processes {
     /// Why the run does not go on as it should, if that can be seen.
     pub trouble: Option<String>,
     /// What a row has of a process.
-    pub head: [&'static str; 7],
+    pub head: [&'static str; 8],
     /// A row for each.
-    pub rows: Vec<[String; 7]>,
+    pub rows: Vec<[String; 8]>,
 }

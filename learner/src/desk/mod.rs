@@ -8,8 +8,8 @@
 //! line and a count, and the run goes on.
 
 mod handle;
+mod heard;
 
-use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError};
 use std::time::{Duration, Instant};
 
@@ -24,8 +24,8 @@ use prost::Message;
 use protocol::Error;
 use protocol::dropped::Dropped;
 use protocol::messages::{
-    ActorHeard, ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate,
-    Progress, RewardUpdate, Score,
+    ActorSeconds, Checkpoint, Lease, LeaseReply, LeaseRequest, Phase, PolicyUpdate, Progress,
+    RewardUpdate, Score,
 };
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
@@ -34,6 +34,8 @@ use run::folder::Place;
 use run::process::Stop;
 
 use crate::ledger::{LeaseLedger, Unusable};
+
+use heard::Heard;
 
 pub use handle::DeskHandle;
 
@@ -133,8 +135,7 @@ struct Desk {
     dropped_questions: Dropped,
     told: Progress,
     alive: Vec<String>,
-    /// When each actor last asked or sent a trajectory.
-    heard: BTreeMap<String, Instant>,
+    heard: Heard,
     looked_after: Instant,
     flushed: Instant,
     finished: bool,
@@ -169,7 +170,7 @@ impl Desk {
             dropped_questions: Dropped::new("questions for leases"),
             told: Progress::default(),
             alive: bus.alive()?,
-            heard: BTreeMap::new(),
+            heard: Heard::default(),
             looked_after: Instant::now(),
             flushed: Instant::now(),
             finished: false,
@@ -308,10 +309,12 @@ impl Desk {
         ensure!(announced == hash, "trajectory: expected hash {announced:016x}, found {hash:016x}");
         let (expected, found) = (self.run_seed, encoded.trajectory.run_seed);
         ensure!(expected == found, "trajectory: expected run seed {expected}, found {found}");
-        if let Some(actor) = ledger.holder(encoded.key.lane) {
-            self.heard.insert(actor.to_owned(), Instant::now());
+        let holder = ledger.holder(encoded.key.lane).map(str::to_owned);
+        let is_new = ledger.receive(encoded.clone())?;
+        if let Some(actor) = holder {
+            self.heard.note(&actor, if is_new { u64::from(encoded.trajectory.steps) } else { 0 });
         }
-        Ok(ledger.receive(encoded.clone())?.then_some(encoded))
+        Ok(is_new.then_some(encoded))
     }
 
     fn answer_actors(&mut self) -> Result<()> {
@@ -358,7 +361,7 @@ impl Desk {
         if !self.alive.contains(&request.actor) {
             bail!("expected an actor of this bus, found `{}`", request.actor);
         }
-        self.heard.insert(request.actor.clone(), Instant::now());
+        self.heard.note(&request.actor, 0);
         if let Some(seconds) = request.seconds.filter(ActorSeconds::is_possible) {
             self.actors.add(&seconds);
         }
@@ -393,7 +396,7 @@ impl Desk {
         self.looked_after = Instant::now();
         self.bus.clean_up();
         self.alive = self.bus.alive()?;
-        self.heard.retain(|actor, _| self.alive.contains(actor));
+        self.heard.keep(&self.alive);
         let Some(ledger) = &mut self.ledger else { return Ok(()) };
         let reopened = ledger.reopen(&self.alive, self.lease_timeout, Instant::now());
         if reopened > 0 {
@@ -406,22 +409,13 @@ impl Desk {
         self.alive.iter().filter(|name| name.starts_with("actor")).count()
     }
 
-    fn actors_heard(&self) -> Vec<ActorHeard> {
-        let heard = self.heard.iter().map(|(name, at)| ActorHeard {
-            name: name.clone(),
-            leases: self.ledger.as_ref().map_or(0, |ledger| ledger.held_by(name)) as u32,
-            ago_s: at.elapsed().as_secs_f64(),
-        });
-        heard.collect()
-    }
-
     fn tell(&mut self) -> Result<()> {
         let ledger = self.ledger.as_ref();
         let mut progress = self.told.clone();
         progress.steps_received += ledger.map_or(0, LeaseLedger::steps);
         progress.actors = self.actors() as u32;
         progress.leases = ledger.map_or(0, LeaseLedger::held) as u32;
-        progress.actors_heard = self.actors_heard();
+        progress.actors_heard = self.heard.told(ledger);
         progress.log_bytes = self.log.bytes_written();
         Ok(self.progress.publish(&progress.encode_to_vec())?)
     }

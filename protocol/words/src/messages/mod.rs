@@ -234,6 +234,9 @@ pub struct ActorHeard {
     /// Seconds since its last question or trajectory.
     #[prost(double, tag = "3")]
     pub ago_s: f64,
+    /// Environment steps a second since it was first heard of.
+    #[prost(double, tag = "4")]
+    pub steps_per_s: f64,
 }
 
 /// What a run is doing.
