@@ -147,6 +147,12 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Prints a hash of a few episodes, which is the same on every machine that can act in a run.
+    Golden {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+    },
     /// Acts every recorded episode of a run again and compares.
     Verify {
         /// Folder of the run.
@@ -196,9 +202,8 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
         }
         Command::Replay { run, name, log, iterations } => {
             check_name(&name)?;
-            let stop = Stop::at_end_of_input()?;
             let recording = Recording { log, iterations };
-            replay(&RunFolder::new(run), &name, &recording, &stop)
+            replay(&RunFolder::new(run), &name, &recording, &Stop::at_end_of_input()?)
         }
         Command::Publish { run, log, speed } => {
             let stop = Stop::at_end_of_input()?;
@@ -217,15 +222,7 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
                 Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
                 None => Expert::of_task(&factory)?,
             };
-            let request = Request { factory, episodes, seed, file: &out };
-            let stop = Stop::at_end_of_input()?;
-            let Recorded { steps, failures } = demonstrate(&request, expert, &stop)?;
-            let out = out.display();
-            tracing::info!(
-                "{episodes} demonstrations with {steps} steps in {out}; the expert failed in \
-                 {failures} further episodes"
-            );
-            Ok(())
+            record(&Request { factory, episodes, seed, file: &out }, expert)
         }
         Command::Serve { task, setting } => {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
@@ -246,6 +243,10 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
         Command::Export { run, checkpoint, out } => {
             print(&crate::export::export(&RunFolder::new(run), checkpoint, &out)?)
         }
+        Command::Golden { run } => {
+            process::end_with_parent()?;
+            print(&crate::golden::golden(tasks, &RunFolder::new(run))?)
+        }
         Command::Verify { run, threads } => {
             process::end_with_parent()?;
             print(&crate::verify::verify(tasks, &RunFolder::new(run), threads)?)
@@ -255,6 +256,17 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             print(&crate::restore::restore(tasks, &RunFolder::new(run), &out, threads)?)
         }
     }
+}
+
+/// Records demonstrations and says what they are.
+fn record(request: &Request<'_>, expert: Expert) -> Result<()> {
+    let Recorded { steps, failures } = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
+    let (episodes, out) = (request.episodes, request.file.display());
+    tracing::info!(
+        "{episodes} demonstrations with {steps} steps in {out}; the expert failed in {failures} \
+         further episodes"
+    );
+    Ok(())
 }
 
 fn standard_input() -> Result<Bytes> {

@@ -70,7 +70,11 @@ pub fn evaluate(
     })
 }
 
-fn act(
+/// Acts evaluation episodes, by lane and then by episode.
+///
+/// # Errors
+/// When the weights are not this run's, or an environment fails.
+pub(crate) fn act(
     factory: &Factory,
     config: &RunConfig,
     weights: &Weights,

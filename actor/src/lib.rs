@@ -18,6 +18,7 @@ pub mod expert;
 pub mod export;
 pub mod factory;
 mod frame;
+pub mod golden;
 pub mod lane;
 pub mod policy;
 pub mod ports;

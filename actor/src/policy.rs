@@ -8,6 +8,7 @@ use networks::{
     ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace, PreparedPolicy, RunningNormalizer,
 };
 use protocol::messages::ActorSeconds;
+use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
@@ -77,6 +78,12 @@ impl Policy {
         let (parameters, normalizer) = self.checked(weights)?;
         let prepared = self.network.prepare(&parameters);
         Ok(Version { number: weights.version, normalizer, prepared })
+    }
+
+    /// Weights that have learned nothing, and take observations as they are.
+    pub fn initial_weights(&self, run_seed: u64) -> Weights {
+        let mut stream = seed::stream(run_seed, Purpose::PolicyWeights, 0, 0);
+        Weights::new(0, &self.network.initial_parameters(&mut stream), &[])
     }
 
     /// A version of this policy as a graph, whose actions have the run's scale behind them.

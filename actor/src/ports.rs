@@ -170,7 +170,7 @@ impl Ports {
     /// # Errors
     /// When the bus fails.
     pub fn publish(&mut self, encoded: &Encoded) -> Result<()> {
-        self.trajectories.publish(&encoded.bytes, header(encoded))?;
+        self.trajectories.publish(&encoded.bytes, TrajectoryHeader::from(encoded))?;
         Ok(())
     }
 }
@@ -188,14 +188,4 @@ fn granted(bytes: Bytes) -> Result<LeaseReply> {
         );
     }
     Ok(reply)
-}
-
-/// What a reader sees of a trajectory before it decodes it.
-pub fn header(encoded: &Encoded) -> TrajectoryHeader {
-    TrajectoryHeader {
-        iteration: encoded.trajectory.iteration,
-        lane: encoded.key.lane,
-        episode: encoded.key.episode,
-        hash: encoded.key.hash,
-    }
 }

@@ -6,14 +6,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use bus::{Bus, BusAddress};
+use bus::{Bus, BusAddress, TrajectoryHeader};
 use mcap_log::{Contents, read_contents};
 use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
 use run::process::Stop;
 use serde::Serialize;
-
-use crate::ports::header;
 
 /// How long a reader's full queue is waited for.
 const READER_PATIENCE: Duration = Duration::from_secs(120);
@@ -66,7 +64,7 @@ pub fn publish(
             break;
         }
         let encoded = Encoded::decode(bytes, &spec)?;
-        publisher.publish(&encoded.bytes, header(&encoded))?;
+        publisher.publish(&encoded.bytes, TrajectoryHeader::from(&encoded))?;
         published.trajectories += 1;
     }
     let ended = Instant::now();

@@ -5,8 +5,8 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::commands::{
-    config, demonstrate, demonstrations, evaluate, experiment, export, log, methods, page, replay,
-    report, runs, scale, shell, status, stop, task, tasks, train,
+    config, demonstrate, demonstrations, evaluate, experiment, export, join, log, methods, page,
+    replay, report, runs, scale, shell, status, stop, task, tasks, train,
 };
 use run::diagnostics::Diagnostics;
 use terminal::refusal::wrong_usage;
@@ -31,6 +31,8 @@ struct CommandLine {
 enum Verb {
     /// Train a policy: record demonstrations, start all processes, show progress.
     Train(train::Arguments),
+    /// Let this machine's actors take part in a run of another machine.
+    Join(join::Arguments),
     /// Say how a run stands, whether it is live, finished or stopped.
     Status(status::Arguments),
     /// Give a run more or fewer actors while it trains; the result does not change.
@@ -84,6 +86,7 @@ pub(crate) fn run() -> Result<()> {
     Diagnostics::ForPeople.begin(line.voice.begin());
     match line.verb {
         Verb::Train(arguments) => train::run(arguments),
+        Verb::Join(arguments) => join::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Scale(arguments) => scale::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
@@ -134,6 +137,9 @@ mod tests {
              --coverage 0.25 --actors 4 --demonstrations d.mcap --run r --set ppo.clip=0.3",
             "goalward train",
             "goalward train --resume --run r",
+            "goalward train --listen 0.0.0.0:7447",
+            "goalward join hub:7447 --key join.toml --actors 8 --name node-7",
+            "goalward join --run r --other-build",
             "goalward status r --json",
             "goalward -q status r",
             "goalward train -vv --color never --json",
@@ -192,6 +198,10 @@ mod tests {
             "goalward replay r",
             "goalward replay r --verify --retrain",
             "goalward scale r --actors 0",
+            "goalward train --listen 7447",
+            "goalward join hub:7447",
+            "goalward join --run r --key join.toml",
+            "goalward join --run r --actors 65",
             "goalward replay r --verify --until 40",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();

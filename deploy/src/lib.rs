@@ -46,6 +46,7 @@ mod figures;
 mod full_log;
 mod headway;
 mod limits;
+mod listening;
 mod machine;
 mod other_reward;
 mod output;

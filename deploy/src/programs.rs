@@ -39,10 +39,12 @@ pub(crate) enum Program {
     Learner,
     /// Learns the reward.
     ProximityService,
+    /// Takes leases and trajectories to other machines and back; built only when it is asked for.
+    Gateway,
 }
 
 impl Program {
-    /// Our programs.
+    /// Our programs that every run needs.
     pub(crate) const ALL: [Program; 3] =
         [Program::Actor, Program::Learner, Program::ProximityService];
 
@@ -66,6 +68,7 @@ impl Program {
             Program::Actor => "goalward-actor",
             Program::Learner => "goalward-learner",
             Program::ProximityService => "goalward-proximity-service",
+            Program::Gateway => "goalward-gateway",
             Program::ActorOfTask(path) => {
                 let shown = path.display();
                 ensure!(path.is_file(), "expected the program {shown}, as the task's file has it");
@@ -74,13 +77,21 @@ impl Program {
         };
         let own = std::env::current_exe().context("finding the folder of goalward")?;
         let path = own.with_file_name(name);
+        let build = if *self == Program::Gateway { " --package gateway" } else { "" };
         ensure!(
             path.is_file(),
-            "expected the program {} beside goalward; build all programs with `cargo build \
-             --release`",
+            "expected the program {} beside goalward; build it with `cargo build --release{build}`",
             path.display()
         );
         Ok(path)
+    }
+
+    /// Checks that it is there.
+    ///
+    /// # Errors
+    /// When it is not, with how it is built.
+    pub(crate) fn check(&self) -> Result<()> {
+        self.path().map(drop)
     }
 }
 
@@ -212,7 +223,7 @@ pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
 /// # Errors
 /// For the first that is missing.
 pub(crate) fn check_all() -> Result<()> {
-    Program::ALL.iter().try_for_each(|program| program.path().map(drop))
+    Program::ALL.iter().try_for_each(Program::check)
 }
 
 /// How the user can call `goalward` again from the same folder.

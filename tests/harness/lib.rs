@@ -110,7 +110,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 #[derive(Clone, Copy, Debug)]
 pub struct Programs {
     /// Each program's name for users, and its file.
-    pub files: [(&'static str, &'static str); 4],
+    pub files: [(&'static str, &'static str); 5],
     /// A folder for tests, on the file system of the programs.
     pub scratch: &'static str,
 }
@@ -125,6 +125,7 @@ macro_rules! programs {
                 ("goalward-actor", env!("CARGO_BIN_EXE_actor-under-test")),
                 ("goalward-learner", env!("CARGO_BIN_EXE_learner-under-test")),
                 ("goalward-proximity-service", env!("CARGO_BIN_EXE_proximity-service-under-test")),
+                ("goalward-gateway", env!("CARGO_BIN_EXE_gateway-under-test")),
             ],
             scratch: env!("CARGO_TARGET_TMPDIR"),
         }
@@ -191,6 +192,16 @@ impl TestRun {
         let method = settings.iter().find_map(|setting| setting.strip_prefix("method="));
         let small = read_by(method.unwrap_or("goal-proximity"), small);
         for setting in small.iter().chain(settings) {
+            command.args(["--set", setting]);
+        }
+        self.start(command)
+    }
+
+    /// Starts `goalward train navigation` on a new run that lets actors of other machines in.
+    pub fn train_listening(&self, address: &str, settings: &[&str]) -> Training<'_> {
+        let mut command = self.program("goalward");
+        command.args(["train", "navigation", "--no-page", "--listen", address]);
+        for setting in SMALL.iter().chain(settings) {
             command.args(["--set", setting]);
         }
         self.start(command)

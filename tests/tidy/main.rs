@@ -23,7 +23,7 @@ const FILE_LINES: usize = 500;
 const FUNCTION_LINES: usize = 70;
 
 /// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
-const EDGES: [(&str, &[&str]); 15] = [
+const EDGES: [(&str, &[&str]); 16] = [
     ("protocol", &[]),
     ("bus", &["protocol"]),
     ("mcap-log", &["protocol"]),
@@ -34,6 +34,7 @@ const EDGES: [(&str, &[&str]); 15] = [
     ("actor", &["protocol", "bus", "mcap-log", "run", "environments", "networks", "export"]),
     ("learner", &["protocol", "bus", "mcap-log", "run", "networks"]),
     ("proximity-service", &["protocol", "bus", "mcap-log", "run", "networks", "export"]),
+    ("gateway", &["protocol", "bus", "mcap-log", "run"]),
     ("terminal", &["protocol"]),
     ("report", &["protocol", "mcap-log", "run", "terminal"]),
     ("page", &["protocol", "mcap-log", "run", "terminal", "report"]),
@@ -63,17 +64,21 @@ const EDGES: [(&str, &[&str]); 15] = [
             "actor",
             "learner",
             "proximity-service",
+            "gateway",
             "goalward",
         ],
     ),
 ];
 
-/// What carries the bus, what keeps the log, and what moves solids: each with the one crate that has it.
-const BEHIND: [(&str, &str); 4] = [
+/// What carries the bus, keeps the log, moves solids and reaches other machines: each with the one crate that
+/// has it.
+const BEHIND: [(&str, &str); 6] = [
     ("iceoryx2", "bus"),
     ("iceoryx2-log", "bus"),
     ("mcap", "mcap-log"),
     ("rapier3d", "environments"),
+    ("rcgen", "gateway"),
+    ("tonic", "gateway"),
 ];
 
 /// Words that mean a clock, a thread, a file, the outside world, or randomness of one's own.

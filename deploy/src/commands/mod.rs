@@ -6,6 +6,7 @@ pub(crate) mod demonstrations;
 pub(crate) mod evaluate;
 pub(crate) mod experiment;
 pub(crate) mod export;
+pub(crate) mod join;
 pub(crate) mod log;
 pub(crate) mod methods;
 pub(crate) mod page;

@@ -1,5 +1,6 @@
 //! `goalward train`: a run from its first check to its last table.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -16,6 +17,7 @@ use crate::companion_page::CompanionPage;
 use crate::event_files::EventFiles;
 use crate::experiment::estimate;
 use crate::figures::Figures;
+use crate::listening::{self, Listening};
 use crate::machine::Machine;
 use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
@@ -85,6 +87,9 @@ pub(crate) struct Arguments {
     /// Serves no page of the run meanwhile; see `goalward page`.
     #[arg(long)]
     no_page: bool,
+    /// Lets actors of other machines in, which `goalward join` starts there; such as 0.0.0.0:7447.
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<SocketAddr>,
     /// Continues a run that another build of goalward trained, though its result may then be that of
     /// neither; the log and the summary name both.
     #[arg(long, requires = "resume")]
@@ -114,7 +119,7 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { other_build, no_page, dry_run, figures, .. } = arguments;
+    let Arguments { other_build, no_page, dry_run, listen, figures, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
     tensorboard.as_deref().map(destination::outside_runs).transpose()?;
@@ -126,6 +131,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     let changes = Changes::of(&plan.config);
     programs::check_all()?;
+    listen.map(listening::check).transpose()?;
     if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
     } else {
@@ -149,7 +155,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
 
     let events = tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?;
     let mut view = ProgressView::kept_in(Output::of(&plan.folder, "supervisor"));
-    let outcome = prepare_and_supervise(&plan, &mut view);
+    let outcome = prepare_and_supervise(&plan, listen, &mut view);
     view.finish();
     drop(events);
     if outcome.is_err() {
@@ -185,7 +191,11 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
     Ok(long.into_iter().chain(demonstrations::remark(&plan.config)?).collect())
 }
 
-fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome> {
+fn prepare_and_supervise(
+    plan: &Plan,
+    listen: Option<SocketAddr>,
+    view: &mut ProgressView,
+) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
     if config.imitates() && !file_of(folder, config).exists() {
         let episodes = numbers::count(config.demonstrations.episodes);
@@ -195,7 +205,12 @@ fn prepare_and_supervise(plan: &Plan, view: &mut ProgressView) -> Result<Outcome
         }
     }
     let program = Program::acting_in(&config.task);
-    let source = Source::Environments { count: config.resources.actors, program };
+    let listening = listen.map(|listen| Listening::prepare(folder, &config.task, listen));
+    let listening = listening.transpose()?;
+    if let Some(listening) = &listening {
+        view.note(&listening.how_to_join(folder));
+    }
+    let source = Source::Environments { count: config.resources.actors, program, listening };
     block_on_supervision(folder, &source, view)
 }
 
@@ -348,6 +363,7 @@ mod tests {
             tensorboard: None,
             no_page: false,
             dry_run: false,
+            listen: None,
             other_build: false,
             figures: Figures::default(),
         };

@@ -10,6 +10,7 @@ use run::process::FINAL_CODE;
 
 use super::process::Process;
 use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};
+use crate::listening::Listening;
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
@@ -26,6 +27,8 @@ pub(crate) enum Source {
         count: u64,
         /// Their program.
         program: Program,
+        /// How actors of other machines join, if they may.
+        listening: Option<Listening>,
     },
     /// The log of a run, by one actor.
     Log {

@@ -7,6 +7,7 @@ use anyhow::Result;
 use run::folder::RunFolder;
 
 use super::actors::{Actors, Source};
+use super::gateway::Gateway;
 use super::process::Process;
 use super::signals::Signals;
 use crate::programs::Program;
@@ -19,6 +20,8 @@ pub(super) struct Fleet {
     pub(super) learner: Process,
     pub(super) service: Process,
     pub(super) actors: Actors,
+    /// Lets actors of other machines in, if they may come.
+    pub(super) gateway: Option<Gateway>,
 }
 
 impl Fleet {
@@ -32,12 +35,16 @@ impl Fleet {
             learner: process(Program::Learner, "learner", &[]),
             service: process(Program::ProximityService, "proximity-service", &["serve".into()]),
             actors: Actors::new(folder, source),
+            gateway: Gateway::of(folder, source),
         }
     }
 
     /// Starts learner and service; the actors when they are looked after.
     pub(super) fn start(&mut self) -> Result<()> {
         self.start_core()?;
+        if let Some(gateway) = &mut self.gateway {
+            gateway.process.start()?;
+        }
         self.actors.take_on();
         Ok(())
     }
@@ -48,28 +55,36 @@ impl Fleet {
         self.learner.start()
     }
 
-    /// Ends all processes: politely at first, by force after [`STOP_PATIENCE`] or when the user
-    /// asks again.
+    /// Ends all processes.
     pub(super) async fn end(&mut self, signals: &mut Signals) -> Result<()> {
-        self.processes().for_each(Process::ask_to_stop);
-        let deadline = tokio::time::Instant::now() + STOP_PATIENCE;
-        loop {
-            for process in self.processes() {
-                process.reap()?;
-            }
-            if !self.processes().any(|process| process.is_running()) {
-                return Ok(());
-            }
-            tokio::select! {
-                () = signals.child.next() => {}
-                () = signals.stop.next() => break,
-                () = tokio::time::sleep_until(deadline) => break,
-            }
-        }
-        self.processes().try_for_each(Process::kill)
+        end(self.processes().collect(), signals).await
     }
 
     fn processes(&mut self) -> impl Iterator<Item = &mut Process> {
-        [&mut self.learner, &mut self.service].into_iter().chain(self.actors.processes())
+        let gateway = self.gateway.iter_mut().map(|gateway| &mut gateway.process);
+        [&mut self.learner, &mut self.service]
+            .into_iter()
+            .chain(self.actors.processes())
+            .chain(gateway)
     }
+}
+
+/// Ends processes: politely at first, by force after [`STOP_PATIENCE`] or when the user asks again.
+pub(super) async fn end(mut processes: Vec<&mut Process>, signals: &mut Signals) -> Result<()> {
+    processes.iter_mut().for_each(|process| process.ask_to_stop());
+    let deadline = tokio::time::Instant::now() + STOP_PATIENCE;
+    loop {
+        for process in &mut processes {
+            process.reap()?;
+        }
+        if !processes.iter().any(|process| process.is_running()) {
+            return Ok(());
+        }
+        tokio::select! {
+            () = signals.child.next() => {}
+            () = signals.stop.next() => break,
+            () = tokio::time::sleep_until(deadline) => break,
+        }
+    }
+    processes.into_iter().try_for_each(Process::kill)
 }

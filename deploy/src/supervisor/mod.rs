@@ -7,6 +7,8 @@
 mod actors;
 mod bus_watch;
 mod fleet;
+mod gateway;
+mod joined;
 mod process;
 mod restart;
 mod signals;
@@ -27,6 +29,7 @@ use crate::{limits, progress_file};
 pub(crate) use actors::Source;
 use bus_watch::BusWatch;
 use fleet::Fleet;
+pub(crate) use joined::{Joining, take_part};
 
 use restart::{CoreRestarts, MOST_RESTARTS};
 pub(crate) use signals::Signals;
@@ -201,6 +204,9 @@ impl Supervision<'_> {
                 Err(error) => self.view.note(&format!("the number of actors stays: {error}")),
             },
             Err(error) => self.view.note(&format!("the number of actors stays: {error:#}")),
+        }
+        if let Some(gateway) = &mut self.fleet.gateway {
+            gateway.look_after(self.view)?;
         }
         if self.fleet.actors.look_after(self.view)? {
             self.end_learner().await?;

@@ -95,6 +95,16 @@ impl Process {
         }
     }
 
+    /// Words for an end that the run outlives: how it came, and when it is started again.
+    pub(super) fn ended_for_now(&self, how: &str, pause: Duration) -> String {
+        let seconds = pause.as_secs_f64();
+        format!(
+            "{} ended ({how}) and is started again in {seconds} s; {}",
+            self.name,
+            self.output.last_lines()
+        )
+    }
+
     /// Words for the end of the whole run: why this process cannot go on.
     pub(super) fn give_up(&self, how: impl Display, history: &str) -> anyhow::Error {
         anyhow::anyhow!("{} ended ({how}) {history}; {}", self.name, self.output.last_lines())

@@ -21,6 +21,7 @@ use iceoryx2::prelude::{
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::Error;
+use protocol::trajectory::Encoded;
 
 use super::{Bus, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed, opened, service_name};
 
@@ -58,6 +59,17 @@ pub struct TrajectoryHeader {
     pub episode: u64,
     /// xxh3 of the encoded trajectory.
     pub hash: u64,
+}
+
+impl From<&Encoded> for TrajectoryHeader {
+    fn from(encoded: &Encoded) -> TrajectoryHeader {
+        TrajectoryHeader {
+            iteration: encoded.trajectory.iteration,
+            lane: encoded.key.lane,
+            episode: encoded.key.episode,
+            hash: encoded.key.hash,
+        }
+    }
 }
 
 type Loan = SampleMutUninit<SharedMemory, [std::mem::MaybeUninit<u8>], TrajectoryHeader>;

@@ -1,0 +1,112 @@
+//! `goalward join`: this machine's actors for a run of another machine.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use bus::{MAX_ACTORS, check_shared_memory_room};
+use run::folder::RunFolder;
+use terminal::print::print_remark;
+use terminal::refusal::stopped;
+use terminal::status_line::StatusLine;
+
+use crate::listening::{golden, host_name};
+use crate::machine::Machine;
+use crate::programs::{self, Program};
+use crate::progress::ProgressView;
+use crate::supervisor::{Joining, Outcome, Source, take_part};
+
+/// What the bus of actors can take of shared memory.
+const SHARED_MEMORY_BYTES: u64 = 300 << 20;
+
+/// Flags of `goalward join`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Where the run listens; by default what its key says.
+    #[arg(value_name = "HOST:PORT")]
+    address: Option<String>,
+    /// The run's file join.toml, or a copy of it.
+    #[arg(long, value_name = "FILE", required_unless_present = "run")]
+    key: Option<PathBuf>,
+    /// Folder of the run, where both machines have it.
+    #[arg(long, value_name = "DIR", conflicts_with = "key")]
+    run: Option<PathBuf>,
+    /// Actor processes on this machine; by default one for each core.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=MAX_ACTORS as u64))]
+    actors: Option<u64>,
+    /// What this machine is called; by default its host name.
+    #[arg(long)]
+    name: Option<String>,
+    /// Joins with another build than the run's, if its actor acts the same.
+    #[arg(long)]
+    other_build: bool,
+}
+
+impl Arguments {
+    fn key(&self) -> Result<PathBuf> {
+        let of_run = || self.run.as_ref().map(|run| run.join("join.toml"));
+        let key = self.key.clone().or_else(of_run).context("a key or a run is required")?;
+        let shown = key.display();
+        ensure!(
+            key.is_file(),
+            "expected the key of a run, which `train --listen` writes, found no {shown}"
+        );
+        key.canonicalize().with_context(|| shown.to_string())
+    }
+
+    fn actors(&self) -> u64 {
+        let cores = || std::thread::available_parallelism().map_or(1, |cores| cores.get() as u64);
+        self.actors.unwrap_or_else(cores).min(MAX_ACTORS as u64)
+    }
+}
+
+/// Takes part in a run until it is over.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    Program::Gateway.check()?;
+    let (key, count) = (arguments.key()?, arguments.actors());
+    Machine::here().require_room_for_actors(count)?;
+    check_shared_memory_room(SHARED_MEMORY_BYTES)?;
+    let place = tempfile::Builder::new().prefix("goalward-join-").tempdir()?;
+    let folder = RunFolder::new(place.path());
+    if !lay_out(&folder, &key, arguments.address.as_deref())? {
+        return Err(stopped());
+    }
+    let config = folder.config()?;
+    let golden = golden(&folder, &config.task)?;
+    let host = arguments.name.clone().unwrap_or_else(host_name);
+    let task = &config.task.name;
+    print_remark(&format!("joining a run of {task} as {host}, actors: {count}; Ctrl-C leaves it"));
+    let mut gateway = vec!["join".into(), "--run".into(), folder.path().into()];
+    gateway.extend(key_arguments(&key, arguments.address.as_deref()));
+    gateway.extend(["--host".into(), host.into(), "--golden".into(), golden.into()]);
+    gateway.extend(arguments.other_build.then(|| "--other-build".into()));
+    let program = Program::acting_in(&config.task);
+    let source = Source::Environments { count, program, listening: None };
+    let view = ProgressView::new();
+    let joining = Joining { folder, gateway, source };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    match runtime.block_on(take_part(&joining, &view))? {
+        Outcome::Stopped => Err(stopped()),
+        Outcome::Finished | Outcome::EndOfLog => {
+            print_remark("the run is over");
+            Ok(())
+        }
+    }
+}
+
+/// Lays out the folder that actors work in; false if the user does not want to.
+fn lay_out(folder: &RunFolder, key: &Path, address: Option<&str>) -> Result<bool> {
+    std::fs::create_dir(folder.output())?;
+    let mut gateway = Program::Gateway.command()?;
+    gateway.arg("lay-out").arg("--run").arg(folder.path()).args(key_arguments(key, address));
+    let ended = programs::run_unless_stopped(&mut gateway, "reaching the run", StatusLine::new())?;
+    ended.map(programs::expect_success).transpose().map(|ended| ended.is_some())
+}
+
+fn key_arguments(key: &Path, address: Option<&str>) -> Vec<OsString> {
+    let mut arguments = vec!["--key".into(), key.into()];
+    if let Some(address) = address {
+        arguments.extend(["--address".into(), address.into()]);
+    }
+    arguments
+}

@@ -1,0 +1,70 @@
+//! Watches over actors that take part in a run of another machine.
+
+use std::ffi::OsString;
+use std::time::Duration;
+
+use anyhow::Result;
+use bus::BusAddress;
+use run::folder::RunFolder;
+
+use super::actors::{Actors, Source};
+use super::process::Process;
+use super::signals::Signals;
+use super::{Outcome, fleet, remove_from_bus};
+use crate::programs::Program;
+use crate::progress::ProgressView;
+
+/// How often the processes are looked after if no signal says so.
+const TICK: Duration = Duration::from_millis(250);
+
+/// A machine that takes part in a run of another one.
+pub(crate) struct Joining {
+    /// Folder that was laid out for its actors.
+    pub(crate) folder: RunFolder,
+    /// What the gateway is to do.
+    pub(crate) gateway: Vec<OsString>,
+    /// The actors.
+    pub(crate) source: Source,
+}
+
+/// Takes part until the run is over or the user stops it.
+///
+/// # Errors
+/// When the gateway is refused or does not hear of the run for long, or every actor dies too often. No
+/// process is left behind.
+pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<Outcome> {
+    let Joining { folder, gateway, source } = joining;
+    let mut signals = Signals::listen()?;
+    let address = BusAddress::for_start(folder.path())?;
+    let mut gateway = Process::new(folder, Program::Gateway, "gateway", gateway.clone());
+    let mut actors = Actors::new(folder, source);
+    gateway.start()?;
+    actors.take_on();
+    let outcome = watch(&mut gateway, &mut actors, &mut signals, view).await;
+    let processes = actors.processes().chain([&mut gateway]).collect();
+    fleet::end(processes, &mut signals).await?;
+    remove_from_bus(&address).await?;
+    outcome
+}
+
+async fn watch(
+    gateway: &mut Process,
+    actors: &mut Actors,
+    signals: &mut Signals,
+    view: &ProgressView,
+) -> Result<Outcome> {
+    loop {
+        if let Some(status) = gateway.reap()? {
+            if status.success() {
+                return Ok(Outcome::Finished);
+            }
+            return Err(gateway.give_up(status, "and this machine takes no part any more"));
+        }
+        actors.look_after(view)?;
+        tokio::select! {
+            () = signals.stop.next() => return Ok(Outcome::Stopped),
+            () = signals.child.next() => {}
+            () = tokio::time::sleep(TICK) => {}
+        }
+    }
+}

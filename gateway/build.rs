@@ -1,0 +1,24 @@
+//! Makes client and server of the calls between hosts; their messages are in `src/messages.rs`.
+
+use tonic_build::manual::{Builder, Method, Service};
+
+fn method(name: &str, route: &str, input: &str, output: &str) -> Method {
+    let method = Method::builder().name(name).route_name(route);
+    let method = method.input_type(format!("crate::messages::{input}"));
+    let method = method.output_type(format!("crate::messages::{output}"));
+    method.codec_path("tonic_prost::ProstCodec").build()
+}
+
+fn main() {
+    let service = Service::builder()
+        .name("Gateway")
+        .package("goalward")
+        .method(method("configuration", "Configuration", "ConfigurationRequest", "Configuration"))
+        .method(method("hello", "Hello", "Hello", "Welcome"))
+        .method(method("beat", "Beat", "Beat", "BeatReply"))
+        .method(method("lease", "Lease", "Question", "Answer"))
+        .method(method("trajectory", "Trajectory", "Delivery", "Delivered"))
+        .method(method("weights", "Weights", "WeightsRequest", "WeightsReply"))
+        .build();
+    Builder::new().compile(&[service]);
+}

@@ -1,0 +1,117 @@
+//! The command line of `goalward-gateway`. People type `goalward train --listen` and `goalward join`, which
+//! start it.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use run::diagnostics::Diagnostics;
+use run::folder::RunFolder;
+use run::process::{self, Stop};
+
+use crate::host::{self, Identity};
+use crate::hub::{self, Setup};
+use crate::key::{self, JoinKey};
+
+/// Takes a run's leases, trajectories and weights to other machines and back.
+#[derive(Debug, Parser)]
+#[command(name = "goalward-gateway", version = protocol::build::version())]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serves other machines beside the learner of a run.
+    Serve {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+        /// Where to listen.
+        #[arg(long)]
+        listen: SocketAddr,
+        /// Where other machines find it, HOST:PORT.
+        #[arg(long)]
+        address: String,
+        /// What `goalward-actor golden` prints here.
+        #[arg(long)]
+        golden: String,
+    },
+    /// Lays out the folder of a run that another machine trains.
+    LayOut {
+        /// Folder to be.
+        #[arg(long)]
+        run: PathBuf,
+        /// The run's file join.toml.
+        #[arg(long)]
+        key: PathBuf,
+        /// Where the hub is, if not where the key says.
+        #[arg(long)]
+        address: Option<String>,
+    },
+    /// Takes part in a run that another machine trains, for the actors of such a folder.
+    Join {
+        /// The folder that was laid out.
+        #[arg(long)]
+        run: PathBuf,
+        /// The run's file join.toml.
+        #[arg(long)]
+        key: PathBuf,
+        /// Where the hub is, if not where the key says.
+        #[arg(long)]
+        address: Option<String>,
+        /// What this machine is called.
+        #[arg(long)]
+        host: String,
+        /// What `goalward-actor golden` prints here.
+        #[arg(long)]
+        golden: String,
+        /// Joins with another build whose golden episodes are the same.
+        #[arg(long)]
+        other_build: bool,
+    },
+}
+
+impl Command {
+    fn diagnostics(&self) -> Diagnostics {
+        match self {
+            Command::LayOut { .. } => Diagnostics::ForPeople,
+            Command::Serve { .. } | Command::Join { .. } => Diagnostics::of_service(),
+        }
+    }
+}
+
+/// Runs the process.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    process::run(arguments.command.diagnostics(), || run(arguments.command))
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
+        Command::Serve { run, listen, address, golden } => {
+            let stop = Stop::at_end_of_input()?;
+            let folder = RunFolder::new(run);
+            let hub_key = key::of_run(&folder, &address)?;
+            hub::serve(&Setup { folder, listen, golden }, &hub_key, &stop)
+        }
+        Command::LayOut { run, key, address } => {
+            process::end_with_parent()?;
+            host::lay_out(&RunFolder::new(run), &key_of(key, address)?)
+        }
+        Command::Join { run, key, address, host, golden, other_build } => {
+            let stop = Stop::at_end_of_input()?;
+            let identity = Identity { host, golden, other_build };
+            host::join(&RunFolder::new(run), &key_of(key, address)?, identity, &stop)
+        }
+    }
+}
+
+fn key_of(file: PathBuf, address: Option<String>) -> Result<JoinKey> {
+    let mut key = JoinKey::of_file(&file)?;
+    key.address = address.unwrap_or(key.address);
+    Ok(key)
+}

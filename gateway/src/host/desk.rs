@@ -1,0 +1,219 @@
+//! The desk of a host: it owns the ports of the gateway on the host's bus, where it stands in for the
+//! learner.
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use bus::{
+    Bus, BusAddress, Doorbell, NewestPublisher, Published, Request, Role, Server,
+    TrajectorySubscriber,
+};
+use bytes::Bytes;
+use prost::Message;
+use protocol::dropped::Dropped;
+use protocol::messages::{LeaseReply, LeaseRequest};
+use protocol::weights::Weights;
+use run::folder::RunFolder;
+use run::process::Stop;
+use tokio::sync::mpsc::Sender;
+
+use super::actor::LocalActor;
+use super::{Incoming, Outgoing};
+
+/// Longest sleep, so that weights are refreshed for late actors in time.
+const TICK: Duration = Duration::from_millis(20);
+
+/// How often the dead are cleaned away and the living told.
+const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
+
+/// Questions taken at once.
+const TAKEN_AT_ONCE: usize = 64;
+
+/// How long actors may take to leave a run that is over.
+const FAREWELL: Duration = Duration::from_secs(5);
+
+/// The desk of a host.
+pub(super) struct Desk {
+    bus: Bus,
+    doorbell: Doorbell,
+    trajectories: TrajectorySubscriber,
+    leases: Server,
+    weights: Option<NewestPublisher>,
+    outgoing: Sender<Outgoing>,
+    incoming: Receiver<Incoming>,
+    /// Questions whose actors' trajectories may not have been taken yet.
+    taken: Vec<(LeaseRequest, Request)>,
+    actors: BTreeMap<String, LocalActor>,
+    alive: Vec<String>,
+    looked_after: Option<Instant>,
+    dropped: Dropped,
+    over: Option<Instant>,
+}
+
+impl Desk {
+    pub(super) fn open(
+        folder: &RunFolder,
+        outgoing: Sender<Outgoing>,
+        incoming: Receiver<Incoming>,
+    ) -> Result<Desk> {
+        let bus = Bus::open(&BusAddress::of_run(folder.path())?, "gateway")?;
+        Ok(Desk {
+            doorbell: bus.doorbell(Role::Learner)?,
+            trajectories: bus.learning_subscriber()?,
+            leases: bus.lease_server()?,
+            weights: None,
+            outgoing,
+            incoming,
+            taken: Vec::new(),
+            actors: BTreeMap::new(),
+            alive: Vec::new(),
+            looked_after: None,
+            dropped: Dropped::new("messages of actors"),
+            over: None,
+            bus,
+        })
+    }
+
+    /// Works until the run is over and its actors have heard of it, or a stop is requested.
+    pub(super) fn run(&mut self, stop: &Stop) -> Result<()> {
+        while !stop.is_requested() && !self.is_over() {
+            self.doorbell.wait(TICK)?;
+            self.take_news()?;
+            self.take_questions();
+            // What an actor published before it asked is there by now.
+            if self.take_trajectories()? {
+                self.sort_questions();
+            }
+            self.ask();
+            self.answer();
+            if let Some(weights) = &self.weights {
+                weights.refresh()?;
+            }
+            self.look_after_actors()?;
+        }
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        let is_anyone_there = || self.alive.iter().any(|name| name.starts_with("actor"));
+        self.over.is_some_and(|since| since.elapsed() > FAREWELL || !is_anyone_there())
+    }
+
+    fn take_news(&mut self) -> Result<()> {
+        loop {
+            match self.incoming.try_recv() {
+                Ok(Incoming::Delivered { actor }) => {
+                    if let Some(actor) = self.actors.get_mut(&actor) {
+                        actor.on_their_way = actor.on_their_way.saturating_sub(1);
+                    }
+                }
+                Ok(Incoming::Weights(bytes)) => self.publish(&bytes)?,
+                Ok(Incoming::Answered { actor, number, reply }) => {
+                    if reply.finished {
+                        self.over.get_or_insert_with(Instant::now);
+                    }
+                    if let Some(actor) = self.actors.get_mut(&actor) {
+                        actor.answered(number, reply);
+                    }
+                }
+                Ok(Incoming::Over) => {
+                    self.over.get_or_insert_with(Instant::now);
+                }
+                Ok(Incoming::Failed(why)) => return Err(why),
+                Err(TryRecvError::Empty) => return Ok(()),
+                Err(TryRecvError::Disconnected) => anyhow::bail!("the link to the hub has ended"),
+            }
+        }
+    }
+
+    fn publish(&mut self, bytes: &Bytes) -> Result<()> {
+        if self.weights.is_none() {
+            let weights =
+                Weights::decode(bytes.clone()).context("undecodable weights of the hub")?;
+            let longest = Weights { version: u64::MAX, ..weights }.encoded_len();
+            self.weights = Some(self.bus.weights_publisher(longest)?);
+        }
+        if let Some(weights) = &self.weights {
+            weights.publish(bytes)?;
+        }
+        Ok(())
+    }
+
+    fn take_questions(&mut self) {
+        for _ in 0..TAKEN_AT_ONCE {
+            match self.leases.receive() {
+                Ok(Some(question)) => match LeaseRequest::decode(question.bytes()) {
+                    Ok(request) => self.taken.push((request, question)),
+                    Err(why) => self.dropped.note(why),
+                },
+                Ok(None) => return,
+                Err(why) => return self.dropped.note(why),
+            }
+        }
+    }
+
+    /// Hands trajectories to the link as fast as it takes them; returns whether there are no more.
+    fn take_trajectories(&mut self) -> Result<bool> {
+        while self.outgoing.capacity() > 0 {
+            let Some(Published { bytes, process, .. }) = self.trajectories.receive()? else {
+                return Ok(true);
+            };
+            let suffix = format!("-{process}");
+            let sent_by = |name: &&String| name.ends_with(&suffix);
+            let Some(actor) = self.alive.iter().find(sent_by).cloned() else {
+                self.dropped.note(format!("process {process} is no actor of this host"));
+                continue;
+            };
+            self.actors.entry(actor.clone()).or_default().on_their_way += 1;
+            // There was room, and nobody else sends.
+            self.outgoing.try_send(Outgoing::Trajectory { actor, bytes }).ok();
+        }
+        Ok(false)
+    }
+
+    fn sort_questions(&mut self) {
+        for (request, question) in std::mem::take(&mut self.taken) {
+            self.actors.entry(request.actor.clone()).or_default().take(request, question);
+        }
+    }
+
+    fn ask(&mut self) {
+        for actor in self.actors.values_mut() {
+            let Ok(place) = self.outgoing.try_reserve() else { return };
+            if let Some((number, request)) = actor.due() {
+                place.send(Outgoing::Ask { number, request });
+            }
+        }
+    }
+
+    fn answer(&mut self) {
+        let over = LeaseReply { finished: true, ..LeaseReply::default() };
+        for actor in self.actors.values_mut() {
+            let reply = if self.over.is_some() {
+                actor.take_question().map(|question| (question, over.clone()))
+            } else {
+                actor.take_reply()
+            };
+            if let Some((question, reply)) = reply
+                && let Err(why) = question.reply(&reply.encode_to_vec())
+            {
+                self.dropped.note(why);
+            }
+        }
+    }
+
+    fn look_after_actors(&mut self) -> Result<()> {
+        if self.looked_after.is_some_and(|looked| looked.elapsed() < LOOK_AFTER_ACTORS) {
+            return Ok(());
+        }
+        self.looked_after = Some(Instant::now());
+        self.bus.clean_up();
+        self.alive = self.bus.alive()?;
+        self.actors.retain(|name, _| self.alive.contains(name));
+        let actors = self.actors.keys().cloned().collect();
+        self.outgoing.try_send(Outgoing::Alive(actors)).ok();
+        Ok(())
+    }
+}

@@ -1,0 +1,189 @@
+//! The link of a host to the hub: what the desk wants is done by calls, several at once.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use bus::{Bus, BusAddress, Ringer, Role};
+use bytes::Bytes;
+use protocol::messages::LeaseRequest;
+use run::folder::RunFolder;
+use run::process::Stop;
+use tokio::sync::mpsc::Receiver;
+use tokio::sync::{Mutex, Semaphore};
+use tokio::task::LocalSet;
+
+use super::session::{Identity, Session};
+use super::{Incoming, Outgoing};
+use crate::key::JoinKey;
+use crate::messages::{Answer, Beat, Delivery, Question, WeightsReply, WeightsRequest};
+
+/// Trajectories under way at once.
+const WINDOW: usize = 8;
+
+/// How often the hub is told that this host lives.
+const BEAT: Duration = Duration::from_millis(500);
+
+/// Versions of the policy that are remembered as published: as many as the bus keeps.
+const VERSIONS: usize = 2;
+
+/// What the link needs.
+pub(super) struct Setup {
+    pub(super) folder: RunFolder,
+    pub(super) key: JoinKey,
+    pub(super) identity: Identity,
+    pub(super) stop: Stop,
+}
+
+/// The link.
+struct Link {
+    session: Session,
+    news: SyncSender<Incoming>,
+    bell: Rc<Ringer>,
+    window: Arc<Semaphore>,
+    alive: RefCell<Vec<String>>,
+    /// Versions of the policy that the desk was given, and whose turn it is to fetch one.
+    versions: Mutex<Vec<u64>>,
+}
+
+/// Works until a stop is requested or the desk is gone; tells the desk why it ends otherwise.
+pub(super) fn run(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) {
+    if let Err(error) = work(setup, orders, news.clone()) {
+        // A desk that is gone has no more use for it.
+        news.send(Incoming::Failed(error)).ok();
+    }
+}
+
+fn work(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) -> Result<()> {
+    let Setup { folder, key, identity, stop } = setup;
+    let bus = Bus::open(&BusAddress::of_run(folder.path())?, "gateway-link")?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let tasks = LocalSet::new();
+    tasks.block_on(&runtime, async {
+        let link = Rc::new(Link {
+            session: Session::new(&key, identity)?,
+            news,
+            bell: bus.ringer(Role::Learner)?,
+            window: Arc::new(Semaphore::new(WINDOW)),
+            alive: RefCell::default(),
+            versions: Mutex::default(),
+        });
+        tokio::select! {
+            ended = link.beat(&stop) => ended,
+            ended = link.follow(orders) => ended,
+        }
+    })
+}
+
+impl Link {
+    fn tell(&self, incoming: Incoming) -> Result<()> {
+        self.news.send(incoming).ok().context("the desk has ended")?;
+        Ok(self.bell.ring()?)
+    }
+
+    /// Tells the hub twice a second that this host lives.
+    async fn beat(&self, stop: &Stop) -> Result<()> {
+        while !stop.is_requested() {
+            let session = self.session.number;
+            let beat = || Beat { session, actors: self.alive.borrow().clone() };
+            let told = self.session.call(|mut hub| {
+                let beat = beat();
+                async move { hub.beat(beat).await }
+            });
+            if told.await?.finished {
+                self.tell(Incoming::Over)?;
+            }
+            tokio::time::sleep(BEAT).await;
+        }
+        Ok(())
+    }
+
+    /// Does what the desk wants, until it has ended.
+    async fn follow(self: &Rc<Self>, mut orders: Receiver<Outgoing>) -> Result<()> {
+        while let Some(order) = orders.recv().await {
+            match order {
+                Outgoing::Alive(actors) => *self.alive.borrow_mut() = actors,
+                Outgoing::Trajectory { actor, bytes } => {
+                    // The desk waits as long as so many are under way.
+                    let place = Arc::clone(&self.window).acquire_owned().await?;
+                    self.spawn(async move |link| {
+                        let done = link.deliver(actor, bytes).await;
+                        drop(place);
+                        done
+                    });
+                }
+                Outgoing::Ask { number, request } => {
+                    self.spawn(async move |link| link.ask(number, request).await);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn spawn<F>(self: &Rc<Self>, task: F)
+    where
+        F: AsyncFnOnce(Rc<Link>) -> Result<()> + 'static,
+    {
+        let link = Rc::clone(self);
+        tokio::task::spawn_local(async move {
+            if let Err(error) = task(Rc::clone(&link)).await {
+                // A desk that is gone has no more use for it.
+                link.tell(Incoming::Failed(error)).ok();
+            }
+        });
+    }
+
+    async fn deliver(&self, actor: String, trajectory: Bytes) -> Result<()> {
+        let delivery = Delivery { session: self.session.number, trajectory };
+        let call = self.session.call(|mut hub| {
+            let delivery = delivery.clone();
+            async move { hub.trajectory(delivery).await }
+        });
+        call.await?;
+        self.tell(Incoming::Delivered { actor })
+    }
+
+    /// Asks for leases until there is an answer, and hands on what they are acted by before it.
+    async fn ask(&self, number: u64, request: LeaseRequest) -> Result<()> {
+        let actor = request.actor.clone();
+        let session = self.session.number;
+        let question = Question { session, number, request: Some(request) };
+        let reply = loop {
+            let call = self.session.call(|mut hub| {
+                let question = question.clone();
+                async move { hub.lease(question).await }
+            });
+            let Answer { reply } = call.await?;
+            if let Some(reply) = reply {
+                break reply;
+            }
+        };
+        if let Some(lease) = reply.leases.first() {
+            self.fetch(lease.policy_version).await?;
+        }
+        self.tell(Incoming::Answered { actor, number, reply })
+    }
+
+    /// Has the desk publish a version of the policy, if it has not before.
+    async fn fetch(&self, version: u64) -> Result<()> {
+        let mut versions = self.versions.lock().await;
+        if versions.contains(&version) {
+            return Ok(());
+        }
+        let session = self.session.number;
+        let call = self
+            .session
+            .call(|mut hub| async move { hub.weights(WeightsRequest { session, version }).await });
+        // The hub has no more of a version that is gone; the actor hands such a lease back.
+        let WeightsReply { weights: Some(weights) } = call.await? else { return Ok(()) };
+        self.tell(Incoming::Weights(weights))?;
+        versions.push(version);
+        if versions.len() > VERSIONS {
+            versions.remove(0);
+        }
+        Ok(())
+    }
+}

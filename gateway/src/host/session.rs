@@ -1,0 +1,204 @@
+//! A joining: calls to the hub, made again until they are answered.
+
+use std::cell::{Cell, RefCell};
+use std::future::Future;
+use std::hash::{BuildHasher, RandomState};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use protocol::build;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Code, Response, Status};
+
+use crate::calls::gateway_client::GatewayClient;
+use crate::key::JoinKey;
+use crate::messages::{ConfigurationRequest, Hello, MOST_BYTES, PROTOCOL};
+
+/// How long the hub may take to be reached.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
+
+/// How long an answer may take: one about leases is held for two seconds.
+const CALL_PATIENCE: Duration = Duration::from_secs(5);
+
+/// After so long without a word the connection is tried, and after [`KEEPALIVE_PATIENCE`] given up.
+const KEEPALIVE: Duration = Duration::from_secs(1);
+
+const KEEPALIVE_PATIENCE: Duration = Duration::from_secs(3);
+
+/// First and longest pause before a call is made again.
+const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(1)];
+
+/// How long a hub is tried that is not heard of.
+const HUB_PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a host says of itself.
+#[derive(Clone, Debug)]
+pub struct Identity {
+    /// What people call it.
+    pub host: String,
+    /// What its actor makes of the golden episodes.
+    pub golden: String,
+    /// Whether it may join with another build than the hub's.
+    pub other_build: bool,
+}
+
+/// A joining.
+pub(super) struct Session {
+    pub(super) number: u64,
+    address: String,
+    identity: Identity,
+    client: GatewayClient<Channel>,
+    /// When the hub was last heard of.
+    heard: Cell<Instant>,
+    host: RefCell<Option<String>>,
+    /// Counts hellos, so that of many calls that the hub does not know one says hello.
+    hellos: tokio::sync::Mutex<u64>,
+}
+
+/// A client of the hub; it connects when it is first used.
+///
+/// # Errors
+/// When the key has no address, or is none.
+pub fn connect(key: &JoinKey) -> Result<GatewayClient<Channel>> {
+    let endpoint = Endpoint::from_shared(format!("https://{}", key.address))
+        .with_context(|| format!("expected an address HOST:PORT, found {:?}", key.address))?;
+    let channel = endpoint
+        .tls_config(key.tls())
+        .context("the keys of the run")?
+        .connect_timeout(CONNECT_PATIENCE)
+        .tcp_nodelay(true)
+        .http2_keep_alive_interval(KEEPALIVE)
+        .keep_alive_timeout(KEEPALIVE_PATIENCE)
+        .keep_alive_while_idle(true)
+        .connect_lazy();
+    let client = GatewayClient::new(channel);
+    Ok(client.max_decoding_message_size(MOST_BYTES).max_encoding_message_size(MOST_BYTES))
+}
+
+/// The configuration of the run; asked once, so that a wrong address or key is said at once.
+///
+/// # Errors
+/// When the hub cannot be reached or refuses.
+pub(super) async fn configuration(key: &JoinKey) -> Result<String> {
+    let mut client = connect(key)?;
+    let asked = client.configuration(ConfigurationRequest { protocol: PROTOCOL });
+    let answer = tokio::time::timeout(CALL_PATIENCE, asked).await;
+    let answer = answer.unwrap_or_else(|_| Err(late())).map_err(|status| anyhow!(words(&status)));
+    let answer = answer.with_context(|| format!("the hub at {}", key.address))?;
+    Ok(answer.into_inner().text)
+}
+
+impl Session {
+    pub(super) fn new(key: &JoinKey, identity: Identity) -> Result<Session> {
+        Ok(Session {
+            number: RandomState::new().hash_one(std::process::id()),
+            address: key.address.clone(),
+            identity,
+            client: connect(key)?,
+            heard: Cell::new(Instant::now()),
+            host: RefCell::new(None),
+            hellos: tokio::sync::Mutex::new(0),
+        })
+    }
+
+    /// Makes a call again and again until the hub answers it.
+    ///
+    /// # Errors
+    /// When the hub refuses this host, or has not been heard of for [`HUB_PATIENCE`].
+    pub(super) async fn call<T, F>(&self, make: impl Fn(GatewayClient<Channel>) -> F) -> Result<T>
+    where
+        F: Future<Output = Result<Response<T>, Status>>,
+    {
+        let mut pause = PAUSES[0];
+        loop {
+            let hellos = *self.hellos.lock().await;
+            match self.once(&make).await {
+                Ok(answer) => return Ok(answer),
+                Err(status) if status.code() == Code::Unauthenticated => {
+                    self.hello_after(hellos).await?;
+                }
+                Err(status) => self.bear(&status)?,
+            }
+            tokio::time::sleep(pause).await;
+            pause = (pause * 2).min(PAUSES[1]);
+        }
+    }
+
+    async fn once<T, F>(&self, make: impl Fn(GatewayClient<Channel>) -> F) -> Result<T, Status>
+    where
+        F: Future<Output = Result<Response<T>, Status>>,
+    {
+        let answer = tokio::time::timeout(CALL_PATIENCE, make(self.client.clone())).await;
+        let answer = answer.unwrap_or_else(|_| Err(late()))?;
+        self.heard.set(Instant::now());
+        Ok(answer.into_inner())
+    }
+
+    /// Says hello, unless another call has done so since there were so many.
+    async fn hello_after(&self, hellos: u64) -> Result<()> {
+        let mut said = self.hellos.lock().await;
+        if *said > hellos {
+            return Ok(());
+        }
+        let hello = || Hello {
+            protocol: PROTOCOL,
+            session: self.number,
+            host: self.identity.host.clone(),
+            build: build::version().to_owned(),
+            golden: self.identity.golden.clone(),
+            other_build: self.identity.other_build,
+        };
+        let answer = self.once(|mut client| async move { client.hello(hello()).await }).await;
+        match answer {
+            Ok(welcome) => {
+                *said += 1;
+                let known = self.host.replace(Some(welcome.host.clone()));
+                let verb = if known.is_none() { "joined" } else { "back in" };
+                tracing::info!("{verb} the run at {} as {}", self.address, welcome.host);
+                Ok(())
+            }
+            Err(status) => self.bear(&status),
+        }
+    }
+
+    /// What a failed call means: some can be made again.
+    fn bear(&self, status: &Status) -> Result<()> {
+        use Code::{FailedPrecondition, InvalidArgument, PermissionDenied, Unimplemented};
+        let is_final = [FailedPrecondition, InvalidArgument, PermissionDenied, Unimplemented];
+        if is_final.contains(&status.code()) {
+            return Err(anyhow!(
+                "the hub at {} refuses this host: {}",
+                self.address,
+                words(status)
+            ));
+        }
+        tracing::debug!("the hub at {}: {}", self.address, words(status));
+        if self.heard.get().elapsed() < HUB_PATIENCE {
+            return Ok(());
+        }
+        let seconds = HUB_PATIENCE.as_secs();
+        Err(anyhow!(
+            "nothing heard of the hub at {} for {seconds} s: {}",
+            self.address,
+            words(status)
+        ))
+    }
+}
+
+fn late() -> Status {
+    Status::deadline_exceeded(format!("no answer within {CALL_PATIENCE:?}"))
+}
+
+/// What a status says, with its causes, in a line.
+fn words(status: &Status) -> String {
+    let mut said = status.message().to_owned();
+    let mut cause = std::error::Error::source(status);
+    while let Some(error) = cause {
+        let words = error.to_string();
+        if !said.contains(&words) {
+            said += &format!(": {words}");
+        }
+        cause = error.source();
+    }
+    said
+}

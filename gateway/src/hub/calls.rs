@@ -1,0 +1,168 @@
+//! The hub's answers to the calls of hosts.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use protocol::build;
+use tokio::sync::oneshot;
+use tonic::{Request, Response, Status};
+
+use super::Hub;
+use super::guest::{Guest, Order};
+use crate::calls::gateway_server::Gateway;
+use crate::messages::{
+    Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Delivered, Delivery, Hello,
+    PROTOCOL, Question, WeightsReply, WeightsRequest, Welcome,
+};
+
+/// How long weights are waited for that the learner has not published yet.
+const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Longest name of a host, characters.
+const NAME_CHARS: usize = 40;
+
+/// Answers calls.
+pub(super) struct Calls {
+    hub: Arc<Hub>,
+}
+
+impl Calls {
+    pub(super) fn of(hub: Arc<Hub>) -> Calls {
+        Calls { hub }
+    }
+
+    /// Gives a host's thread an order and waits for what comes of it.
+    async fn done<T>(
+        &self,
+        session: u64,
+        order: impl FnOnce(oneshot::Sender<T>) -> Order,
+    ) -> Result<T, Status> {
+        let (done, answer) = oneshot::channel();
+        let has_room = self.hub.guests().get(&session).map(|guest| guest.order(order(done)));
+        match (has_room, answer.await) {
+            (_, Ok(answer)) => Ok(answer),
+            (Some(false), Err(_)) => {
+                Err(Status::resource_exhausted("more at once than a host may ask"))
+            }
+            (_, Err(_)) => Err(self.stranger(session)),
+        }
+    }
+
+    /// Why a joining is not known.
+    fn stranger(&self, session: u64) -> Status {
+        match self.hub.expelled().get(&session) {
+            Some(why) => Status::permission_denied(why.clone()),
+            None => Status::unauthenticated("the hub does not know this joining"),
+        }
+    }
+
+    /// Ends a joining that broke the rules.
+    fn expel(&self, session: u64, why: &str) -> Status {
+        let guest = self.hub.guests().remove(&session);
+        let host = guest.map_or_else(String::new, |guest| guest.host().to_owned());
+        tracing::error!("host {host} is expelled: {why}");
+        self.hub.expelled().insert(session, why.to_owned());
+        Status::permission_denied(why)
+    }
+
+    /// Checks what a host says of itself.
+    fn check(&self, hello: &Hello) -> Result<(), Status> {
+        check_protocol(hello.protocol)?;
+        let refused = |what, expected: &str, found: &str| {
+            Err(Status::failed_precondition(format!("expected {what} {expected}, found {found}")))
+        };
+        if hello.build != build::version() && !hello.other_build {
+            return refused("the build", build::version(), &hello.build);
+        }
+        if hello.golden != self.hub.golden {
+            return refused("golden episodes of hash", &self.hub.golden, &hello.golden);
+        }
+        let is_name = |name: &str| {
+            let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+            (1..=NAME_CHARS).contains(&name.len()) && name.chars().all(fits)
+        };
+        if !is_name(&hello.host) {
+            let expected = format!("of 1 to {NAME_CHARS} letters, digits, -, _ and .");
+            return refused("a name", &expected, &format!("{:?}", hello.host));
+        }
+        Ok(())
+    }
+}
+
+fn check_protocol(found: u32) -> Result<(), Status> {
+    if found == PROTOCOL {
+        return Ok(());
+    }
+    let words = format!("expected a gateway of protocol {PROTOCOL}, found one of {found}");
+    Err(Status::failed_precondition(words))
+}
+
+#[tonic::async_trait]
+impl Gateway for Calls {
+    async fn configuration(
+        &self,
+        request: Request<ConfigurationRequest>,
+    ) -> Result<Response<Configuration>, Status> {
+        check_protocol(request.get_ref().protocol)?;
+        Ok(Response::new(Configuration { text: self.hub.configuration.clone() }))
+    }
+
+    async fn hello(&self, request: Request<Hello>) -> Result<Response<Welcome>, Status> {
+        let hello = request.into_inner();
+        if let Some(why) = self.hub.expelled().get(&hello.session) {
+            return Err(Status::permission_denied(why.clone()));
+        }
+        self.check(&hello)?;
+        let mut guests = self.hub.guests();
+        // One that comes back begins anew: what it held is leased to others.
+        guests.remove(&hello.session);
+        guests.retain(|_, guest| guest.is_there());
+        let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
+        let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
+        let mut names = std::iter::once(hello.host.clone()).chain(numbered);
+        let host = names.find(|name| !is_taken(name)).unwrap_or_default();
+        let guest = Guest::start(&self.hub.setup, &host)
+            .map_err(|error| Status::internal(format!("{error:#}")))?;
+        tracing::info!("host {host} joins, build {}", hello.build);
+        guests.insert(hello.session, guest);
+        Ok(Response::new(Welcome { host }))
+    }
+
+    async fn beat(&self, request: Request<Beat>) -> Result<Response<BeatReply>, Status> {
+        let Beat { session, actors } = request.into_inner();
+        self.done(session, |done| Order::Beat { actors, done }).await?;
+        Ok(Response::new(BeatReply { finished: self.hub.is_finished() }))
+    }
+
+    async fn lease(&self, request: Request<Question>) -> Result<Response<Answer>, Status> {
+        let Question { session, number, request } = request.into_inner();
+        let Some(request) = request else {
+            return Err(self.expel(session, "a question for leases without a request"));
+        };
+        let answer = self.done(session, |done| Order::Ask { number, request, done }).await?;
+        answer.map(Response::new).map_err(|why| Status::resource_exhausted(format!("{why:#}")))
+    }
+
+    async fn trajectory(&self, request: Request<Delivery>) -> Result<Response<Delivered>, Status> {
+        let Delivery { session, trajectory } = request.into_inner();
+        match self.done(session, |done| Order::Deliver { trajectory, done }).await? {
+            Ok(()) => Ok(Response::new(Delivered {})),
+            Err(why) => Err(self.expel(session, &format!("{why:#}"))),
+        }
+    }
+
+    async fn weights(
+        &self,
+        request: Request<WeightsRequest>,
+    ) -> Result<Response<WeightsReply>, Status> {
+        let WeightsRequest { session, version } = request.into_inner();
+        if !self.hub.guests().contains_key(&session) {
+            return Err(self.stranger(session));
+        }
+        let mut newest = self.hub.weights.clone();
+        let has = |newest: &super::Newest| newest.of_version(version).is_some();
+        let found = tokio::time::timeout(WEIGHTS_PATIENCE, newest.wait_for(has)).await;
+        let weights = found.ok().and_then(Result::ok).and_then(|newest| newest.of_version(version));
+        Ok(Response::new(WeightsReply { weights }))
+    }
+}

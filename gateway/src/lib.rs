@@ -1,0 +1,36 @@
+//! A run on several machines: leases, trajectories and weights between the bus of its learner and the
+//! buses of other hosts.
+//!
+//! | module | |
+//! |---|---|
+//! | [`messages`] | what gateways say to each other, over gRPC and mutual TLS |
+//! | [`key`] | who may join: the run's own certificate authority |
+//! | [`hub`] | `goalward-gateway serve`, beside the learner |
+//! | [`host`] | `goalward-gateway join`, on another machine |
+//!
+//! Actors and learner are as they are without it. On a host the gateway stands in for the learner: actors
+//! ask it for leases, and it reads what they publish. At the hub it stands in for those actors: each has a
+//! node on the learner's bus under a name of its own, `actor-0-PROCESS@HOST`, which is gone when the host
+//! is, so that the learner hands its leases out again.
+//!
+//! The host begins every exchange, so one port is enough and the hub never connects to anybody. A question for
+//! leases goes on only once everything its actor has published before is acknowledged, which is when it is
+//! on the learner's bus. Questions are numbered, and one that is asked again has the same answer: a lost
+//! answer costs no lease.
+
+pub mod cli;
+pub mod host;
+pub mod hub;
+pub mod key;
+pub mod messages;
+
+/// The calls between gateways.
+#[allow(
+    missing_docs,
+    clippy::missing_errors_doc,
+    clippy::too_many_lines,
+    reason = "tonic makes it"
+)]
+pub mod calls {
+    tonic::include_proto!("goalward.Gateway");
+}

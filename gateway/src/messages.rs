@@ -1,0 +1,133 @@
+//! What gateways say to each other. Every call is the host's question and the hub's answer.
+
+use bytes::Bytes;
+use prost::Message;
+use protocol::messages::{LeaseReply, LeaseRequest};
+
+/// Number of this protocol; gateways of two numbers refuse each other.
+pub const PROTOCOL: u32 = 1;
+
+/// Most bytes of one message: the largest trajectory that travels.
+pub const MOST_BYTES: usize = 32 << 20;
+
+/// Asks what is trained.
+#[derive(Clone, PartialEq, Message)]
+pub struct ConfigurationRequest {
+    /// The asker's [`PROTOCOL`].
+    #[prost(uint32, tag = "1")]
+    pub protocol: u32,
+}
+
+/// What is trained.
+#[derive(Clone, PartialEq, Message)]
+pub struct Configuration {
+    /// The run's effective configuration, TOML.
+    #[prost(string, tag = "1")]
+    pub text: String,
+}
+
+/// A host presents itself.
+#[derive(Clone, PartialEq, Message)]
+pub struct Hello {
+    /// Its [`PROTOCOL`].
+    #[prost(uint32, tag = "1")]
+    pub protocol: u32,
+    /// A random number of this joining; every later message names it.
+    #[prost(fixed64, tag = "2")]
+    pub session: u64,
+    /// What people call the host.
+    #[prost(string, tag = "3")]
+    pub host: String,
+    /// What its programs are built from.
+    #[prost(string, tag = "4")]
+    pub build: String,
+    /// What its actor makes of the episodes of `goalward-actor golden`.
+    #[prost(string, tag = "5")]
+    pub golden: String,
+    /// Whether another build may join whose golden hash is the same.
+    #[prost(bool, tag = "6")]
+    pub other_build: bool,
+}
+
+/// A host is accepted.
+#[derive(Clone, PartialEq, Message)]
+pub struct Welcome {
+    /// What the host is called from now on.
+    #[prost(string, tag = "1")]
+    pub host: String,
+}
+
+/// A host lives.
+#[derive(Clone, PartialEq, Message)]
+pub struct Beat {
+    /// The joining.
+    #[prost(fixed64, tag = "1")]
+    pub session: u64,
+    /// Its living actors, by name on its bus.
+    #[prost(string, repeated, tag = "2")]
+    pub actors: Vec<String>,
+}
+
+/// How the run stands.
+#[derive(Clone, PartialEq, Message)]
+pub struct BeatReply {
+    /// The run is over: the host ends.
+    #[prost(bool, tag = "1")]
+    pub finished: bool,
+}
+
+/// An actor's question for leases.
+#[derive(Clone, PartialEq, Message)]
+pub struct Question {
+    /// The joining.
+    #[prost(fixed64, tag = "1")]
+    pub session: u64,
+    /// Number of the question among its actor's, from 1. One that is asked again has the same answer.
+    #[prost(uint64, tag = "2")]
+    pub number: u64,
+    /// What the actor asks.
+    #[prost(message, optional, tag = "3")]
+    pub request: Option<LeaseRequest>,
+}
+
+/// The learner's answer.
+#[derive(Clone, PartialEq, Message)]
+pub struct Answer {
+    /// None yet: the question is to be asked again.
+    #[prost(message, optional, tag = "1")]
+    pub reply: Option<LeaseReply>,
+}
+
+/// A trajectory.
+#[derive(Clone, PartialEq, Message)]
+pub struct Delivery {
+    /// The joining.
+    #[prost(fixed64, tag = "1")]
+    pub session: u64,
+    /// As it was encoded by its actor.
+    #[prost(bytes = "bytes", tag = "2")]
+    pub trajectory: Bytes,
+}
+
+/// The learner's bus has it, or nobody waits for it.
+#[derive(Clone, PartialEq, Message)]
+pub struct Delivered {}
+
+/// Asks for weights.
+#[derive(Clone, PartialEq, Message)]
+pub struct WeightsRequest {
+    /// The joining.
+    #[prost(fixed64, tag = "1")]
+    pub session: u64,
+    /// The version that a lease is acted by.
+    #[prost(uint64, tag = "2")]
+    pub version: u64,
+}
+
+/// Weights.
+#[derive(Clone, PartialEq, Message)]
+pub struct WeightsReply {
+    /// As the learner encoded them; none when this version is not among the newest.
+    #[prost(bytes = "bytes", optional, tag = "1")]
+    pub weights: Option<Bytes>,
+}
