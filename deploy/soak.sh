@@ -6,6 +6,7 @@
 #
 #   deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]   # 10 minutes, schedules from 100 on, one at a time
 #   deploy/soak.sh --minutes 0 --seed 117                    # schedule 117 alone
+#   deploy/soak.sh --hosts N     # N schedules of a run on several machines: hosts, gateways and links fail
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -22,8 +23,11 @@ while [ $# -gt 0 ]; do
         --minutes) export GOALWARD_SOAK_MINUTES=$2 ;;
         --seed) export GOALWARD_SOAK_SEED=$2 ;;
         --jobs) export GOALWARD_SOAK_JOBS=$2 ;;
-        *) refuse "expected --minutes N, --seed N or --jobs N, found $1" ;;
+        --hosts) export GOALWARD_SOAK_HOSTS=$2 ;;
+        *) refuse "expected --minutes N, --seed N, --jobs N or --hosts N, found $1" ;;
     esac
     shift 2
 done
-exec cargo test --locked --workspace --test faults -- --ignored --exact --nocapture soak
+test=faults
+[ -z "${GOALWARD_SOAK_HOSTS:-}" ] || test=hosts
+exec cargo test --locked --workspace --test "$test" -- --ignored --exact --nocapture soak

@@ -67,6 +67,20 @@ fn count_other_builds_when_asked_to(test: &TestRun, folder: &RunFolder) {
 }
 
 #[test]
+fn experiments_side_by_side_share_the_runs() {
+    let test = TestRun::new(programs!());
+    let mut commands = [(); 3].map(|()| experiment(&test));
+    let begun = commands.each_mut().map(|one| one.stderr(Stdio::piped()).spawn().unwrap());
+    for one in begun {
+        let output = one.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && !said.contains("failed"), "{said}");
+    }
+    let said = text(&experiment(&test).output().unwrap());
+    assert_eq!(said.matches("2 of 2").count(), 2, "{said}");
+}
+
+#[test]
 fn what_is_missing_is_trained() {
     let test = TestRun::new(programs!());
     let begun = experiment(&test).stderr(Stdio::piped()).spawn().unwrap();

@@ -1,37 +1,57 @@
-//! A run whose actors are on several machines: they come and go, and the weights are those of a run that was
-//! alone.
+//! A run whose actors are on several machines: they come and go, links fail, and the weights are those of a
+//! run that was alone.
 //!
 //! Method: what another machine has of a run is its key and its address, so a `goalward join` beside the
-//! run is one: it has a folder and a bus of its own.
+//! run is one: it has a folder and a bus of its own. The link between them is a relay that the test makes
+//! slow, lossy, or cuts.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs::{self, File};
 use std::net::TcpListener;
 use std::process::Child;
+use std::sync::OnceLock;
+use std::thread::sleep;
+use std::time::Duration;
 
 use bus::BusAddress;
-use system_tests::{PATIENCE, Signal, TestRun, await_some, programs, send};
+use protocol::seed::{Purpose, Stream, stream};
+use rand::RngExt;
+use system_tests::{
+    Hashes, PATIENCE, Relay, Signal, TestRun, Training, await_some, programs, send,
+};
 
 /// Long enough for hosts to come and go.
 const STEPS: &str = "steps=60000";
+
+/// Schedules of the quick form.
+const QUICK: std::ops::Range<u64> = 0..2;
 
 /// An address that nobody listens at.
 fn free_address() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
 }
 
-/// Starts another machine's actors.
-fn join(run: &TestRun, name: &str) -> Child {
-    let output = |suffix| File::create(run.path(&format!("{name}.{suffix}"))).unwrap();
-    let mut command = run.program("goalward");
-    command.args(["join", "--actors", "2", "--name", name]);
-    command.arg("--run").arg(run.folder().path());
-    command.stdout(output("out")).stderr(output("err")).spawn().unwrap()
+/// What the run learns alone.
+fn alone() -> &'static Hashes {
+    static HASHES: OnceLock<Hashes> = OnceLock::new();
+    HASHES.get_or_init(|| TestRun::new(programs!()).finish(&[STEPS]).hashes())
 }
 
-fn await_key(run: &TestRun) {
+/// A run that listens, with one actor of its own.
+fn listen<'a>(run: &'a TestRun, address: &str) -> Training<'a> {
+    let training = run.train_listening(address, &[STEPS, "resources.actors=1"]);
     let key = run.folder().path().join("join.toml");
     await_some("the key of the run", PATIENCE, || key.exists().then_some(()));
+    training
+}
+
+/// Starts another machine's actors, which find the hub at `address`.
+fn join(run: &TestRun, name: &str, address: &str) -> Child {
+    let output = |suffix| File::create(run.path(&format!("{name}.{suffix}"))).unwrap();
+    let mut command = run.program("goalward");
+    command.args(["join", address, "--actors", "2", "--name", name]);
+    command.arg("--run").arg(run.folder().path());
+    command.stdout(output("out")).stderr(output("err")).spawn().unwrap()
 }
 
 /// Waits until an actor of the host has asked for leases.
@@ -44,13 +64,11 @@ fn await_actor_of(run: &TestRun, host: &str) {
 
 #[test]
 fn hosts_come_and_go_and_the_weights_are_the_same() {
-    let alone = TestRun::new(programs!()).finish(&[STEPS]).hashes();
-    let run = TestRun::new(programs!());
-    let mut training = run.train_listening(&free_address(), &[STEPS, "resources.actors=1"]);
-    await_key(&run);
-    let mut first = join(&run, "first");
+    let (run, address) = (TestRun::new(programs!()), free_address());
+    let mut training = listen(&run, &address);
+    let mut first = join(&run, "first", &address);
     await_actor_of(&run, "@first");
-    let mut second = join(&run, "second");
+    let mut second = join(&run, "second", &address);
     await_actor_of(&run, "@second");
     // Its other processes notice, and end.
     send(first.id(), Signal::Kill);
@@ -61,11 +79,127 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
     });
     await_actor_of(&run, "@second");
     training.expect_going_on("a host came back");
-    assert_eq!(training.finish().hashes(), alone);
+    assert_eq!(training.finish().hashes(), *alone());
     assert!(second.wait().unwrap().success());
     let said = fs::read_to_string(run.path("second.err")).unwrap();
-    assert!(said.ends_with("goalward: the run is over\n"), "{said}");
+    assert!(said.ends_with("goalward: the training has ended\n"), "{said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());
+}
+
+/// What happens to a run on several machines.
+#[derive(Clone, Copy, Debug)]
+enum Fault {
+    /// A machine is gone: whoever joined last.
+    KillHost,
+    /// The gateway beside the learner is killed.
+    KillHub,
+    /// The gateway of a host is killed.
+    KillGateway,
+    /// Nothing comes through for some milliseconds.
+    Cut(u64),
+    /// Everything takes some milliseconds from now on.
+    Delay(u64),
+    /// A hundredth of everything is lost from now on.
+    Lose,
+    /// Another machine joins.
+    Join,
+    /// The learner is killed.
+    KillLearner,
+}
+
+/// Milliseconds to wait, and what happens then.
+fn schedule(seed: u64) -> Vec<(u64, Fault)> {
+    let mut stream = stream(seed, Purpose::TrainingEpisode, 0, 0);
+    let fault = |stream: &mut Stream| match stream.random_range(0..9) {
+        0 => Fault::KillHost,
+        1 => Fault::KillHub,
+        2 => Fault::KillGateway,
+        3 => Fault::Cut(stream.random_range(50..1_000)),
+        4 => Fault::Cut(stream.random_range(4_000..10_000)),
+        5 => Fault::Delay(stream.random_range(1..20)),
+        6 => Fault::Lose,
+        7 => Fault::KillLearner,
+        _ => Fault::Join,
+    };
+    let count = stream.random_range(2..6);
+    (0..count).map(|_| (stream.random_range(20..1_000), fault(&mut stream))).collect()
+}
+
+/// A run on several machines under a schedule of faults.
+struct Play<'a> {
+    run: &'a TestRun,
+    relay: Relay,
+    hosts: Vec<Child>,
+}
+
+impl Play<'_> {
+    fn join(&mut self) {
+        let name = format!("host-{}", self.hosts.len());
+        self.hosts.push(join(self.run, &name, &self.relay.address()));
+    }
+
+    fn strike(&mut self, fault: Fault) {
+        match fault {
+            Fault::KillHost => {
+                if let Some(host) = self.hosts.last() {
+                    send(host.id(), Signal::Kill);
+                }
+            }
+            Fault::KillHub => self.kill(|one| one.name == "gateway" && one.serves(self.run)),
+            Fault::KillGateway => self.kill(|one| one.name == "gateway" && !one.serves(self.run)),
+            Fault::KillLearner => self.kill(|one| one.name == "learner"),
+            Fault::Cut(milliseconds) => {
+                self.relay.cut(true);
+                sleep(Duration::from_millis(milliseconds));
+                self.relay.cut(false);
+            }
+            Fault::Delay(milliseconds) => self.relay.delay(Duration::from_millis(milliseconds)),
+            Fault::Lose => self.relay.lose(true),
+            Fault::Join => self.join(),
+        }
+    }
+
+    fn kill(&self, is_it: impl Fn(&system_tests::Process) -> bool) {
+        if let Some(process) = self.run.all_processes().into_iter().find(is_it) {
+            process.signal(Signal::Kill);
+        }
+    }
+}
+
+fn play(seed: u64) {
+    let (run, address, schedule) = (TestRun::new(programs!()), free_address(), schedule(seed));
+    let shown = format!("schedule {seed}: {schedule:?}");
+    let training = listen(&run, &address);
+    let mut play = Play { run: &run, relay: Relay::to(&address), hosts: Vec::new() };
+    play.join();
+    play.join();
+    for (milliseconds, fault) in schedule {
+        sleep(Duration::from_millis(milliseconds));
+        play.strike(fault);
+    }
+    assert_eq!(training.end(), Some(0), "{shown}\n{}", run.remarks());
+    assert_eq!(run.summary().hashes(), *alone(), "{shown}");
+    let (verified, said) = run.goalward(&["replay", "run", "--verify"]);
+    assert!(verified, "{shown}: {said}");
+    assert_eq!(run.shared_memory(), Vec::<String>::new(), "{shown}");
+    for mut host in play.hosts {
+        // One that was cut off at the end waits for the hub for a minute.
+        send(host.id(), Signal::Interrupt);
+        host.wait().unwrap();
+    }
+}
+
+#[test]
+fn random_faults_of_hosts_and_links_change_nothing() {
+    QUICK.for_each(play);
+}
+
+/// `deploy/soak.sh --hosts N` calls this with the number of schedules in the environment.
+#[test]
+#[ignore = "as long as deploy/soak.sh says"]
+fn soak() {
+    let wanted = std::env::var("GOALWARD_SOAK_HOSTS").ok().and_then(|text| text.parse().ok());
+    (100..100 + wanted.unwrap_or(10)).for_each(play);
 }
 
 #[test]
@@ -90,12 +224,12 @@ fn what_cannot_be_joined_costs_a_line() {
     assert!(said.contains(&format!("listening at {taken}: Address already in use")), "{said}");
 
     let address = free_address();
-    let training = run.train_listening(&address, &[]);
-    await_key(&run);
+    let training = listen(&run, &address);
     fs::copy(run.folder().path().join("join.toml"), run.path("copy")).unwrap();
     let said = refusal(&["join", &free_address(), "--key", "copy"]);
     assert!(said.contains("onnection refused"), "{said}");
-    training.finish();
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
     let said = refusal(&["join", "--key", "copy"]);
     assert!(said.contains(&format!("the hub at {address}")), "{said}");
 }

@@ -20,7 +20,8 @@ use system_tests::{SMALL_PHYSICS, TestRun, programs};
 const OF_PHYSICS: [&str; 7] = ["acosf", "cosf", "expf", "log2f", "powf", "sincosf", "sinf"];
 
 /// What `goalward` itself imports, for charts and intervals of reports; nothing learns from them.
-const OF_REPORTS: [&str; 8] = ["atan2", "exp", "hypotf", "log", "log10", "pow", "sin", "sincos"];
+const OF_REPORTS: [&str; 9] =
+    ["atan2", "cos", "exp", "hypotf", "log", "log10", "pow", "sin", "sincos"];
 
 /// Demonstrations of a run with [`SMALL_PHYSICS`].
 const DEMONSTRATIONS: u64 = 10;

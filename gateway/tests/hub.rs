@@ -151,6 +151,8 @@ async fn deliver(
 #[test]
 fn strangers_get_nothing_and_cost_nothing() {
     let stage = Stage::new();
+    let idle = || TcpStream::connect(&stage.key.address).unwrap();
+    let _idle: Vec<TcpStream> = (0..STRANGERS).map(|_| idle()).collect();
     for number in 0..STRANGERS {
         let mut stranger = TcpStream::connect(&stage.key.address).unwrap();
         // What a hub that hangs up does not take is as well.

@@ -10,6 +10,7 @@
 
 mod page;
 mod process;
+mod relay;
 mod summary;
 
 use std::ffi::OsStr;
@@ -26,6 +27,7 @@ use run::folder::RunFolder;
 
 pub use page::Page;
 pub use process::{Process, Signal, send};
+pub use relay::Relay;
 pub use summary::{Evaluation, Hashes, Log, Summary};
 
 /// The tasks that come with the programs.
@@ -248,11 +250,14 @@ impl TestRun {
 
     /// The living processes of the run, the supervisor not among them.
     pub fn processes(&self) -> Vec<Process> {
-        let folder = self.folder();
-        let programs = self.path("bin");
-        let mut processes = process::living(&programs);
-        processes.retain(|process| process.serves(folder.path()));
+        let mut processes = self.all_processes();
+        processes.retain(|process| process.serves(self));
         processes
+    }
+
+    /// All living processes of the test's programs, those of other runs and supervisors among them.
+    pub fn all_processes(&self) -> Vec<Process> {
+        process::living(&self.path("bin"))
     }
 
     /// The living process of the run with this name: learner, proximity-service, actor-0 and so on.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
-use crate::await_some;
+use crate::{TestRun, await_some};
 
 /// For the system to carry a signal out.
 const A_MOMENT: Duration = Duration::from_secs(10);
@@ -59,10 +59,10 @@ impl Process {
         prlimit(Pid::from_raw(self.id as i32), Resource::Fsize, limit).ok();
     }
 
-    /// Whether it was started for the run in `folder`, by a supervisor or by hand.
-    pub(crate) fn serves(&self, folder: &Path) -> bool {
-        let run = self.after("--run");
-        self.name != "goalward" && run.is_some_and(|run| Path::new(run) == folder)
+    /// Whether it was started for the test's run, by a supervisor or by hand.
+    pub fn serves(&self, run: &TestRun) -> bool {
+        let own = self.after("--run");
+        self.name != "goalward" && own.is_some_and(|own| Path::new(own) == run.folder().path())
     }
 
     fn after(&self, flag: &str) -> Option<&str> {

@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match runtime.block_on(take_part(&joining, &view))? {
         Outcome::Stopped => Err(stopped()),
         Outcome::Finished | Outcome::EndOfLog => {
-            print_remark("the run is over");
+            print_remark("the training has ended");
             Ok(())
         }
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitStatus;
 
 use anyhow::{Result, bail};
+use mcap_log::is_being_written;
 use run::config::RunConfig;
 
 use crate::child::Child;
@@ -37,12 +38,13 @@ impl Recorder {
         }
     }
 
-    /// Checks that the expert `ended` well: the demonstrations have their name then.
+    /// Checks that the expert `ended` well, or that somebody else was faster: the demonstrations have their
+    /// name then, or are about to.
     ///
     /// # Errors
     /// When it did not, with its last words.
     pub(super) fn end(self, ended: ExitStatus) -> Result<()> {
-        if ended.success() {
+        if ended.success() || self.file.exists() || is_being_written(&self.file) {
             return Ok(());
         }
         let (shown, words) = (self.file.display(), self.output.last_lines());

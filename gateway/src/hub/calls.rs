@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use bus::MAX_ACTORS;
 use protocol::build;
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
@@ -17,6 +18,9 @@ use crate::messages::{
 
 /// How long weights are waited for that the learner has not published yet.
 const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Joinings that are remembered as expelled: whoever has the key could go on for ever.
+const EXPELLED: usize = 1024;
 
 /// Longest name of a host, characters.
 const NAME_CHARS: usize = 40;
@@ -61,7 +65,11 @@ impl Calls {
         let guest = self.hub.guests().remove(&session);
         let host = guest.map_or_else(String::new, |guest| guest.host().to_owned());
         tracing::error!("host {host} is expelled: {why}");
-        self.hub.expelled().insert(session, why.to_owned());
+        let mut expelled = self.hub.expelled();
+        expelled.insert(session, why.to_owned());
+        if expelled.len() > EXPELLED {
+            expelled.pop_first();
+        }
         Status::permission_denied(why)
     }
 
@@ -117,6 +125,10 @@ impl Gateway for Calls {
         // One that comes back begins anew: what it held is leased to others.
         guests.remove(&hello.session);
         guests.retain(|_, guest| guest.is_there());
+        if guests.len() >= MAX_ACTORS {
+            let words = format!("expected at most {MAX_ACTORS} hosts, found another one");
+            return Err(Status::resource_exhausted(words));
+        }
         let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
         let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
         let mut names = std::iter::once(hello.host.clone()).chain(numbered);

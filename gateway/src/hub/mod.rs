@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use run::folder::RunFolder;
 use run::process::Stop;
 use tokio::net::TcpListener;
@@ -130,13 +130,16 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
             .add_service(calls)
             .serve_with_incoming_shutdown(connections, ended(&hub, stop))
             .await
-            .context("serving hosts")
+            .context("serving hosts")?;
+        ensure!(stop.is_requested(), "the bus of the run cannot be read any more");
+        Ok(())
     })
 }
 
-/// Waits until the hub is to stop, and then until its hosts have heard of it.
+/// Waits until the hub is to stop or has lost the bus, and then until its hosts have heard of it.
 async fn ended(hub: &Hub, stop: &Stop) {
-    while !stop.is_requested() {
+    let has_bus = || hub.weights.has_changed().is_ok();
+    while !stop.is_requested() && has_bus() {
         tokio::time::sleep(TICK).await;
     }
     hub.is_ending.store(true, Ordering::Relaxed);

@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+#SBATCH --job-name=goalward
+#SBATCH --nodes=2
+#SBATCH --ntasks-per-node=1
+#SBATCH --requeue
+#SBATCH --open-mode=append
+#SBATCH --signal=B:TERM@120
+# Trains one run over the nodes of a Slurm job: it learns on the first node and acts on all of them.
+#
+#   sbatch --nodes=5 --cpus-per-task=16 --time=8:00:00 deploy/cluster/slurm_run.sh RUN [TASK] [flags of `goalward train`]
+#
+# RUN lies on a file system that all nodes share. `goalward` and `goalward-gateway` are on the path, or GOALWARD
+# says where the first is. A job that is requeued, by Slurm or because its time is over, continues the run.
+set -euo pipefail
+
+[ $# -gt 0 ] || { printf 'slurm_run: expected the folder of the run\n' >&2; exit 2; }
+run=$1
+shift
+goalward=${GOALWARD:-goalward}
+cores=${SLURM_CPUS_PER_TASK:-${SLURM_CPUS_ON_NODE:-1}}
+# Two jobs may have the same first node.
+port=${GOALWARD_PORT:-$((20000 + SLURM_JOB_ID % 10000))}
+
+started=$(mktemp)
+if [ -e "$run/config.toml" ]; then
+    set -- --resume
+fi
+"$goalward" train "$@" --run "$run" --no-page --listen "0.0.0.0:$port" &
+learner=$!
+# Two minutes before the time is over, or when somebody wants the nodes: a checkpoint, and later the rest.
+trap 'kill -TERM "$learner"; is_stopped=yes' TERM
+
+# The key of an earlier start has an address that is gone.
+until [ "$run/join.toml" -nt "$started" ] || ! kill -0 "$learner" 2>/dev/null; do sleep 0.2; done
+if [ "$SLURM_JOB_NUM_NODES" -gt 1 ] && kill -0 "$learner" 2>/dev/null; then
+    others=$((SLURM_JOB_NUM_NODES - 1))
+    # One that is lost costs its share alone.
+    srun --nodes="$others" --ntasks="$others" --exclude="$SLURMD_NODENAME" --no-kill --kill-on-bad-exit=0 \
+        bash -c 'exec "$0" join --name "$SLURMD_NODENAME" "$@"' "$goalward" --run "$run" --actors "$cores" &
+fi
+
+# A signal ends a wait, not the learner.
+until wait "$learner"; code=$?; [ "$code" -ne $((128 + 15)) ]; do :; done
+rm -f "$started"
+if [ "$code" -eq 130 ] && [ "${is_stopped:-}" ]; then
+    scontrol requeue "$SLURM_JOB_ID"
+fi
+exit "$code"

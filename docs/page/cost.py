@@ -1,0 +1,150 @@
+"""What the page costs a training that it is open on.
+
+One run trains while three clients read its page as browsers do, in every second window of a few seconds;
+in the others page and clients are held. The seconds that an iteration takes are compared between windows
+that follow each other, so what else the machine does falls on both.
+
+    target/python/bin/python docs/page/cost.py target/release/goalward [MINUTES]
+"""
+
+import json
+import random
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.parse
+import urllib.request
+from itertools import pairwise
+from pathlib import Path
+
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+
+WINDOW_S = 6.0
+CLIENTS = 3
+# What happens at the edge of a window belongs to neither.
+EDGE_S = 0.3
+
+
+class Client(threading.Thread):
+    """Reads a page as a browser does: new curves at every event, the processes every two seconds."""
+
+    def __init__(self, address, run, open_):
+        super().__init__(daemon=True)
+        self.api, self.run_, self.open_ = (
+            f"{address}/api",
+            urllib.parse.quote(run),
+            open_,
+        )
+        self.updates = 0
+
+    def get(self, path):
+        """What the page answers."""
+        with urllib.request.urlopen(f"{self.api}/{path}", timeout=60) as answer:
+            return json.load(answer)
+
+    def run(self):
+        """Reads while the page is open, and waits while it is not."""
+        self.get("runs")
+        self.get(f"runs/{self.run_}")
+        while True:
+            self.open_.wait()
+            with urllib.request.urlopen(f"{self.api}/events", timeout=60) as events:
+                looked = 0.0
+                for line in events:
+                    if not self.open_.is_set():
+                        break
+                    if line.startswith(b"data:"):
+                        self.updates = self.get(f"runs/{self.run_}/updates?from={self.updates}")["next"]
+                    if time.time() - looked > 2:
+                        looked = time.time()
+                        self.get(f"runs/{self.run_}/processes")
+
+
+def iterations(run):
+    """End and length in seconds of every iteration: the log's times are those of the clock."""
+    ends = []
+    for file in sorted((run / "log").glob("updates-*")):
+        with file.open("rb") as stream:
+            topics = {}
+            for record in StreamReader(stream).records:
+                if isinstance(record, Channel):
+                    topics[record.id] = record.topic
+                elif isinstance(record, Message) and "policy" in topics[record.channel_id]:
+                    ends.append(record.log_time / 1e9)
+    return [(end, end - start) for start, end in pairwise(ends)]
+
+
+def main(goalward, minutes):
+    """Trains and reads for so many minutes, then prints what came of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "runs" / "measured"
+        run.parent.mkdir()
+        training = subprocess.Popen(
+            [
+                goalward,
+                "train",
+                "navigation",
+                "--run",
+                run,
+                "--no-page",
+                "--steps",
+                "100000000",
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        page = subprocess.Popen(
+            [goalward, "page", run.parent, "--port", "0"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        address = re.search(r"http://[^\s/]+", page.stdout.readline()).group()
+        while not (run / "checkpoints").is_dir() or not any((run / "checkpoints").glob("0*")):
+            time.sleep(0.5)
+        open_ = threading.Event()
+        for _ in range(CLIENTS):
+            Client(address, run.name, open_).start()
+        windows = []
+        until = time.time() + minutes * 60
+        while time.time() < until:
+            is_open = len(windows) % 2 == 0
+            page.send_signal(signal.SIGCONT if is_open else signal.SIGSTOP)
+            (open_.set if is_open else open_.clear)()
+            start = time.time()
+            time.sleep(WINDOW_S)
+            windows.append((is_open, start + EDGE_S, time.time()))
+        open_.clear()
+        page.send_signal(signal.SIGCONT)
+        training.send_signal(signal.SIGINT)
+        training.wait()
+        page.terminate()
+        tell(windows, iterations(run))
+
+
+def tell(windows, ended):
+    """Prints the ratio of an iteration's seconds, with the page over without, and its interval."""
+    means = []
+    for _, start, end in windows:
+        inside = [seconds for at, seconds in ended if at - seconds >= start and at <= end]
+        means.append(statistics.fmean(inside) if inside else None)
+    pairs = [
+        (one / other) if windows[place][0] else (other / one)
+        for place, (one, other) in enumerate(pairwise(means))
+        if one and other
+    ]
+    drawn = [statistics.fmean(random.choices(pairs, k=len(pairs))) for _ in range(10_000)]
+    low, high = (statistics.quantiles(drawn, n=40)[at] for at in (0, -1))
+    print(
+        f"{len(pairs)} pairs of windows: an iteration takes {statistics.fmean(pairs):.4f} times as long "
+        f"with the page and {CLIENTS} clients (95 %: {low:.4f} to {high:.4f})"
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else 5.0)
