@@ -13,6 +13,9 @@ const ADDRESS_SPACE: [u64; 2] = [2 << 30, 160 << 20];
 /// The same for open files; sockets and shared memory are files.
 const OPEN_FILES: [u64; 2] = [160, 12];
 
+/// What the bus of a run can take of shared memory.
+pub(crate) const SHARED_MEMORY_BYTES: u64 = 300 << 20;
+
 /// Checks that processes of a run with so many actors stay within the limits.
 ///
 /// # Errors

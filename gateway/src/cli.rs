@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use run::diagnostics::Diagnostics;
 use run::folder::RunFolder;
 use run::process::{self, Stop};
@@ -41,28 +41,11 @@ enum Command {
         golden: String,
     },
     /// Lays out the folder of a run that another machine trains.
-    LayOut {
-        /// Folder to be.
-        #[arg(long)]
-        run: PathBuf,
-        /// The run's file join.toml.
-        #[arg(long)]
-        key: PathBuf,
-        /// Where the hub is, if not where the key says.
-        #[arg(long)]
-        address: Option<String>,
-    },
+    LayOut(Place),
     /// Takes part in a run that another machine trains, for the actors of such a folder.
     Join {
-        /// The folder that was laid out.
-        #[arg(long)]
-        run: PathBuf,
-        /// The run's file join.toml.
-        #[arg(long)]
-        key: PathBuf,
-        /// Where the hub is, if not where the key says.
-        #[arg(long)]
-        address: Option<String>,
+        #[command(flatten)]
+        place: Place,
         /// What this machine is called.
         #[arg(long)]
         host: String,
@@ -75,10 +58,32 @@ enum Command {
     },
 }
 
+/// A host's folder for a run, and the hub.
+#[derive(Debug, Args)]
+struct Place {
+    /// The folder.
+    #[arg(long)]
+    run: PathBuf,
+    /// The run's file join.toml.
+    #[arg(long)]
+    key: PathBuf,
+    /// Where the hub is, if not where the key says.
+    #[arg(long)]
+    address: Option<String>,
+}
+
+impl Place {
+    fn read(self) -> Result<(RunFolder, JoinKey)> {
+        let mut key = JoinKey::of_file(&self.key)?;
+        key.address = self.address.unwrap_or(key.address);
+        Ok((RunFolder::new(self.run), key))
+    }
+}
+
 impl Command {
     fn diagnostics(&self) -> Diagnostics {
         match self {
-            Command::LayOut { .. } => Diagnostics::ForPeople,
+            Command::LayOut(_) => Diagnostics::ForPeople,
             Command::Serve { .. } | Command::Join { .. } => Diagnostics::of_service(),
         }
     }
@@ -98,20 +103,15 @@ fn run(command: Command) -> Result<()> {
             let hub_key = key::of_run(&folder, &address)?;
             hub::serve(&Setup { folder, listen, golden }, &hub_key, &stop)
         }
-        Command::LayOut { run, key, address } => {
+        Command::LayOut(place) => {
             process::end_with_parent()?;
-            host::lay_out(&RunFolder::new(run), &key_of(key, address)?)
+            let (folder, key) = place.read()?;
+            host::lay_out(&folder, &key)
         }
-        Command::Join { run, key, address, host, golden, other_build } => {
+        Command::Join { place, host, golden, other_build } => {
             let stop = Stop::at_end_of_input()?;
-            let identity = Identity { host, golden, other_build };
-            host::join(&RunFolder::new(run), &key_of(key, address)?, identity, &stop)
+            let (folder, key) = place.read()?;
+            host::join(&folder, &key, Identity { host, golden, other_build }, &stop)
         }
     }
-}
-
-fn key_of(file: PathBuf, address: Option<String>) -> Result<JoinKey> {
-    let mut key = JoinKey::of_file(&file)?;
-    key.address = address.unwrap_or(key.address);
-    Ok(key)
 }

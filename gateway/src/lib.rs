@@ -24,6 +24,14 @@ pub mod hub;
 pub mod key;
 pub mod messages;
 
+use std::time::Duration;
+
+/// After so long without a word a connection is tried, at either end.
+const KEEPALIVE: Duration = Duration::from_secs(1);
+
+/// How long it may take to answer then, before it is given up.
+const KEEPALIVE_PATIENCE: Duration = Duration::from_secs(3);
+
 /// The calls between gateways.
 #[allow(
     missing_docs,

@@ -10,14 +10,12 @@ use terminal::print::print_remark;
 use terminal::refusal::stopped;
 use terminal::status_line::StatusLine;
 
+use crate::limits;
 use crate::listening::{golden, host_name};
 use crate::machine::Machine;
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
-use crate::supervisor::{Joining, Outcome, Source, take_part};
-
-/// What the bus of actors can take of shared memory.
-const SHARED_MEMORY_BYTES: u64 = 300 << 20;
+use crate::supervisor::{Joining, Outcome, Source, runtime, take_part};
 
 /// Flags of `goalward join`.
 #[derive(Debug, clap::Args)]
@@ -65,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Program::Gateway.check()?;
     let (key, count) = (arguments.key()?, arguments.actors());
     Machine::here().require_room_for_actors(count)?;
-    check_shared_memory_room(SHARED_MEMORY_BYTES)?;
+    check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
     let place = tempfile::Builder::new().prefix("goalward-join-").tempdir()?;
     let folder = RunFolder::new(place.path());
     if !lay_out(&folder, &key, arguments.address.as_deref())? {
@@ -84,8 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let source = Source::Environments { count, program, listening: None };
     let view = ProgressView::new();
     let joining = Joining { folder, gateway, source };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    match runtime.block_on(take_part(&joining, &view))? {
+    match runtime()?.block_on(take_part(&joining, &view))? {
         Outcome::Stopped => Err(stopped()),
         Outcome::Finished | Outcome::EndOfLog => {
             print_remark("the training has ended");

@@ -23,7 +23,7 @@ use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
-use crate::supervisor::{Outcome, Source, remove_from_bus, supervise};
+use crate::supervisor::{Outcome, Source, remove_from_bus, runtime, supervise};
 use crate::{choices, demonstrations, description, destination, limits, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
@@ -31,9 +31,6 @@ use terminal::refusal::{Refusal, stopped};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
-
-/// What the bus of a run can take of shared memory.
-const SHARED_MEMORY_BYTES: u64 = 300 << 20;
 
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
@@ -186,7 +183,7 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
         unchanged.map_err(Refusal::usage)?;
     }
     require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;
-    check_shared_memory_room(SHARED_MEMORY_BYTES)?;
+    check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
     limits::check(plan.config.resources.actors)?;
     Ok(long.into_iter().chain(demonstrations::remark(&plan.config)?).collect())
 }
@@ -229,11 +226,6 @@ fn clean_up_after(folder: &RunFolder) -> Result<()> {
     let Ok(_lock) = plan::lock(folder) else { return Ok(()) };
     let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(()) };
     runtime()?.block_on(remove_from_bus(&address))
-}
-
-fn runtime() -> Result<tokio::runtime::Runtime> {
-    let mut runtime = tokio::runtime::Builder::new_current_thread();
-    runtime.enable_all().build().context("starting the supervisor")
 }
 
 /// The deepest folder on the way to `path` that exists.

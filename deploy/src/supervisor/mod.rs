@@ -63,6 +63,15 @@ pub(crate) enum Outcome {
     EndOfLog,
 }
 
+/// What supervision runs in.
+///
+/// # Errors
+/// When the system does not have it.
+pub(crate) fn runtime() -> Result<tokio::runtime::Runtime> {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    runtime.enable_all().build().context("starting the supervisor")
+}
+
 /// Trains the run in `folder`, which has its configuration and demonstrations, to its end, or to that
 /// of the log it learns from.
 ///

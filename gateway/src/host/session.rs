@@ -13,17 +13,13 @@ use tonic::{Code, Response, Status};
 use crate::calls::gateway_client::GatewayClient;
 use crate::key::JoinKey;
 use crate::messages::{ConfigurationRequest, Hello, MOST_BYTES, PROTOCOL};
+use crate::{KEEPALIVE, KEEPALIVE_PATIENCE};
 
 /// How long the hub may take to be reached.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
 
 /// How long an answer may take: one about leases is held for two seconds.
 const CALL_PATIENCE: Duration = Duration::from_secs(5);
-
-/// After so long without a word the connection is tried, and after [`KEEPALIVE_PATIENCE`] given up.
-const KEEPALIVE: Duration = Duration::from_secs(1);
-
-const KEEPALIVE_PATIENCE: Duration = Duration::from_secs(3);
 
 /// First and longest pause before a call is made again.
 const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(1)];

@@ -8,8 +8,8 @@ use protocol::build;
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
-use super::Hub;
 use super::guest::{Guest, Order};
+use super::{Hub, is_name};
 use crate::calls::gateway_server::Gateway;
 use crate::messages::{
     Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Delivered, Delivery, Hello,
@@ -85,11 +85,7 @@ impl Calls {
         if hello.golden != self.hub.golden {
             return refused("golden episodes of hash", &self.hub.golden, &hello.golden);
         }
-        let is_name = |name: &str| {
-            let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
-            (1..=NAME_CHARS).contains(&name.len()) && name.chars().all(fits)
-        };
-        if !is_name(&hello.host) {
+        if !is_name(&hello.host, NAME_CHARS) {
             let expected = format!("of 1 to {NAME_CHARS} letters, digits, -, _ and .");
             return refused("a name", &expected, &format!("{:?}", hello.host));
         }

@@ -15,6 +15,7 @@ use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
 use tokio::sync::oneshot;
 
+use super::is_name;
 use super::stand_in::StandIn;
 use crate::messages::Answer;
 
@@ -154,15 +155,13 @@ impl Work {
                     done.send(Err(why)).ok();
                 }
             },
-            Order::Deliver { trajectory, done } => match self.checked(trajectory) {
-                Ok(encoded) => {
-                    self.publish(&encoded)?;
-                    done.send(Ok(())).ok();
+            Order::Deliver { trajectory, done } => {
+                let checked = self.checked(trajectory);
+                if let Ok(encoded) = &checked {
+                    self.publish(encoded)?;
                 }
-                Err(why) => {
-                    done.send(Err(why)).ok();
-                }
-            },
+                done.send(checked.map(drop)).ok();
+            }
         }
         Ok(())
     }
@@ -219,8 +218,7 @@ impl Work {
 }
 
 fn is_actor(name: &str) -> bool {
-    let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
-    name.starts_with("actor") && name.len() <= NAME_BYTES && name.chars().all(fits)
+    name.starts_with("actor") && is_name(name, NAME_BYTES)
 }
 
 /// Remembers leases, and forgets those before the iteration that may still be under way.

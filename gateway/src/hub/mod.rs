@@ -27,6 +27,7 @@ use tonic::transport::Server;
 use crate::calls::gateway_server::GatewayServer;
 use crate::key::HubKey;
 use crate::messages::MOST_BYTES;
+use crate::{KEEPALIVE, KEEPALIVE_PATIENCE};
 use calls::Calls;
 use guest::{Guest, GuestSetup};
 use newest::Newest;
@@ -39,11 +40,6 @@ const FAREWELL: Duration = Duration::from_millis(1500);
 
 /// How long a TLS handshake may take.
 const HANDSHAKE: Duration = Duration::from_secs(5);
-
-/// After so long without a word a connection is tried, and after [`KEEPALIVE_PATIENCE`] given up.
-const KEEPALIVE: Duration = Duration::from_secs(1);
-
-const KEEPALIVE_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Calls of one connection that are under way at once.
 const CALLS_AT_ONCE: usize = 256;
@@ -84,6 +80,12 @@ impl Hub {
     fn is_finished(&self) -> bool {
         self.is_ending.load(Ordering::Relaxed) && self.setup.folder.summary_file().exists()
     }
+}
+
+/// Whether a host may call itself, or its actor, so.
+fn is_name(name: &str, most_bytes: usize) -> bool {
+    let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    (1..=most_bytes).contains(&name.len()) && name.chars().all(fits)
 }
 
 /// Serves a run's hosts until it is to stop.
