@@ -58,10 +58,11 @@ struct Intruder {
 impl Intruder {
     fn join(address: &BusAddress) -> Intruder {
         let bus: Bus = Bus::open(address, "intruder").unwrap();
+        let doorbell = bus.doorbell(Role::Supervisor).unwrap();
         Intruder {
             trajectories: bus.trajectory_publisher(IMPATIENT).unwrap(),
-            leases: bus.lease_client(Role::Supervisor).unwrap(),
-            scores: bus.score_client(Role::Supervisor).unwrap(),
+            leases: bus.lease_client(&doorbell).unwrap(),
+            scores: bus.score_client(&doorbell).unwrap(),
             weights: bus.weights_publisher(PLACE_BYTES).unwrap(),
             progress: bus.progress_publisher(PLACE_BYTES).unwrap(),
             lease_server: bus.lease_server().unwrap(),

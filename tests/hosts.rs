@@ -6,8 +6,9 @@
 //! slow, lossy, or cuts.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::fs::{self, File};
+use std::fs::{self, File, Permissions};
 use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt;
 use std::process::Child;
 use std::sync::OnceLock;
 use std::thread::sleep;
@@ -38,8 +39,8 @@ fn alone() -> &'static Hashes {
 }
 
 /// A run that listens, with one actor of its own.
-fn listen<'a>(run: &'a TestRun, address: &str) -> Training<'a> {
-    let training = run.train_listening(address, &[STEPS, "resources.actors=1"]);
+fn listen<'a>(run: &'a TestRun, address: &str, audit: f64) -> Training<'a> {
+    let training = run.train_listening(address, audit, &[STEPS, "resources.actors=1"]);
     let key = run.folder().path().join("join.toml");
     await_some("the key of the run", PATIENCE, || key.exists().then_some(()));
     training
@@ -47,8 +48,13 @@ fn listen<'a>(run: &'a TestRun, address: &str) -> Training<'a> {
 
 /// Starts another machine's actors, which find the hub at `address`.
 fn join(run: &TestRun, name: &str, address: &str) -> Child {
+    join_by(run, run, name, address)
+}
+
+/// The same by the programs of another folder.
+fn join_by(programs: &TestRun, run: &TestRun, name: &str, address: &str) -> Child {
     let output = |suffix| File::create(run.path(&format!("{name}.{suffix}"))).unwrap();
-    let mut command = run.program("goalward");
+    let mut command = programs.program("goalward");
     command.args(["join", address, "--actors", "2", "--name", name]);
     command.arg("--run").arg(run.folder().path());
     command.stdout(output("out")).stderr(output("err")).spawn().unwrap()
@@ -65,11 +71,16 @@ fn await_actor_of(run: &TestRun, host: &str) {
 #[test]
 fn hosts_come_and_go_and_the_weights_are_the_same() {
     let (run, address) = (TestRun::new(programs!()), free_address());
-    let mut training = listen(&run, &address);
+    let mut training = listen(&run, &address, 0.1);
     let mut first = join(&run, "first", &address);
     await_actor_of(&run, "@first");
     let mut second = join(&run, "second", &address);
     await_actor_of(&run, "@second");
+    await_some("both in the run's status", PATIENCE, || {
+        let (_, said) = run.goalward(&["status", "run"]);
+        let is_there = |host: &str| said.contains(&format!("{host}, actors: 2, "));
+        (is_there("first") && is_there("second") && said.contains(" ms away")).then_some(())
+    });
     // Its other processes notice, and end.
     send(first.id(), Signal::Kill);
     first.wait().unwrap();
@@ -84,6 +95,36 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
     let said = fs::read_to_string(run.path("second.err")).unwrap();
     assert!(said.ends_with("goalward: the training has ended\n"), "{said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());
+}
+
+/// Its golden episodes are right; in its rollouts agents start elsewhere.
+const DISHONEST: &str = r#"#!/bin/sh
+[ "$1" = rollout ] && sed -i 's/^coverage = .*/coverage = 0.3/' "$3/config.toml"
+exec "$(dirname "$0")/honest-actor" "$@"
+"#;
+
+#[test]
+fn a_host_that_acts_otherwise_is_expelled_and_named() {
+    let (run, address) = (TestRun::new(programs!()), free_address());
+    let other = TestRun::new(programs!());
+    let actor = other.path("bin/goalward-actor");
+    fs::rename(&actor, other.path("bin/honest-actor")).unwrap();
+    fs::write(&actor, DISHONEST).unwrap();
+    fs::set_permissions(&actor, Permissions::from_mode(0o755)).unwrap();
+    let training = listen(&run, &address, 1.0);
+    let mut dishonest = join_by(&other, &run, "dishonest", &address);
+    let mut honest = join(&run, "honest", &address);
+    assert!(!dishonest.wait().unwrap().success());
+    let said = fs::read_to_string(run.path("dishonest.err")).unwrap();
+    assert!(said.contains("refuses this host: it acts otherwise: lane "), "{said}");
+    assert!(said.contains("step 0: another observation"), "{said}");
+    assert_eq!(training.finish().hashes(), *alone());
+    assert!(honest.wait().unwrap().success());
+    let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();
+    assert!(said.contains("episodes of hosts acted again: 16"), "{said}");
+    let said = run.remarks();
+    assert!(said.contains("dishonest is expelled: it acts otherwise"), "{said}");
+    assert!(said.contains("honest takes part\n"), "{said}");
 }
 
 /// What happens to a run on several machines.
@@ -169,7 +210,7 @@ impl Play<'_> {
 fn play(seed: u64) {
     let (run, address, schedule) = (TestRun::new(programs!()), free_address(), schedule(seed));
     let shown = format!("schedule {seed}: {schedule:?}");
-    let training = listen(&run, &address);
+    let training = listen(&run, &address, 0.1);
     let mut play = Play { run: &run, relay: Relay::to(&address), hosts: Vec::new() };
     play.join();
     play.join();
@@ -224,7 +265,7 @@ fn what_cannot_be_joined_costs_a_line() {
     assert!(said.contains(&format!("listening at {taken}: Address already in use")), "{said}");
 
     let address = free_address();
-    let training = listen(&run, &address);
+    let training = listen(&run, &address, 0.0);
     fs::copy(run.folder().path().join("join.toml"), run.path("copy")).unwrap();
     let said = refusal(&["join", &free_address(), "--key", "copy"]);
     assert!(said.contains("onnection refused"), "{said}");

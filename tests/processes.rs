@@ -148,7 +148,7 @@ impl Tool {
         let address = BusAddress::of_run(run.folder().path()).unwrap();
         let bus = Bus::open(&address, "tool").unwrap();
         let doorbell = bus.doorbell(Role::Supervisor).unwrap();
-        Tool { doorbell, client: bus.score_client(Role::Supervisor).unwrap() }
+        Tool { client: bus.score_client(&doorbell).unwrap(), doorbell }
     }
 
     fn ask(&self, observations: Vec<u8>) -> Answer {

@@ -153,6 +153,13 @@ enum Command {
         #[arg(long)]
         run: PathBuf,
     },
+    /// Acts episodes again that another machine acted, which standard input has with their weights, and prints
+    /// how each differs, as JSON.
+    Audit {
+        /// Folder of the run.
+        #[arg(long)]
+        run: PathBuf,
+    },
     /// Acts every recorded episode of a run again and compares.
     Verify {
         /// Folder of the run.
@@ -246,6 +253,10 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
         Command::Golden { run } => {
             process::end_with_parent()?;
             print(&crate::golden::golden(tasks, &RunFolder::new(run))?)
+        }
+        Command::Audit { run } => {
+            let (mut input, mut output) = (std::io::stdin().lock(), std::io::stdout());
+            crate::audit::audit(tasks, &RunFolder::new(run), &mut input, &mut output)
         }
         Command::Verify { run, threads } => {
             process::end_with_parent()?;

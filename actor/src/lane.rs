@@ -57,6 +57,11 @@ impl Lane {
         Ok(Some(trajectory))
     }
 
+    /// What its episodes are for.
+    pub fn source(&self) -> Source {
+        self.name.source
+    }
+
     /// Whether everything owed has been run.
     pub fn is_done(&self) -> bool {
         self.steps_owed == 0 && self.episodes_owed == 0

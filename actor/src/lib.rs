@@ -2,12 +2,13 @@
 //!
 //! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
 //! [`publish`] puts a log onto the bus for anybody.
-//! [`demonstrate`], [`evaluate`], [`verify`], [`restore`], `scenes` and `serve` work without a bus. [`episode`] and [`lane`]
+//! [`demonstrate`], [`evaluate`], [`verify`], [`restore`], `scenes`, `audit` and `serve` work without a bus. [`episode`] and [`lane`]
 //! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
 //!
 //! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
 //! [`Registration`]s; a task's file names it. `deploy/examples/reacher/` is one.
 
+mod audit;
 pub mod cli;
 pub mod demonstrate;
 pub mod describe;

@@ -3,9 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail, ensure};
-use bus::{
-    Bus, BusAddress, Client, Doorbell, Pending, Role, TrajectoryHeader, TrajectoryPublisher,
-};
+use bus::{Bus, BusAddress, Doorbell, LeaseAsker, Role, TrajectoryHeader, TrajectoryPublisher};
 use bytes::Bytes;
 use prost::Message;
 use protocol::dropped::Dropped;
@@ -15,16 +13,12 @@ use run::folder::RunFolder;
 use run::process::Stop;
 use run::process_stat::ProcessorClock;
 
-/// How long an actor sleeps, and leaves a learner alone that is not there.
-const ASK_AGAIN: Duration = Duration::from_millis(250);
+/// How long an actor sleeps.
+const TICK: Duration = Duration::from_millis(250);
 
 /// How long the full queue of the learner or the service is waited for. They read at least every second
 /// unless they are held or compute for long, and what they miss they ask for.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
-
-/// A request is answered when there are leases. Asking again after this long shows the learner that
-/// the actor lives, and finds a learner that was restarted.
-const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How long an actor that was started by hand looks for a learner: a dead one is started again sooner.
 const LEARNER_PATIENCE: Duration = Duration::from_secs(30);
@@ -34,8 +28,6 @@ pub struct Ports {
     folder: RunFolder,
     name: String,
     finished: Vec<Lease>,
-    pending: Option<(Pending, Instant)>,
-    refused: Instant,
     joined: bool,
     /// Since when there has been no learner to ask.
     alone: Option<Instant>,
@@ -44,7 +36,7 @@ pub struct Ports {
     dropped: Dropped,
     clock: ProcessorClock,
     doorbell: Doorbell,
-    leases: Client,
+    leases: LeaseAsker,
     trajectories: TrajectoryPublisher,
 }
 
@@ -58,20 +50,19 @@ impl Ports {
         // open again as soon as that is known to be dead.
         let name = format!("{name}-{}", std::process::id());
         let bus = Bus::open(&BusAddress::of_run(folder.path())?, &name)?;
+        let doorbell = bus.doorbell(Role::Actors)?;
         let ports = Ports {
             folder: folder.clone(),
             name,
             finished: Vec::new(),
-            pending: None,
-            refused: Instant::now() - ASK_AGAIN,
             joined: false,
             alone: None,
             over: false,
             stop: stop.clone(),
             dropped: Dropped::new("answers about leases"),
             clock: ProcessorClock::default(),
-            doorbell: bus.doorbell(Role::Actors)?,
-            leases: bus.lease_client(Role::Actors)?,
+            leases: bus.lease_asker(&doorbell)?,
+            doorbell,
             trajectories: bus.rollout_publisher(READER_PATIENCE)?,
         };
         Ok((ports, bus))
@@ -100,7 +91,7 @@ impl Ports {
     /// # Errors
     /// When the bus fails.
     pub fn wait(&mut self) -> Result<()> {
-        self.doorbell.wait(ASK_AGAIN)?;
+        self.doorbell.wait(TICK)?;
         Ok(())
     }
 
@@ -111,7 +102,7 @@ impl Ports {
 
     /// Asks for leases, one request at a time; `seconds` is told and begins anew.
     pub fn ask(&mut self, capacity: usize, seconds: &mut ActorSeconds) {
-        if capacity == 0 || self.pending.is_some() || self.refused.elapsed() < ASK_AGAIN {
+        if capacity == 0 || !self.leases.is_free() {
             return;
         }
         seconds.processor += self.clock.lap();
@@ -121,20 +112,18 @@ impl Ports {
             finished: self.finished.clone(),
             seconds: Some(*seconds),
         };
-        match self.leases.send(&request.encode_to_vec()) {
-            Ok(pending) => {
+        match self.leases.ask(&request.encode_to_vec()) {
+            Ok(()) => {
                 if !std::mem::replace(&mut self.joined, true) {
                     tracing::info!("joined the run in {}", self.folder.path().display());
                 }
                 self.alone = None;
-                self.pending = Some((pending, Instant::now()));
                 self.finished.clear();
                 *seconds = ActorSeconds::default();
             }
             Err(error) => {
                 tracing::debug!("no learner to ask: {error}");
-                self.refused = Instant::now();
-                self.alone.get_or_insert(self.refused);
+                self.alone.get_or_insert_with(Instant::now);
                 self.over = self.folder.summary_file().exists();
             }
         }
@@ -142,26 +131,11 @@ impl Ports {
 
     /// The leases that were granted since the last look.
     pub fn granted(&mut self) -> Vec<Lease> {
-        let Some((pending, since)) = &self.pending else { return Vec::new() };
-        match pending.poll() {
-            Ok(None) if since.elapsed() < ANSWER_PATIENCE => Vec::new(),
-            Ok(None) | Err(_) => {
-                self.pending = None;
-                Vec::new()
-            }
-            Ok(Some(bytes)) => match granted(bytes) {
-                Ok(reply) => {
-                    self.pending = None;
-                    self.over = reply.finished;
-                    reply.leases
-                }
-                // No answer of the learner's; that may still come.
-                Err(why) => {
-                    self.dropped.note(why);
-                    Vec::new()
-                }
-            },
-        }
+        let dropped = &mut self.dropped;
+        let read = |bytes| granted(bytes).map_err(|why| dropped.note(why)).ok();
+        let Some(reply) = self.leases.answer(read) else { return Vec::new() };
+        self.over = reply.finished;
+        reply.leases
     }
 
     /// Publishes a trajectory. What a reader misses it asks for: the learner by leasing again, the

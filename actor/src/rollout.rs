@@ -13,9 +13,9 @@ use environments::EnvironmentError;
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::Lease;
-use protocol::trajectory::{Encoded, Source};
+use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
-use run::config::{ActionChoice, RunConfig};
+use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::process::{Final, Stop};
 
@@ -101,8 +101,7 @@ impl Actor {
             }
             return self.ports.wait();
         };
-        let evaluates = self.lanes[0].lease.source == Source::Evaluation as i32;
-        let choice = if evaluates { self.config.evaluation.actions } else { ActionChoice::Sample };
+        let choice = self.config.evaluation.actions_of(self.lanes[0].source());
         let trajectories = self.policy.step(version, &mut self.lanes, choice)?;
         let begun = Instant::now();
         for trajectory in trajectories {

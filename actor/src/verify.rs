@@ -120,18 +120,18 @@ fn name(recorded: &Trajectory) -> String {
 }
 
 /// The first part of an episode that differs, in the order it happened.
-fn first_difference(recorded: &Trajectory, again: &Trajectory) -> String {
+pub(crate) fn first_difference(recorded: &Trajectory, again: &Trajectory) -> String {
+    let observation = position(&observations(recorded), &observations(again));
+    match (observation, position(&actions(recorded), &actions(again))) {
+        // An action follows the observation of the same number.
+        (observation, Some(step)) if observation.is_none_or(|other| step < other) => {
+            return format!("step {}: another action", step + 1);
+        }
+        (Some(step), _) => return format!("step {step}: another observation"),
+        (None, _) => {}
+    }
     if recorded.steps != again.steps {
         return format!("ending: expected after step {}, found {}", recorded.steps, again.steps);
-    }
-    let rows = |trajectory: &Trajectory| -> Vec<Vec<u8>> {
-        let bytes = trajectory.observations();
-        let one = (bytes.len() / (trajectory.steps as usize + 1)).max(1);
-        bytes.chunks_exact(one).map(<[u8]>::to_vec).collect()
-    };
-    let step = rows(recorded).iter().zip(rows(again)).position(|(one, other)| *one != other);
-    if let Some(step) = step {
-        return format!("step {step}: another observation");
     }
     let rewards =
         |trajectory: &Trajectory| trajectory.environment_rewards.as_chunks::<4>().0.to_vec();
@@ -143,6 +143,23 @@ fn first_difference(recorded: &Trajectory, again: &Trajectory) -> String {
             recorded.steps, recorded.state_hash, again.state_hash
         ),
         None if recorded.full_hash != again.full_hash => "other observations".to_owned(),
-        None => "another ending or success".to_owned(),
+        None => "another ending, success or probability".to_owned(),
     }
+}
+
+fn observations(episode: &Trajectory) -> Vec<&[u8]> {
+    rows(episode.observations(), episode.steps + 1)
+}
+
+fn actions(episode: &Trajectory) -> Vec<&[u8]> {
+    rows(episode.actions(), episode.steps)
+}
+
+fn rows(bytes: &[u8], count: u32) -> Vec<&[u8]> {
+    bytes.chunks_exact((bytes.len() / (count as usize).max(1)).max(1)).collect()
+}
+
+/// The first row that differs, of those that both have.
+fn position(rows: &[&[u8]], others: &[&[u8]]) -> Option<usize> {
+    rows.iter().zip(others).position(|(row, other)| row != other)
 }

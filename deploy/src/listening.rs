@@ -2,29 +2,72 @@
 
 use std::ffi::OsString;
 use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use protocol::task::Task;
 use run::folder::RunFolder;
 
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
 
+/// What is acted again of what others deliver, where nothing else is wished.
+const AUDITED: f64 = 0.01;
+
+/// How a run lets other machines in.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct ListenOptions {
+    /// Lets actors of other machines in, which `goalward join` starts there; such as 0.0.0.0:7447.
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<SocketAddr>,
+    /// Share of their episodes that is acted again here; a machine that acts otherwise is expelled. By default
+    /// 0.01, of a task that is not deterministic 0.
+    #[arg(long, value_name = "SHARE", requires = "listen")]
+    audit: Option<f64>,
+}
+
 /// Where a run listens, and what its machines must agree on.
 #[derive(Clone, Debug)]
 pub(crate) struct Listening {
     listen: SocketAddr,
     golden: String,
+    audit: f64,
+    actor: PathBuf,
 }
 
-/// Checks that a run can listen there.
-///
-/// # Errors
-/// Without the gateway's program, or when the system does not let it listen.
-pub(crate) fn check(listen: SocketAddr) -> Result<()> {
-    Program::Gateway.check()?;
-    let free = TcpListener::bind(listen);
-    free.map(drop).map_err(|error| wrong_usage(format!("listening at {listen}: {error}")))
+impl ListenOptions {
+    /// Checks that a run of the task can let others in as is wished.
+    ///
+    /// # Errors
+    /// Without the gateway's program, when the system does not let it listen, or the task's episodes cannot be
+    /// acted again.
+    pub(crate) fn check(self, task: &Task) -> Result<()> {
+        let Some(listen) = self.listen else { return Ok(()) };
+        Program::Gateway.check()?;
+        let (share, name) = (self.audit(task), &task.name);
+        let expected = |what: &str| wrong_usage(format!("--audit: expected {what}"));
+        let is_share = (0.0..=1.0).contains(&share);
+        ensure!(is_share, expected(&format!("a share in 0 to 1, found {share}")));
+        let can_audit = task.deterministic || share == 0.0;
+        ensure!(can_audit, expected(&format!("a deterministic task, found {name}")));
+        let free = TcpListener::bind(listen);
+        free.map(drop).map_err(|error| wrong_usage(format!("listening at {listen}: {error}")))
+    }
+
+    fn audit(self, task: &Task) -> f64 {
+        self.audit.unwrap_or(if task.deterministic { AUDITED } else { 0.0 })
+    }
+
+    /// Prepares a run that is laid out, if anybody may come in.
+    ///
+    /// # Errors
+    /// As [`golden`].
+    pub(crate) fn prepare(self, folder: &RunFolder, task: &Task) -> Result<Option<Listening>> {
+        let Some(listen) = self.listen else { return Ok(None) };
+        let golden = golden(folder, task).context("the golden episodes of the run")?;
+        let actor = Program::acting_in(task).path()?;
+        Ok(Some(Listening { listen, golden, audit: self.audit(task), actor }))
+    }
 }
 
 /// What this machine's actor makes of a run's golden episodes.
@@ -43,27 +86,22 @@ pub(crate) fn host_name() -> String {
 }
 
 impl Listening {
-    /// Prepares a run that is laid out.
-    ///
-    /// # Errors
-    /// As [`golden`].
-    pub(crate) fn prepare(
-        folder: &RunFolder,
-        task: &Task,
-        listen: SocketAddr,
-    ) -> Result<Listening> {
-        let golden = golden(folder, task).context("the golden episodes of the run")?;
-        Ok(Listening { listen, golden })
-    }
-
     /// What the gateway is to do.
     pub(crate) fn arguments(&self, folder: &RunFolder) -> Vec<OsString> {
         let listen = self.listen.to_string();
-        let (address, golden) = (self.address(), self.golden.clone());
+        let (address, golden, audit) =
+            (self.address(), self.golden.clone(), self.audit.to_string());
         let mut arguments = vec!["serve".into(), "--run".into(), folder.path().into()];
-        for (flag, value) in [("--listen", listen), ("--address", address), ("--golden", golden)] {
+        let flags = [
+            ("--listen", listen),
+            ("--address", address),
+            ("--golden", golden),
+            ("--audit", audit),
+        ];
+        for (flag, value) in flags {
             arguments.extend([flag.into(), value.into()]);
         }
+        arguments.extend(["--actor".into(), self.actor.clone().into()]);
         arguments
     }
 

@@ -63,7 +63,11 @@ impl Program {
         Ok(command)
     }
 
-    fn path(&self) -> Result<PathBuf> {
+    /// Where it is.
+    ///
+    /// # Errors
+    /// When it is not where it should be.
+    pub(crate) fn path(&self) -> Result<PathBuf> {
         let name = match self {
             Program::Actor => "goalward-actor",
             Program::Learner => "goalward-learner",

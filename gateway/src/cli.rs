@@ -12,7 +12,7 @@ use run::folder::RunFolder;
 use run::process::{self, Stop};
 
 use crate::host::{self, Identity};
-use crate::hub::{self, Setup};
+use crate::hub::{self, Audit, Setup};
 use crate::key::{self, JoinKey};
 
 /// Takes a run's leases, trajectories and weights to other machines and back.
@@ -39,6 +39,12 @@ enum Command {
         /// What `goalward-actor golden` prints here.
         #[arg(long)]
         golden: String,
+        /// Share of what hosts deliver that is acted again here, in [0, 1].
+        #[arg(long, default_value_t = 0.0)]
+        audit: f64,
+        /// The program that acts in the run's task; without it nothing is acted again.
+        #[arg(long)]
+        actor: Option<PathBuf>,
     },
     /// Lays out the folder of a run that another machine trains.
     LayOut(Place),
@@ -55,6 +61,9 @@ enum Command {
         /// Joins with another build whose golden episodes are the same.
         #[arg(long)]
         other_build: bool,
+        /// How many actors this machine is to have.
+        #[arg(long)]
+        actors: u64,
     },
 }
 
@@ -97,21 +106,23 @@ pub fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Serve { run, listen, address, golden } => {
+        Command::Serve { run, listen, address, golden, audit: share, actor } => {
             let stop = Stop::at_end_of_input()?;
             let folder = RunFolder::new(run);
             let hub_key = key::of_run(&folder, &address)?;
-            hub::serve(&Setup { folder, listen, golden }, &hub_key, &stop)
+            let audit = actor.filter(|_| share > 0.0).map(|program| Audit { share, program });
+            hub::serve(&Setup { folder, listen, golden, audit }, &hub_key, &stop)
         }
         Command::LayOut(place) => {
             process::end_with_parent()?;
             let (folder, key) = place.read()?;
             host::lay_out(&folder, &key)
         }
-        Command::Join { place, host, golden, other_build } => {
+        Command::Join { place, host, golden, other_build, actors } => {
             let stop = Stop::at_end_of_input()?;
             let (folder, key) = place.read()?;
-            host::join(&folder, &key, Identity { host, golden, other_build }, &stop)
+            let identity = Identity { host, golden, other_build, actors };
+            host::join(&folder, &key, identity, &stop)
         }
     }
 }

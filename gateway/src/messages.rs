@@ -47,6 +47,9 @@ pub struct Hello {
     /// Whether another build may join whose golden hash is the same.
     #[prost(bool, tag = "6")]
     pub other_build: bool,
+    /// How many actors it is to have.
+    #[prost(uint64, tag = "7")]
+    pub actors: u64,
 }
 
 /// A host is accepted.
@@ -66,6 +69,9 @@ pub struct Beat {
     /// Its living actors, by name on its bus.
     #[prost(string, repeated, tag = "2")]
     pub actors: Vec<String>,
+    /// How long the fastest of the last beats took, there and back, milliseconds.
+    #[prost(double, optional, tag = "3")]
+    pub distance_ms: Option<f64>,
 }
 
 /// How the run stands.

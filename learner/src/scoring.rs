@@ -54,8 +54,8 @@ impl Scoring {
     /// # Errors
     /// When the bus fails.
     pub fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
-        let client = bus.score_client(Role::Learner)?;
         let doorbell = bus.doorbell(Role::Learner)?;
+        let client = bus.score_client(&doorbell)?;
         Ok(Scoring { bus, client, doorbell, stop: stop.clone() })
     }
 

@@ -200,9 +200,10 @@ impl TestRun {
     }
 
     /// Starts `goalward train navigation` on a new run that lets actors of other machines in.
-    pub fn train_listening(&self, address: &str, settings: &[&str]) -> Training<'_> {
+    pub fn train_listening(&self, address: &str, audit: f64, settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
         command.args(["train", "navigation", "--no-page", "--listen", address]);
+        command.arg(format!("--audit={audit}"));
         for setting in SMALL.iter().chain(settings) {
             command.args(["--set", setting]);
         }

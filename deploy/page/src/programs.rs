@@ -70,4 +70,6 @@ pub struct Processes {
     pub head: [&'static str; 8],
     /// A row for each.
     pub rows: Vec<[String; 8]>,
+    /// A line for each other machine that takes part.
+    pub hosts: Vec<String>,
 }

@@ -38,7 +38,8 @@ export class Processes {
       element("h2", {}, "Its processes"),
       found.trouble ? element("p", { class: "trouble", role: "status" }, found.trouble) : "",
       element("div", { class: "scroll" }, element("table", { class: "processes" },
-        element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))));
+        element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
+      ...found.hosts.map((host) => element("p", { class: "soft" }, `Host ${host}`)));
   }
 
   async read() {

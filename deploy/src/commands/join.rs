@@ -77,6 +77,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut gateway = vec!["join".into(), "--run".into(), folder.path().into()];
     gateway.extend(key_arguments(&key, arguments.address.as_deref()));
     gateway.extend(["--host".into(), host.into(), "--golden".into(), golden.into()]);
+    gateway.extend(["--actors".into(), count.to_string().into()]);
     gateway.extend(arguments.other_build.then(|| "--other-build".into()));
     let program = Program::acting_in(&config.task);
     let source = Source::Environments { count, program, listening: None };

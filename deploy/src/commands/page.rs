@@ -10,6 +10,7 @@ use prost::Message;
 use protocol::trajectory::Trajectory;
 use report::programs::Estimates;
 use run::folder::RunFolder;
+use run::hosts::{Host, Hosts};
 use serde::de::IgnoredAny;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
@@ -133,6 +134,7 @@ impl Programs for OfRuns {
             trouble: found.trouble(),
             head: processes::HEAD,
             rows: found.rows(&heard),
+            hosts: Hosts::of_run(folder).present.iter().map(Host::line).collect(),
         }))
     }
 }

@@ -1,6 +1,5 @@
 //! `goalward train`: a run from its first check to its last table.
 
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -17,7 +16,7 @@ use crate::companion_page::CompanionPage;
 use crate::event_files::EventFiles;
 use crate::experiment::estimate;
 use crate::figures::Figures;
-use crate::listening::{self, Listening};
+use crate::listening::ListenOptions;
 use crate::machine::Machine;
 use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
@@ -84,9 +83,8 @@ pub(crate) struct Arguments {
     /// Serves no page of the run meanwhile; see `goalward page`.
     #[arg(long)]
     no_page: bool,
-    /// Lets actors of other machines in, which `goalward join` starts there; such as 0.0.0.0:7447.
-    #[arg(long, value_name = "ADDRESS")]
-    listen: Option<SocketAddr>,
+    #[command(flatten)]
+    listening: ListenOptions,
     /// Continues a run that another build of goalward trained, though its result may then be that of
     /// neither; the log and the summary name both.
     #[arg(long, requires = "resume")]
@@ -116,7 +114,7 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { other_build, no_page, dry_run, listen, figures, .. } = arguments;
+    let Arguments { other_build, no_page, dry_run, listening, figures, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
     tensorboard.as_deref().map(destination::outside_runs).transpose()?;
@@ -128,7 +126,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     let changes = Changes::of(&plan.config);
     programs::check_all()?;
-    listen.map(listening::check).transpose()?;
+    listening.check(&plan.config.task)?;
     if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
     } else {
@@ -152,7 +150,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
 
     let events = tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?;
     let mut view = ProgressView::kept_in(Output::of(&plan.folder, "supervisor"));
-    let outcome = prepare_and_supervise(&plan, listen, &mut view);
+    let outcome = prepare_and_supervise(&plan, listening, &mut view);
     view.finish();
     drop(events);
     if outcome.is_err() {
@@ -190,7 +188,7 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
 
 fn prepare_and_supervise(
     plan: &Plan,
-    listen: Option<SocketAddr>,
+    listening: ListenOptions,
     view: &mut ProgressView,
 ) -> Result<Outcome> {
     let Plan { folder, config, .. } = plan;
@@ -202,8 +200,7 @@ fn prepare_and_supervise(
         }
     }
     let program = Program::acting_in(&config.task);
-    let listening = listen.map(|listen| Listening::prepare(folder, &config.task, listen));
-    let listening = listening.transpose()?;
+    let listening = listening.prepare(folder, &config.task)?;
     if let Some(listening) = &listening {
         view.note(&listening.how_to_join(folder));
     }
@@ -355,7 +352,7 @@ mod tests {
             tensorboard: None,
             no_page: false,
             dry_run: false,
-            listen: None,
+            listening: ListenOptions::default(),
             other_build: false,
             figures: Figures::default(),
         };

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use run::folder::RunFolder;
+use run::hosts::{Host, Hosts};
 
 use super::actors::Source;
 use super::process::Process;
@@ -15,12 +16,23 @@ use crate::progress::ProgressView;
 /// How long one that has died is left alone.
 const PAUSE: Duration = Duration::from_millis(500);
 
+/// How often it is looked who takes part.
+const LOOK_AT_HOSTS: Duration = Duration::from_millis(500);
+
 /// The gateway of a run.
 pub(super) struct Gateway {
     pub(super) process: Process,
     deaths: ActorDeaths,
     /// When it is started again, if it has ended.
     start_at: Option<Instant>,
+    told: Told,
+}
+
+/// The machines that the user was told of.
+#[derive(Default)]
+struct Told {
+    looked: Option<Instant>,
+    hosts: Hosts,
 }
 
 impl Gateway {
@@ -29,14 +41,16 @@ impl Gateway {
         let Source::Environments { listening, .. } = source else { return None };
         let arguments = listening.as_ref()?.arguments(folder);
         let process = Process::new(folder, Program::Gateway, "gateway", arguments);
-        Some(Gateway { process, deaths: ActorDeaths::default(), start_at: None })
+        Hosts::clear(folder);
+        let (deaths, told) = (ActorDeaths::default(), Told::default());
+        Some(Gateway { process, deaths, start_at: None, told })
     }
 
     /// Starts it again when it has died: hosts come back by themselves.
     ///
     /// # Errors
     /// When the system does not say how it ended.
-    pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<()> {
+    pub(super) fn look_after(&mut self, folder: &RunFolder, view: &ProgressView) -> Result<()> {
         let mut failure = self.process.reap()?.map(|status| status.to_string());
         if self.start_at.is_some_and(|at| at <= Instant::now()) {
             self.start_at = None;
@@ -48,6 +62,32 @@ impl Gateway {
             self.start_at = Some(now + pause);
             view.note(&self.process.ended_for_now(&how, pause));
         }
+        if self.process.is_running() {
+            self.told.look(folder, view);
+        }
         Ok(())
+    }
+}
+
+impl Told {
+    /// Says which machines have come and gone since the last look.
+    fn look(&mut self, folder: &RunFolder, view: &ProgressView) {
+        if self.looked.is_some_and(|looked| looked.elapsed() < LOOK_AT_HOSTS) {
+            return;
+        }
+        self.looked = Some(Instant::now());
+        let hosts = Hosts::of_run(folder);
+        let is_among =
+            |host: &Host, hosts: &Hosts| hosts.present.iter().any(|other| other.name == host.name);
+        for host in hosts.present.iter().filter(|host| !is_among(host, &self.hosts)) {
+            view.note(&format!("{} takes part{}", host.name, host.other_build()));
+        }
+        for host in self.hosts.present.iter().filter(|host| !is_among(host, &hosts)) {
+            view.note(&format!("{} takes part no more", host.name));
+        }
+        for expelled in hosts.expelled.iter().filter(|one| !self.hosts.expelled.contains(one)) {
+            view.note(&format!("{} is expelled: {}", expelled.name, expelled.why));
+        }
+        self.hosts = hosts;
     }
 }

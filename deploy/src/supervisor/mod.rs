@@ -215,7 +215,7 @@ impl Supervision<'_> {
             Err(error) => self.view.note(&format!("the number of actors stays: {error:#}")),
         }
         if let Some(gateway) = &mut self.fleet.gateway {
-            gateway.look_after(self.view)?;
+            gateway.look_after(self.folder, self.view)?;
         }
         if self.fleet.actors.look_after(self.view)? {
             self.end_learner().await?;

@@ -1,10 +1,11 @@
 //! The link of a host to the hub: what the desk wants is done by calls, several at once.
 
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bus::{Bus, BusAddress, Ringer, Role};
@@ -26,6 +27,9 @@ const WINDOW: usize = 8;
 
 /// How often the hub is told that this host lives.
 const BEAT: Duration = Duration::from_millis(500);
+
+/// Beats of which the fastest says how far the hub is.
+const DISTANCES: usize = 8;
 
 /// Versions of the policy that are remembered as published: as many as the bus keeps.
 const VERSIONS: usize = 2;
@@ -86,15 +90,23 @@ impl Link {
 
     /// Tells the hub twice a second that this host lives.
     async fn beat(&self, stop: &Stop) -> Result<()> {
+        let session = self.session.number;
+        let mut distances = VecDeque::new();
         while !stop.is_requested() {
-            let session = self.session.number;
-            let beat = || Beat { session, actors: self.alive.borrow().clone() };
+            let fastest = distances.iter().copied().min();
+            let distance_ms = fastest.map(|fastest: Duration| 1000.0 * fastest.as_secs_f64());
+            let beat = || Beat { session, actors: self.alive.borrow().clone(), distance_ms };
+            let begun = Instant::now();
             let told = self.session.call(|mut hub| {
                 let beat = beat();
                 async move { hub.beat(beat).await }
             });
             if told.await?.finished {
                 self.tell(Incoming::Over)?;
+            }
+            distances.push_back(begun.elapsed());
+            if distances.len() > DISTANCES {
+                distances.pop_front();
             }
             tokio::time::sleep(BEAT).await;
         }

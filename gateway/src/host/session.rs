@@ -36,6 +36,8 @@ pub struct Identity {
     pub golden: String,
     /// Whether it may join with another build than the hub's.
     pub other_build: bool,
+    /// How many actors it is to have.
+    pub actors: u64,
 }
 
 /// A joining.
@@ -143,6 +145,7 @@ impl Session {
             build: build::version().to_owned(),
             golden: self.identity.golden.clone(),
             other_build: self.identity.other_build,
+            actors: self.identity.actors,
         };
         let answer = self.once(|mut client| async move { client.hello(hello()).await }).await;
         match answer {

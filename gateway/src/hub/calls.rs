@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::MAX_ACTORS;
+use bus::{BusAddress, MAX_ACTORS};
 use protocol::build;
+use run::hosts::Expelled;
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
@@ -55,7 +56,7 @@ impl Calls {
     /// Why a joining is not known.
     fn stranger(&self, session: u64) -> Status {
         match self.hub.expelled().get(&session) {
-            Some(why) => Status::permission_denied(why.clone()),
+            Some(expelled) => Status::permission_denied(expelled.why.clone()),
             None => Status::unauthenticated("the hub does not know this joining"),
         }
     }
@@ -63,10 +64,10 @@ impl Calls {
     /// Ends a joining that broke the rules.
     fn expel(&self, session: u64, why: &str) -> Status {
         let guest = self.hub.guests().remove(&session);
-        let host = guest.map_or_else(String::new, |guest| guest.host().to_owned());
-        tracing::error!("host {host} is expelled: {why}");
+        let name = guest.map_or_else(|| "a host".to_owned(), |guest| guest.host().to_owned());
+        tracing::error!("host {name} is expelled: {why}");
         let mut expelled = self.hub.expelled();
-        expelled.insert(session, why.to_owned());
+        expelled.insert(session, Expelled { name, why: why.to_owned() });
         if expelled.len() > EXPELLED {
             expelled.pop_first();
         }
@@ -91,6 +92,31 @@ impl Calls {
         }
         Ok(())
     }
+
+    /// Checks that a host's actors have a place on the learner's bus, beside those of this machine and of others.
+    fn check_room<'a>(
+        &self,
+        hello: &Hello,
+        guests: impl Iterator<Item = &'a Guest>,
+    ) -> Result<(), Status> {
+        let address = BusAddress::of_run(self.hub.setup.folder.path()).map_err(internal)?;
+        let members = address.members().map_err(internal)?;
+        let is_here = |name: &str| name.starts_with("actor") && !name.contains('@');
+        let here = members.iter().filter(|member| member.lives && is_here(&member.name)).count();
+        let taken = guests.map(|guest| guest.actors_wanted).fold(here as u64, u64::saturating_add);
+        if hello.actors <= (MAX_ACTORS as u64).saturating_sub(taken) {
+            return Ok(());
+        }
+        let words = format!(
+            "expected at most {MAX_ACTORS} actors of a run, found {taken} and {} of this host",
+            hello.actors
+        );
+        Err(Status::failed_precondition(words))
+    }
+}
+
+fn internal(error: impl Into<anyhow::Error>) -> Status {
+    Status::internal(format!("{:#}", error.into()))
 }
 
 fn check_protocol(found: u32) -> Result<(), Status> {
@@ -113,31 +139,31 @@ impl Gateway for Calls {
 
     async fn hello(&self, request: Request<Hello>) -> Result<Response<Welcome>, Status> {
         let hello = request.into_inner();
-        if let Some(why) = self.hub.expelled().get(&hello.session) {
-            return Err(Status::permission_denied(why.clone()));
+        if let Some(expelled) = self.hub.expelled().get(&hello.session) {
+            return Err(Status::permission_denied(expelled.why.clone()));
         }
         self.check(&hello)?;
         let mut guests = self.hub.guests();
         // One that comes back begins anew: what it held is leased to others.
         guests.remove(&hello.session);
         guests.retain(|_, guest| guest.is_there());
-        if guests.len() >= MAX_ACTORS {
-            let words = format!("expected at most {MAX_ACTORS} hosts, found another one");
-            return Err(Status::resource_exhausted(words));
-        }
+        self.check_room(&hello, guests.values())?;
         let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
         let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
         let mut names = std::iter::once(hello.host.clone()).chain(numbered);
         let host = names.find(|name| !is_taken(name)).unwrap_or_default();
-        let guest = Guest::start(&self.hub.setup, &host)
-            .map_err(|error| Status::internal(format!("{error:#}")))?;
+        let guest = Guest::start(&self.hub.setup, &host, &hello).map_err(internal)?;
         tracing::info!("host {host} joins, build {}", hello.build);
         guests.insert(hello.session, guest);
         Ok(Response::new(Welcome { host }))
     }
 
     async fn beat(&self, request: Request<Beat>) -> Result<Response<BeatReply>, Status> {
-        let Beat { session, actors } = request.into_inner();
+        let Beat { session, actors, distance_ms } = request.into_inner();
+        if let Some(guest) = self.hub.guests().get_mut(&session) {
+            guest.about.actors = actors.len() as u64;
+            guest.about.distance_ms = distance_ms.filter(|distance| distance.is_finite());
+        }
         self.done(session, |done| Order::Beat { actors, done }).await?;
         Ok(Response::new(BeatReply { finished: self.hub.is_finished() }))
     }
@@ -153,6 +179,12 @@ impl Gateway for Calls {
 
     async fn trajectory(&self, request: Request<Delivery>) -> Result<Response<Delivered>, Status> {
         let Delivery { session, trajectory } = request.into_inner();
+        if let Some(auditor) = &self.hub.auditor
+            && self.hub.guests().contains_key(&session)
+            && let Some(difference) = auditor.difference(&trajectory).await
+        {
+            return Err(self.expel(session, &format!("it acts otherwise: {difference}")));
+        }
         match self.done(session, |done| Order::Deliver { trajectory, done }).await? {
             Ok(()) => Ok(Response::new(Delivered {})),
             Err(why) => Err(self.expel(session, &format!("{why:#}"))),

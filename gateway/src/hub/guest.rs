@@ -1,38 +1,41 @@
 //! A host at the hub: the thread that acts for it on the learner's bus.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use bus::{Bus, BusAddress, MAX_ACTORS, TrajectoryHeader, TrajectoryPublisher};
+use bus::{
+    Bus, BusAddress, Doorbell, MAX_ACTORS, Role, Sleeper, TrajectoryHeader, TrajectoryPublisher,
+};
 use bytes::Bytes;
 use protocol::dropped::{Dropped, shortened};
 use protocol::messages::{LeaseReply, LeaseRequest};
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
-use tokio::sync::oneshot;
+use run::hosts::Host;
+use tokio::sync::{mpsc, oneshot};
 
 use super::is_name;
 use super::stand_in::StandIn;
-use crate::messages::Answer;
+use crate::messages::{Answer, Hello};
 
 /// Orders of one host that may wait.
 const ORDERS: usize = 256;
 
-/// How often answers are looked for while questions are open.
-const POLL: Duration = Duration::from_millis(1);
-
-/// How long the thread sleeps otherwise.
-const IDLE: Duration = Duration::from_millis(250);
+/// Longest sleep, so that a host that is gone is noticed, and one that waits is told in time.
+const TICK: Duration = Duration::from_millis(250);
 
 /// A host that has not been heard of for so long is gone.
 const PATIENCE: Duration = Duration::from_secs(4);
 
 /// Longest name of an actor: the bus takes 128 with the host's.
 const NAME_BYTES: usize = 80;
+
+/// Longest name of a build, characters.
+const BUILD_CHARS: usize = 200;
 
 /// How long the full queue of the learner or the service is waited for.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
@@ -43,6 +46,8 @@ pub(super) struct GuestSetup {
     pub(super) folder: RunFolder,
     pub(super) spec: Spec,
     pub(super) run_seed: u64,
+    /// Takes whom to wake.
+    pub(super) wake: mpsc::Sender<Sleeper>,
 }
 
 /// What a host wants, and who waits for it.
@@ -57,9 +62,14 @@ pub(super) enum Order {
 
 /// A host that has joined.
 pub(super) struct Guest {
-    host: String,
+    /// What there is to say of it.
+    pub(super) about: Host,
+    /// How many actors it is to have.
+    pub(super) actors_wanted: u64,
     orders: SyncSender<Order>,
     thread: JoinHandle<()>,
+    sleeper: Sleeper,
+    wake: mpsc::Sender<Sleeper>,
 }
 
 impl Guest {
@@ -67,20 +77,29 @@ impl Guest {
     ///
     /// # Errors
     /// When the run's bus is not there, or the thread cannot start.
-    pub(super) fn start(setup: &GuestSetup, host: &str) -> Result<Guest> {
+    pub(super) fn start(setup: &GuestSetup, host: &str, hello: &Hello) -> Result<Guest> {
         let (orders, incoming) = sync_channel(ORDERS);
-        let (setup, name) = (setup.clone(), host.to_owned());
-        let address = BusAddress::of_run(setup.folder.path())?;
-        let body = move || {
-            let work = Work::open(setup, address, &name);
-            match work.and_then(|mut work| work.run(&incoming)) {
-                Ok(()) => tracing::info!("host {name} has left"),
-                Err(error) => tracing::error!("host {name} is given up: {error:#}"),
+        let (opened, sleeper) = sync_channel(1);
+        let (work, name) = (setup.clone(), host.to_owned());
+        let body = move || match Work::open(work, &name) {
+            Ok(mut work) => {
+                opened.send(Ok(work.doorbell.sleeper())).ok();
+                match work.run(&incoming) {
+                    Ok(()) => tracing::info!("host {name} has left"),
+                    Err(error) => tracing::error!("host {name} is given up: {error:#}"),
+                }
+            }
+            Err(error) => {
+                opened.send(Err(error)).ok();
             }
         };
         let thread = std::thread::Builder::new().name("host".to_owned()).spawn(body);
         let thread = thread.context("starting a thread")?;
-        Ok(Guest { host: host.to_owned(), orders, thread })
+        let sleeper = sleeper.recv().context("opening the bus")??;
+        let wake = setup.wake.clone();
+        let build = shortened(&hello.build, BUILD_CHARS);
+        let about = Host { name: host.to_owned(), build, actors: 0, distance_ms: None };
+        Ok(Guest { about, actors_wanted: hello.actors, orders, thread, sleeper, wake })
     }
 
     /// Whether it has not left.
@@ -89,12 +108,15 @@ impl Guest {
     }
 
     pub(super) fn host(&self) -> &str {
-        &self.host
+        &self.about.name
     }
 
     /// Gives an order; returns whether there was room for it. Of a host that has left nothing comes.
     pub(super) fn order(&self, order: Order) -> bool {
-        !matches!(self.orders.try_send(order), Err(TrySendError::Full(_)))
+        let has_room = !matches!(self.orders.try_send(order), Err(TrySendError::Full(_)));
+        // Where others are woken already, it wakes by itself soon.
+        self.wake.try_send(self.sleeper).ok();
+        has_room
     }
 }
 
@@ -104,6 +126,7 @@ struct Work {
     address: BusAddress,
     host: String,
     bus: Bus,
+    doorbell: Doorbell,
     trajectories: TrajectoryPublisher,
     stand_ins: BTreeMap<String, StandIn>,
     /// Source, iteration and lane of leases that the host was granted.
@@ -113,12 +136,14 @@ struct Work {
 }
 
 impl Work {
-    fn open(setup: GuestSetup, address: BusAddress, host: &str) -> Result<Work> {
+    fn open(setup: GuestSetup, host: &str) -> Result<Work> {
+        let address = BusAddress::of_run(setup.folder.path())?;
         let bus = Bus::open(&address, &format!("gateway@{host}"))?;
         Ok(Work {
             setup,
             address,
             host: host.to_owned(),
+            doorbell: bus.doorbell(Role::Actors)?,
             trajectories: bus.rollout_publisher(READER_PATIENCE)?,
             bus,
             stand_ins: BTreeMap::new(),
@@ -131,11 +156,13 @@ impl Work {
     /// Works until the host is gone.
     fn run(&mut self, orders: &Receiver<Order>) -> Result<()> {
         while self.heard.elapsed() < PATIENCE {
-            let is_open = self.stand_ins.values().any(StandIn::is_waited_for);
-            match orders.recv_timeout(if is_open { POLL } else { IDLE }) {
-                Ok(order) => self.follow(order)?,
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            self.doorbell.wait(TICK)?;
+            loop {
+                match orders.try_recv() {
+                    Ok(order) => self.follow(order)?,
+                    Err(TryRecvError::Empty) => break,
+                    Err(TryRecvError::Disconnected) => return Ok(()),
+                }
             }
             self.look_for_answers();
         }
@@ -181,7 +208,7 @@ impl Work {
                 self.host
             );
             let name = format!("{actor}@{}", self.host);
-            let stand_in = StandIn::open(&self.setup.folder, &self.address, name)?;
+            let stand_in = StandIn::open(&self.setup.folder, &self.address, name, &self.doorbell)?;
             self.stand_ins.insert(actor.to_owned(), stand_in);
         }
         self.stand_ins.get_mut(actor).context("an actor that was just taken on")

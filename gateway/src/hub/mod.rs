@@ -4,6 +4,7 @@
 //! bus may have to be waited for. Nothing that comes from a host is published before it is checked, and
 //! what is wrong with it costs the host its place, nobody else anything.
 
+mod audit;
 mod calls;
 mod guest;
 mod newest;
@@ -16,10 +17,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use bus::{Bus, BusAddress, Sleeper};
 use run::folder::RunFolder;
+use run::hosts::{Expelled, Hosts};
 use run::process::Stop;
 use tokio::net::TcpListener;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio_stream::StreamExt;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
@@ -28,6 +31,8 @@ use crate::calls::gateway_server::GatewayServer;
 use crate::key::HubKey;
 use crate::messages::MOST_BYTES;
 use crate::{KEEPALIVE, KEEPALIVE_PATIENCE};
+pub use audit::Audit;
+use audit::Auditor;
 use calls::Calls;
 use guest::{Guest, GuestSetup};
 use newest::Newest;
@@ -44,6 +49,12 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 /// Calls of one connection that are under way at once.
 const CALLS_AT_ONCE: usize = 256;
 
+/// How often the hosts that there are are kept in the run's folder.
+const KEEP_HOSTS: Duration = Duration::from_millis(500);
+
+/// Threads of hosts that may wait to be woken.
+const TO_BE_WOKEN: usize = 1024;
+
 /// What a hub serves.
 #[derive(Clone, Debug)]
 pub struct Setup {
@@ -53,6 +64,8 @@ pub struct Setup {
     pub listen: SocketAddr,
     /// What this machine's actor makes of the golden episodes.
     pub golden: String,
+    /// What is acted again of what hosts deliver, if anything.
+    pub audit: Option<Audit>,
 }
 
 /// The hub's memory of its hosts.
@@ -62,8 +75,9 @@ struct Hub {
     golden: String,
     guests: Mutex<BTreeMap<u64, Guest>>,
     /// Joinings that broke the rules, and how.
-    expelled: Mutex<BTreeMap<u64, String>>,
+    expelled: Mutex<BTreeMap<u64, Expelled>>,
     weights: watch::Receiver<Newest>,
+    auditor: Option<Auditor>,
     is_ending: AtomicBool,
 }
 
@@ -72,8 +86,16 @@ impl Hub {
         self.guests.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn expelled(&self) -> MutexGuard<'_, BTreeMap<u64, String>> {
+    fn expelled(&self) -> MutexGuard<'_, BTreeMap<u64, Expelled>> {
         self.expelled.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Who takes part, and who may not any more.
+    fn hosts(&self) -> Hosts {
+        let guests = self.guests();
+        let present = guests.values().filter(|guest| guest.is_there());
+        let present = present.map(|guest| guest.about.clone()).collect();
+        Hosts { present, expelled: self.expelled().values().cloned().collect() }
     }
 
     /// Whether the run is over for its hosts.
@@ -101,41 +123,82 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
         let listener =
             TcpListener::bind(listen).await.with_context(|| format!("listening at {listen}"))?;
         tracing::info!("hosts join at {}", listener.local_addr()?);
+        let weights = newest::watch(folder, stop)?;
+        let spec = config.task.spec();
+        let auditor = setup.audit.as_ref();
+        let auditor = auditor.map(|audit| Auditor::start(audit, folder, spec, weights.clone()));
+        let (wake, sleepers) = mpsc::channel(TO_BE_WOKEN);
         let hub = Arc::new(Hub {
-            setup: GuestSetup {
-                folder: folder.clone(),
-                spec: config.task.spec(),
-                run_seed: config.seed,
-            },
+            setup: GuestSetup { folder: folder.clone(), spec, run_seed: config.seed, wake },
             configuration: config.to_text(),
             golden: setup.golden.clone(),
             guests: Mutex::default(),
             expelled: Mutex::default(),
-            weights: newest::watch(folder, stop)?,
+            weights,
+            auditor,
             is_ending: AtomicBool::new(false),
         });
-        let calls = GatewayServer::new(Calls::of(Arc::clone(&hub)))
-            .max_decoding_message_size(MOST_BYTES)
-            .max_encoding_message_size(MOST_BYTES);
-        // Small answers leave at once.
-        let connections = TcpListenerStream::new(listener).map(|connection| {
-            connection.inspect(|stream| {
-                stream.set_nodelay(true).ok();
-            })
-        });
-        Server::builder()
-            .tls_config(key.tls().timeout(HANDSHAKE))
-            .context("the keys of the run")?
-            .http2_keepalive_interval(Some(KEEPALIVE))
-            .http2_keepalive_timeout(Some(KEEPALIVE_PATIENCE))
-            .concurrency_limit_per_connection(CALLS_AT_ONCE)
-            .add_service(calls)
-            .serve_with_incoming_shutdown(connections, ended(&hub, stop))
-            .await
-            .context("serving hosts")?;
+        tokio::select! {
+            served = answer_calls(&hub, listener, key, stop) => served?,
+            woken = wake_threads(folder, sleepers) => woken?,
+            () = keep_hosts(&hub) => {}
+        }
+        Hosts::clear(folder);
         ensure!(stop.is_requested(), "the bus of the run cannot be read any more");
         Ok(())
     })
+}
+
+async fn answer_calls(
+    hub: &Arc<Hub>,
+    listener: TcpListener,
+    key: &HubKey,
+    stop: &Stop,
+) -> Result<()> {
+    let calls = GatewayServer::new(Calls::of(Arc::clone(hub)))
+        .max_decoding_message_size(MOST_BYTES)
+        .max_encoding_message_size(MOST_BYTES);
+    // Small answers leave at once.
+    let connections = TcpListenerStream::new(listener).map(|connection| {
+        connection.inspect(|stream| {
+            stream.set_nodelay(true).ok();
+        })
+    });
+    Server::builder()
+        .tls_config(key.tls().timeout(HANDSHAKE))
+        .context("the keys of the run")?
+        .http2_keepalive_interval(Some(KEEPALIVE))
+        .http2_keepalive_timeout(Some(KEEPALIVE_PATIENCE))
+        .concurrency_limit_per_connection(CALLS_AT_ONCE)
+        .add_service(calls)
+        .serve_with_incoming_shutdown(connections, ended(hub, stop))
+        .await
+        .context("serving hosts")
+}
+
+/// Wakes threads of hosts: calls are answered wherever the runtime likes, and ports of the bus stay where they
+/// are.
+async fn wake_threads(folder: &RunFolder, mut sleepers: mpsc::Receiver<Sleeper>) -> Result<()> {
+    let bus = Bus::open(&BusAddress::of_run(folder.path())?, "gateway-calls")?;
+    while let Some(sleeper) = sleepers.recv().await {
+        bus.wake(sleeper)?;
+    }
+    Ok(())
+}
+
+/// Keeps the hosts that there are in the run's folder.
+async fn keep_hosts(hub: &Hub) {
+    let mut kept = None;
+    loop {
+        let hosts = hub.hosts();
+        if kept.as_ref() != Some(&hosts) {
+            if let Err(error) = hosts.write(&hub.setup.folder) {
+                tracing::debug!("hosts could not be kept: {error}");
+            }
+            kept = Some(hosts);
+        }
+        tokio::time::sleep(KEEP_HOSTS).await;
+    }
 }
 
 /// Waits until the hub is to stop or has lost the bus, and then until its hosts have heard of it.

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use bus::{Bus, BusAddress, Client, Pending, Role};
+use bus::{Bus, BusAddress, Doorbell, LeaseAsker};
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::{LeaseReply, LeaseRequest};
@@ -15,21 +15,13 @@ use crate::messages::Answer;
 /// How long a host waits for an answer before it is told that there is none yet.
 const HELD: Duration = Duration::from_secs(2);
 
-/// How long a learner is left alone that is not there.
-const ASK_AGAIN: Duration = Duration::from_millis(250);
-
-/// Asking again after this long shows the learner that the actor lives, and finds a restarted one.
-const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
-
 /// An actor of another host.
 pub(super) struct StandIn {
     folder: RunFolder,
     name: String,
-    leases: Client,
+    leases: LeaseAsker,
     number: u64,
     request: LeaseRequest,
-    asked: Option<(Pending, Instant)>,
-    refused: Option<Instant>,
     reply: Option<LeaseReply>,
     waiting: Option<(oneshot::Sender<Result<Answer>>, Instant)>,
     dropped: Dropped,
@@ -38,26 +30,25 @@ pub(super) struct StandIn {
 }
 
 impl StandIn {
-    pub(super) fn open(folder: &RunFolder, address: &BusAddress, name: String) -> Result<StandIn> {
+    /// Answers of the learner ring `doorbell`.
+    pub(super) fn open(
+        folder: &RunFolder,
+        address: &BusAddress,
+        name: String,
+        doorbell: &Doorbell,
+    ) -> Result<StandIn> {
         let bus = Bus::open(address, &name)?;
         Ok(StandIn {
             folder: folder.clone(),
             name,
-            leases: bus.lease_client(Role::Actors)?,
+            leases: bus.lease_asker(doorbell)?,
             number: 0,
             request: LeaseRequest::default(),
-            asked: None,
-            refused: None,
             reply: None,
             waiting: None,
             dropped: Dropped::new("answers about leases"),
             _bus: bus,
         })
-    }
-
-    /// Whether somebody waits for an answer.
-    pub(super) fn is_waited_for(&self) -> bool {
-        self.waiting.is_some()
     }
 
     /// Takes a question on. One that is asked again keeps its answer.
@@ -69,58 +60,38 @@ impl StandIn {
     ) {
         if number != self.number {
             self.request = LeaseRequest { actor: self.name.clone(), ..request };
-            (self.number, self.asked, self.reply) = (number, None, None);
+            (self.number, self.reply) = (number, None);
+            self.leases.give_up();
         }
         self.waiting = Some((done, Instant::now()));
-        self.answer();
     }
 
     /// Looks for an answer; gives one that has just come.
     pub(super) fn look(&mut self) -> Option<LeaseReply> {
-        let new = if self.reply.is_none() && self.number > 0 { self.poll() } else { None };
+        let is_asked = self.number > 0 && self.reply.is_none();
+        let new = is_asked.then(|| self.answer_or_ask()).flatten();
         self.reply = self.reply.take().or_else(|| new.clone());
-        self.answer();
+        self.answer_host();
         new
     }
 
-    fn poll(&mut self) -> Option<LeaseReply> {
-        let Some((pending, since)) = &self.asked else { return self.send() };
-        match pending.poll() {
-            Ok(Some(bytes)) => match LeaseReply::decode(bytes) {
-                Ok(reply) => {
-                    self.asked = None;
-                    return Some(reply);
-                }
-                // No answer of the learner's; that may still come.
-                Err(why) => self.dropped.note(why),
-            },
-            Ok(None) if since.elapsed() < ANSWER_PATIENCE => {}
-            Ok(None) | Err(_) => self.asked = None,
-        }
-        None
+    fn answer_or_ask(&mut self) -> Option<LeaseReply> {
+        let dropped = &mut self.dropped;
+        let read = |bytes| LeaseReply::decode(bytes).map_err(|why| dropped.note(why)).ok();
+        let reply = self.leases.answer(read);
+        if reply.is_none() && self.leases.is_free() { self.ask_learner() } else { reply }
     }
 
-    /// Asks the learner. Where none is any more, the run may be over.
-    fn send(&mut self) -> Option<LeaseReply> {
-        if self.refused.is_some_and(|refused| refused.elapsed() < ASK_AGAIN) {
-            return None;
-        }
-        match self.leases.send(&self.request.encode_to_vec()) {
-            Ok(pending) => {
-                (self.asked, self.refused) = (Some((pending, Instant::now())), None);
-                None
-            }
-            Err(error) => {
-                tracing::debug!("no learner to ask: {error}");
-                self.refused = Some(Instant::now());
-                let over = || LeaseReply { finished: true, ..LeaseReply::default() };
-                self.folder.summary_file().exists().then(over)
-            }
-        }
+    /// Where there is no learner any more, the run may be over.
+    fn ask_learner(&mut self) -> Option<LeaseReply> {
+        let error = self.leases.ask(&self.request.encode_to_vec()).err()?;
+        tracing::debug!("no learner to ask: {error}");
+        let over = || LeaseReply { finished: true, ..LeaseReply::default() };
+        self.folder.summary_file().exists().then(over)
     }
 
-    /// Answers whoever waits, once there is an answer, or there has been none for long.
-    fn answer(&mut self) {
+    /// Answers the host that waits, once there is an answer, or there has been none for long.
+    fn answer_host(&mut self) {
         let is_due = self.waiting.as_ref().is_some_and(|(_, since)| since.elapsed() >= HELD);
         if (self.reply.is_some() || is_due)
             && let Some((waiting, _)) = self.waiting.take()

@@ -7,7 +7,6 @@ use std::cell::OnceCell;
 use std::rc::Rc;
 use std::time::Duration;
 
-use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{CallbackProgression, Node};
@@ -64,6 +63,15 @@ fn open_service(node: &Node<SharedMemory>, role: Role) -> Result<PortFactory<Sha
 pub struct Doorbell {
     listener: Listener<SharedMemory>,
     bell: &'static str,
+    of: Sleeper,
+}
+
+/// A process that sleeps on the bell of a role, for whoever is to wake it alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Sleeper {
+    pub(super) role: Role,
+    /// Its node on the bus.
+    pub(super) node: u128,
 }
 
 impl Doorbell {
@@ -72,7 +80,12 @@ impl Doorbell {
         let bell = role.bell();
         let listener =
             opened("creation of a listener", bell, || service.listener_builder().create())?;
-        Ok(Doorbell { listener, bell })
+        Ok(Doorbell { listener, bell, of: Sleeper { role, node: node.id().value() } })
+    }
+
+    /// Who sleeps on it.
+    pub fn sleeper(&self) -> Sleeper {
+        self.of
     }
 
     /// Sleeps until somebody rings or `timeout` is over, and takes all rings there are. Returns
@@ -122,10 +135,10 @@ impl Ringer {
     }
 
     /// Wakes only the process with this node.
-    pub(super) fn ring_one(&self, node: UniqueNodeId) -> Result<(), Error> {
+    pub(super) fn ring_one(&self, node: u128) -> Result<(), Error> {
         let mut result = Ok(());
         self.notifier.for_each_listener(|listener, details| {
-            if details.node_id == node {
+            if details.node_id.value() == node {
                 result = listener.notify().map_err(failed("ringing", self.bell));
             }
             CallbackProgression::Continue

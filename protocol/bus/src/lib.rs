@@ -19,6 +19,7 @@
 //! did not read for long, is gone, so the learner hands its lease out again ([`TrajectoryPublisher::publish`]).
 
 mod address;
+mod asker;
 mod chatter;
 mod doorbell;
 mod member;
@@ -44,7 +45,8 @@ use doorbell::Ringers;
 use trajectories::Rule;
 
 pub use address::BusAddress;
-pub use doorbell::{Doorbell, Ringer, Role};
+pub use asker::LeaseAsker;
+pub use doorbell::{Doorbell, Ringer, Role, Sleeper};
 pub use member::Member;
 use member::members;
 pub use newest::{NewestPublisher, NewestSubscriber};
@@ -140,6 +142,14 @@ impl Bus {
         self.ringers.of(&self.node, role)
     }
 
+    /// Wakes one process.
+    ///
+    /// # Errors
+    /// When the bell is broken, or its service cannot be opened.
+    pub fn wake(&self, sleeper: Sleeper) -> Result<(), Error> {
+        self.ringer(sleeper.role)?.ring_one(sleeper.node)
+    }
+
     /// Sends the trajectories of a rollout. Readers that learn are waited for while their queue is full,
     /// each for so long, and then not until it has read again: they ask for what they miss. Nobody else
     /// is waited for, so no tool can hold up training.
@@ -207,12 +217,21 @@ impl Bus {
         NewestSubscriber::new(self, &newest::PROGRESS)
     }
 
-    /// Asks the learner for leases; `role` is the asker's, whose bell the answer rings.
+    /// Asks the learner for leases; the answer rings `doorbell`, which may be that of another node of the
+    /// process.
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn lease_client(&self, role: Role) -> Result<Client, Error> {
-        Client::new(self, &question::LEASES, role)
+    pub fn lease_client(&self, doorbell: &Doorbell) -> Result<Client, Error> {
+        Client::new(self, &question::LEASES, doorbell)
+    }
+
+    /// Asks the learner for leases, again and again; the answer rings `doorbell`.
+    ///
+    /// # Errors
+    /// When the service cannot be opened.
+    pub fn lease_asker(&self, doorbell: &Doorbell) -> Result<LeaseAsker, Error> {
+        self.lease_client(doorbell).map(LeaseAsker::new)
     }
 
     /// Answers for leases.
@@ -223,12 +242,12 @@ impl Bus {
         Server::new(self, &question::LEASES)
     }
 
-    /// Asks the proximity service; `role` is the asker's, whose bell the answer rings.
+    /// Asks the proximity service; the answer rings `doorbell`.
     ///
     /// # Errors
     /// When the service cannot be opened.
-    pub fn score_client(&self, role: Role) -> Result<Client, Error> {
-        Client::new(self, &question::SCORES, role)
+    pub fn score_client(&self, doorbell: &Doorbell) -> Result<Client, Error> {
+        Client::new(self, &question::SCORES, doorbell)
     }
 
     /// Answers for the proximity service.

@@ -7,15 +7,13 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::prelude::{
-    AllocationStrategy, BackpressureStrategy, Config, PayloadHeader as _, ZeroCopySend,
-};
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, Config, ZeroCopySend};
 use iceoryx2::service::port_factory::request_response::PortFactory;
 use protocol::Error;
 
 use super::{
-    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed,
-    opened, service_name,
+    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, Sleeper, clean_up,
+    failed, opened, service_name,
 };
 
 /// A service of this kind.
@@ -58,11 +56,12 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// How often an asker that waits cleans away dead servers.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
-/// Whose bell the answer rings.
+/// Whom the answer wakes.
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
 #[type_name("goalward::Asker")]
 #[repr(C)]
 struct Asker {
+    node: u128,
     role: u32,
 }
 
@@ -100,7 +99,8 @@ pub struct Client {
 }
 
 impl Client {
-    pub(super) fn new(bus: &Bus, question: &Question, role: Role) -> Result<Self, Error> {
+    pub(super) fn new(bus: &Bus, question: &Question, doorbell: &Doorbell) -> Result<Self, Error> {
+        let Sleeper { role, node } = doorbell.sleeper();
         let service = open_service(bus, question)?;
         let client = opened("creation of a client", question.service, || {
             service
@@ -114,7 +114,7 @@ impl Client {
         Ok(Client {
             client,
             bell: bus.ringer(question.server)?,
-            asker: Asker { role: role as u32 },
+            asker: Asker { node, role: role as u32 },
             config: bus.node.config().clone(),
             service: question.service,
         })
@@ -292,9 +292,9 @@ impl Request {
             .loan_slice_uninit(bytes.len())
             .map_err(failed("loan of a place", self.service))?;
         place.write_from_slice(bytes).send().map_err(failed("answering", self.service))?;
-        let role = self.request.user_header().role as usize;
-        match self.bells.get(role) {
-            Some(bell) => bell.ring_one(self.request.header().node_id()),
+        let asker = self.request.user_header();
+        match self.bells.get(asker.role as usize) {
+            Some(bell) => bell.ring_one(asker.node),
             None => Ok(()),
         }
     }

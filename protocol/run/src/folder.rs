@@ -67,6 +67,11 @@ impl RunFolder {
         self.output().join("progress.pb")
     }
 
+    /// The other machines that take part while the run is trained.
+    pub fn hosts_file(&self) -> PathBuf {
+        self.output().join("hosts.json")
+    }
+
     /// Summary of the finished run.
     pub fn summary_file(&self) -> PathBuf {
         self.path.join("summary.json")

@@ -1,7 +1,7 @@
 //! What a run is: [`config`] says what it does, [`folder`] what lies where, [`mod@demonstrations`] what
 //! it learns from, [`checkpoint`] where it goes on from, [`origin`] whether it is still what it began
 //! as, [`repeat`] how it is made again, [`summary`] and [`time_to_success`] what came of it, [`overview`] all that in
-//! a line, [`updates`] what its log has of its policy, [`process`] what every process of it wears,
+//! a line, [`updates`] what its log has of its policy, [`hosts`] which other machines take part, [`process`] what every process of it wears,
 //! [`mod@output`] what it has printed, and [`process_stat`] what the system says of it.
 
 pub mod checkpoint;
@@ -10,6 +10,7 @@ pub mod demonstrations;
 pub mod diagnostics;
 pub mod folder;
 pub mod headway;
+pub mod hosts;
 pub mod learning_rate;
 pub mod metadata;
 pub mod origin;

@@ -11,13 +11,15 @@ impl Status {
     pub(super) fn figures(&self) -> Value {
         let config = &self.config;
         let (state, mut figures) = match &self.standing {
-            Standing::Live { processes, progress, times } => {
+            Standing::Live { processes, progress, times, hosts } => {
                 let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
                 let figures = json!({
                     "trouble": processes.trouble(),
                     "progress": progress.as_deref().map(of_progress),
                     "time_to_success": times,
                     "processes": processes.figures(heard),
+                    "hosts": hosts.present,
+                    "expelled": hosts.expelled,
                 });
                 ("training", figures)
             }

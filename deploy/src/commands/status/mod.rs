@@ -16,6 +16,7 @@ use run::checkpoint;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
+use run::hosts::Hosts;
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
 use run::updates::policy_updates;
@@ -55,6 +56,7 @@ enum Standing {
         processes: Processes,
         progress: Option<Box<Progress>>,
         times: Vec<TimeToSuccess>,
+        hosts: Hosts,
     },
     Finished(Box<Summary>),
     /// Somebody has it, but none of its processes is on the bus.
@@ -85,7 +87,8 @@ impl Status {
         let training = processes.filter(Processes::train);
         let standing = if let (Some(address), Some(processes)) = (address, training) {
             let progress = listen(&address)?.map(Box::new);
-            Standing::Live { processes, progress, times: times_to_success(&folder) }
+            let (times, hosts) = (times_to_success(&folder), Hosts::of_run(&folder));
+            Standing::Live { processes, progress, times, hosts }
         } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
             Standing::Finished(Box::new(summary))
         } else if folder.is_trained() {

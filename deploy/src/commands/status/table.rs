@@ -2,6 +2,7 @@
 
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use run::config::RunConfig;
+use run::hosts::Expelled;
 
 use super::{PATIENCE, Standing, Status, Stopped};
 use crate::processes::Processes;
@@ -14,12 +15,15 @@ impl Status {
     pub(super) fn table(&self) -> String {
         let config = &self.config;
         match &self.standing {
-            Standing::Live { processes, progress, times } => {
+            Standing::Live { processes, progress, times, hosts } => {
                 let mut rows = match progress {
                     Some(progress) => live_rows(progress, config),
                     None => common_rows(config),
                 };
                 rows.extend(times_to_success(times));
+                rows.extend(hosts.present.iter().map(|host| ("host", host.line())));
+                let expelled = |one: &Expelled| format!("{}: {}", one.name, one.why);
+                rows.extend(hosts.expelled.iter().map(|one| ("expelled", expelled(one))));
                 let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
                 let headline = headline(processes, progress.as_deref());
                 format!("{headline}\n{}{}", numbers::table(&rows), processes.table(heard))

@@ -195,8 +195,8 @@ fn question_of_four_megabytes() {
                 thread::sleep(Duration::from_millis(200));
             });
             let bus = open(address, "learner");
-            let client = bus.score_client(Role::Learner).unwrap();
             let doorbell = bus.doorbell(Role::Learner).unwrap();
+            let client = bus.score_client(&doorbell).unwrap();
             for round in 0..5_usize {
                 let question: Vec<u8> =
                     (0..4 << 20).map(|index| (index * 7 + round) as u8).collect();
@@ -212,10 +212,10 @@ fn question_of_four_megabytes() {
 fn nobody_to_ask_is_an_error() {
     watched(|address| {
         let bus = open(address, "actor-0");
-        let client = bus.lease_client(Role::Actors).unwrap();
+        let doorbell = bus.doorbell(Role::Actors).unwrap();
+        let client = bus.lease_client(&doorbell).unwrap();
         let error = client.send(b"leases?").unwrap_err().to_string();
         assert!(error.contains("leases") && error.contains("nobody there"), "{error}");
-        let doorbell = bus.doorbell(Role::Actors).unwrap();
         let start = Instant::now();
         let error = client.ask(b"leases?", SHORT, &doorbell, Some).unwrap_err().to_string();
         assert!(error.contains("100ms") && error.contains("nobody there"), "{error}");
@@ -227,7 +227,7 @@ fn nobody_to_ask_is_an_error() {
 fn server_that_goes_is_noticed() {
     watched(|address| {
         let actor = open(address, "actor-0");
-        let client = actor.lease_client(Role::Actors).unwrap();
+        let client = actor.lease_client(&actor.doorbell(Role::Actors).unwrap()).unwrap();
         let learner = open(address, "learner");
         let server = learner.lease_server().unwrap();
 
@@ -260,8 +260,8 @@ fn asking_waits_for_a_server() {
                 thread::sleep(Duration::from_millis(200));
             });
             let bus = open(address, "actor-0");
-            let client = bus.lease_client(Role::Actors).unwrap();
             let doorbell = bus.doorbell(Role::Actors).unwrap();
+            let client = bus.lease_client(&doorbell).unwrap();
             assert_eq!(client.ask(b"?", LONG, &doorbell, Some).unwrap(), b"here"[..]);
         });
     });
@@ -274,10 +274,11 @@ fn questions_are_answered_in_any_order() {
         let server = learner.lease_server().unwrap();
         let actors: Vec<_> =
             (0..8).map(|number| open(address, &format!("actor-{number}"))).collect();
-        let clients: Vec<_> =
-            actors.iter().map(|actor| actor.lease_client(Role::Actors).unwrap()).collect();
         let bells: Vec<_> =
             actors.iter().map(|actor| actor.doorbell(Role::Actors).unwrap()).collect();
+        let clients = actors.iter().zip(&bells);
+        let clients: Vec<_> =
+            clients.map(|(actor, bell)| actor.lease_client(bell).unwrap()).collect();
         for round in 0..20_u8 {
             let mut pending: Vec<_> =
                 clients.iter().map(|client| client.send(&[round]).unwrap()).collect();
@@ -370,7 +371,8 @@ fn two_buses_never_meet() {
         let (server, subscriber) =
             (there.lease_server().unwrap(), there.trajectory_subscriber().unwrap());
         let bell = there.doorbell(Role::Learner).unwrap();
-        assert!(here.lease_client(Role::Actors).unwrap().send(b"?").is_err());
+        let doorbell = here.doorbell(Role::Actors).unwrap();
+        assert!(here.lease_client(&doorbell).unwrap().send(b"?").is_err());
         let publisher = here.trajectory_publisher(LONG).unwrap();
         assert_eq!(publisher.publish(b"!", TrajectoryHeader::default()).unwrap(), 0);
         assert!(!bell.wait(SHORT).unwrap());

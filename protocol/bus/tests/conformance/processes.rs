@@ -193,8 +193,8 @@ fn killed_server_is_noticed_once_cleaned_away() {
         let run = tempfile::tempdir().unwrap();
         let address = BusAddress::for_start(run.path()).unwrap();
         let bus = open(&address, "actor-0");
-        let client = bus.lease_client(Role::Actors).unwrap();
         let doorbell = bus.doorbell(Role::Actors).unwrap();
+        let client = bus.lease_client(&doorbell).unwrap();
         let mut server = Process::start("stuck-server", run.path());
         let pending = client.send(b"?").unwrap();
         thread::sleep(SHORT);

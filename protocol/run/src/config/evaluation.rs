@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use protocol::Error;
 use protocol::error::out_of_range;
+use protocol::trajectory::Source;
 use serde::{Deserialize, Serialize};
 
 /// Episodes run when training ends.
@@ -14,6 +15,13 @@ pub struct EvaluationConfig {
     pub episodes: u64,
     /// How actions are chosen.
     pub actions: ActionChoice,
+}
+
+impl EvaluationConfig {
+    /// How the actions of episodes of a source are chosen: training explores.
+    pub fn actions_of(&self, source: Source) -> ActionChoice {
+        if source == Source::Evaluation { self.actions } else { ActionChoice::Sample }
+    }
 }
 
 /// How a policy's actions are chosen.

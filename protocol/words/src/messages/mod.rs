@@ -2,8 +2,9 @@
 //!
 //! Recorded: [`Score`], [`PolicyUpdate`], [`RewardUpdate`], [`Checkpoint`] (schema in
 //! `schema/goalward.proto`). Only on the bus: leases, weights, requests to the proximity service, and
-//! how a run stands.
+//! how a run stands. Through a pipe: episodes to be audited.
 
+mod audit;
 mod leases;
 mod service;
 
@@ -11,6 +12,7 @@ use prost::Message;
 
 use crate::trajectory::TrajectoryKey;
 
+pub use audit::AuditRequest;
 pub use leases::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
 pub use service::{
     Answer, Ask, Batch, Begin, Estimates, IterationRequest, Missing, Pretraining, Query, Save,

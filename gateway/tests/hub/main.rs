@@ -3,141 +3,35 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use std::fs;
-use std::future::Future;
+mod hostile;
+mod stage;
+
 use std::io::Write;
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use actor::factory::Factory;
-use actor::lane::Lane;
-use bus::{Bus, BusAddress, Server, TrajectorySubscriber};
+use bus::BusAddress;
 use bytes::Bytes;
 use gateway::calls::gateway_client::GatewayClient;
 use gateway::host::{self, connect};
-use gateway::hub::{self, Setup};
 use gateway::key::{self, JoinKey};
-use gateway::messages::{Beat, Delivery, Hello, PROTOCOL, Question};
+use gateway::messages::{Beat, Delivery, Hello, Question};
 use prost::Message;
 use protocol::build;
-use protocol::messages::{Lease, LeaseReply, LeaseRequest};
-use protocol::trajectory::{Encoded, Source};
-use run::config::RunConfig;
+use protocol::messages::{LeaseReply, LeaseRequest};
 use run::folder::RunFolder;
-use run::process::Stop;
-use tempfile::TempDir;
+use run::hosts::{Host, Hosts};
 use tonic::transport::Channel;
 use tonic::{Code, Status};
 
-const GOLDEN: &str = "the hash of a few episodes";
-const PATIENCE: Duration = Duration::from_secs(30);
+use stage::{PATIENCE, Stage, block_on, free_address, lease};
 
 /// Connections of strangers.
 const STRANGERS: usize = 100;
 
-/// A hub, and the learner that it stands before.
-struct Stage {
-    directory: TempDir,
-    config: RunConfig,
-    key: JoinKey,
-    leases: Server,
-    trajectories: TrajectorySubscriber,
-    stop: Stop,
-    hub: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Stage {
-    fn new() -> Stage {
-        let directory = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(directory.path());
-        let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
-        fs::write(folder.config_file(), config.to_text()).unwrap();
-        let bus = Bus::open(&BusAddress::for_start(folder.path()).unwrap(), "learner").unwrap();
-        let (leases, trajectories) =
-            (bus.lease_server().unwrap(), bus.learning_subscriber().unwrap());
-        let listen = free_address();
-        let hub_key = key::of_run(&folder, &listen.to_string()).unwrap();
-        let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
-        let (stop, setup) = (Stop::default(), Setup { folder, listen, golden: GOLDEN.to_owned() });
-        let stopped = stop.clone();
-        let body = move || hub::serve(&setup, &hub_key, &stopped).unwrap();
-        let hub = Some(std::thread::Builder::new().spawn(body).unwrap());
-        let start = Instant::now();
-        while TcpStream::connect(listen).is_err() {
-            assert!(start.elapsed() < PATIENCE, "expected a hub at {listen}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        Stage { directory, config, key, leases, trajectories, stop, hub }
-    }
-
-    fn hello(&self, session: u64) -> Hello {
-        Hello {
-            protocol: PROTOCOL,
-            session,
-            host: "node-7".to_owned(),
-            build: build::version().to_owned(),
-            golden: GOLDEN.to_owned(),
-            other_build: false,
-        }
-    }
-
-    /// An episode of a lane, by actions that never change.
-    fn episode(&self, lane: u64, run_seed: u64) -> Bytes {
-        let factory = Factory::of_run(actor::BUILT_IN, &self.config).unwrap();
-        let mut lane = Lane::begin(lease(lane), &factory, None, run_seed).unwrap();
-        loop {
-            if let Some(trajectory) = lane.step(&[0], Some(0.0)).unwrap() {
-                return Encoded::encode(trajectory).bytes;
-            }
-        }
-    }
-
-    /// Answers the question for leases that comes next.
-    fn grant(&self, leases: Vec<Lease>) -> LeaseRequest {
-        let start = Instant::now();
-        loop {
-            if let Some(question) = self.leases.receive().unwrap() {
-                let request = LeaseRequest::decode(question.bytes()).unwrap();
-                let reply = LeaseReply { leases, finished: false };
-                question.reply(&reply.encode_to_vec()).unwrap();
-                return request;
-            }
-            assert!(start.elapsed() < PATIENCE, "expected a question for leases");
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// What has come to the learner's bus.
-    fn published(&self) -> Vec<Bytes> {
-        let next = || self.trajectories.receive().unwrap().map(|published| published.bytes);
-        std::iter::from_fn(next).collect()
-    }
-}
-
-impl Drop for Stage {
-    fn drop(&mut self) {
-        self.stop.request();
-        let ended = self.hub.take().map(std::thread::JoinHandle::join);
-        assert!(std::thread::panicking() || ended.is_some_and(|ended| ended.is_ok()));
-    }
-}
-
-fn free_address() -> SocketAddr {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
-}
-
-fn lease(lane: u64) -> Lease {
-    Lease { source: Source::Training as i32, lane, episodes_owed: 1, ..Lease::default() }
-}
-
 fn question(session: u64, number: u64) -> Question {
     let request = LeaseRequest { actor: "actor-0-7".to_owned(), capacity: 4, ..Default::default() };
     Question { session, number, request: Some(request) }
-}
-
-fn block_on<T>(work: impl Future<Output = T>) -> T {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(work)
 }
 
 async fn deliver(
@@ -188,17 +82,39 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
             (Hello { golden: "another".to_owned(), ..hello.clone() }, "golden episodes of hash"),
             (Hello { host: "a\nb".to_owned(), ..hello.clone() }, "expected a name"),
             (Hello { host: "x".repeat(99), ..hello.clone() }, "expected a name"),
+            (
+                Hello { actors: 65, ..hello.clone() },
+                "expected at most 64 actors of a run, found 0 and 65 of this host",
+            ),
         ] {
             let refusal = hub.hello(hello).await.unwrap_err();
             assert_eq!(refusal.code(), Code::FailedPrecondition);
             assert!(refusal.message().contains(expected), "{refusal}");
         }
-        let unknown = hub.beat(Beat { session: 1, actors: Vec::new() }).await.unwrap_err();
+        let unknown = hub.beat(Beat { session: 1, ..Beat::default() }).await.unwrap_err();
         assert_eq!(unknown.code(), Code::Unauthenticated);
         let other_build = Hello { build: "0.0.9".to_owned(), other_build: true, ..hello };
         let welcome = hub.hello(other_build).await.unwrap().into_inner();
         let second = hub.hello(stage.hello(2)).await.unwrap().into_inner();
         assert_eq!([welcome.host, second.host], ["node-7", "node-7-2"]);
+        let many = Hello { actors: 57, ..stage.hello(3) };
+        let refusal = hub.hello(many).await.unwrap_err();
+        assert!(refusal.message().contains("found 8 and 57 of this host"), "{refusal}");
+        let beat =
+            Beat { session: 2, actors: vec!["actor-0-1".to_owned()], distance_ms: Some(3.5) };
+        hub.beat(beat).await.unwrap();
+        let known = Host {
+            name: "node-7-2".to_owned(),
+            build: build::version().to_owned(),
+            actors: 1,
+            distance_ms: Some(3.5),
+        };
+        let folder = RunFolder::new(stage.directory.path());
+        let start = Instant::now();
+        while Hosts::of_run(&folder).present.get(1) != Some(&known) {
+            assert!(start.elapsed() < PATIENCE, "found {:?}", Hosts::of_run(&folder));
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
     });
 }
 

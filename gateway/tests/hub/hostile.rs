@@ -1,0 +1,148 @@
+//! A host that has the key and says anything: it costs the hub neither its life nor memory, and nothing of it
+//! is published.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use gateway::calls::gateway_client::GatewayClient;
+use gateway::host::connect;
+use gateway::messages::{Beat, Delivery, Hello, Question, WeightsRequest};
+use prost::Message;
+use protocol::messages::{Lease, LeaseRequest};
+use protocol::seed::{Purpose, Stream, stream};
+use rand::RngExt;
+use tonic::transport::Channel;
+
+use crate::stage::{Stage, block_on};
+
+/// Messages of the quick form; `GOALWARD_FUZZ_CASES` asks for more.
+const MESSAGES: u64 = 2_000;
+
+/// Messages before the first look at the memory.
+const WARM_UP: u64 = 500;
+
+/// Messages of one joining, on average: most are expelled sooner.
+const OF_ONE_JOINING: u64 = 20;
+
+/// How long an answer is waited for: one about leases would be held for seconds.
+const IMPATIENT: Duration = Duration::from_millis(20);
+
+/// How much more the process may hold at the end.
+const GROWTH_BYTES: u64 = 48 << 20;
+
+/// Says anything.
+struct Liar {
+    random: Stream,
+    hello: Hello,
+    /// An episode of the run, which nobody was granted.
+    episode: Bytes,
+}
+
+impl Liar {
+    fn number(&mut self) -> u64 {
+        let extremes = [0, 1, 7, 1 << 31, u64::from(u32::MAX), u64::MAX];
+        extremes[self.random.random_range(0..extremes.len())]
+    }
+
+    fn name(&mut self) -> String {
+        let names = ["actor-0-7", "actor", "learner", "", "actor-1@else", "actor\u{202e}\n", "é"];
+        let name = names[self.random.random_range(0..names.len())];
+        name.repeat(self.random.random_range(1..40))
+    }
+
+    /// The episode, whole, damaged or cut off, or random bytes.
+    fn trajectory(&mut self) -> Bytes {
+        let mut bytes = self.episode.to_vec();
+        match self.random.random_range(0..4) {
+            0 => {}
+            1 => bytes.truncate(self.random.random_range(0..bytes.len())),
+            2 => {
+                let at = self.random.random_range(0..bytes.len());
+                bytes[at] ^= 1 << self.random.random_range(0..8);
+            }
+            _ => bytes = (0..self.random.random_range(0..999)).map(|byte| byte as u8).collect(),
+        }
+        bytes.into()
+    }
+
+    fn request(&mut self) -> LeaseRequest {
+        let lease = Lease { source: -7, iteration: self.number(), ..Lease::default() };
+        let actor = self.name();
+        let capacity = self.number() as u32;
+        let finished = vec![lease; self.random.random_range(0..50)];
+        LeaseRequest { actor, capacity, finished, seconds: None }
+    }
+
+    /// Says something in a joining; what is answered is no matter.
+    async fn say(&mut self, session: u64, hub: &mut GatewayClient<Channel>) {
+        match self.random.random_range(0..6) {
+            0 => {
+                let hello = Hello { session, host: self.name(), ..self.hello.clone() };
+                hub.hello(Hello { build: self.name(), other_build: true, ..hello }).await.ok();
+            }
+            1 => {
+                hub.hello(Hello { session, actors: 1, ..self.hello.clone() }).await.ok();
+            }
+            2 => {
+                let actors = (0..self.random.random_range(0..5)).map(|_| self.name()).collect();
+                let distance_ms = Some(f64::from_bits(self.number()));
+                hub.beat(Beat { session, actors, distance_ms }).await.ok();
+            }
+            3 => {
+                let number = self.number();
+                let request = (number != 7).then(|| self.request());
+                hub.lease(Question { session, number, request }).await.ok();
+            }
+            4 => {
+                hub.trajectory(Delivery { session, trajectory: self.trajectory() }).await.ok();
+            }
+            _ => {
+                let version = self.number();
+                hub.weights(WeightsRequest { session, version }).await.ok();
+            }
+        }
+    }
+}
+
+/// What the process has of the machine's memory, bytes.
+fn memory() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    1024 * resident.split_whitespace().next().unwrap().parse::<u64>().unwrap()
+}
+
+fn messages() -> u64 {
+    let asked = std::env::var("GOALWARD_FUZZ_CASES");
+    asked.map_or(MESSAGES, |asked| asked.parse::<u64>().unwrap().max(MESSAGES))
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "says what it measured")]
+fn a_host_that_says_anything_costs_nothing() {
+    let stage = Stage::new();
+    let mut liar = Liar {
+        random: stream(19, Purpose::TrainingEpisode, 0, 0),
+        hello: stage.hello(0),
+        episode: stage.episode(3, stage.config.seed),
+    };
+    let mut before = 0;
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        for number in 0..messages() {
+            let session = number / OF_ONE_JOINING;
+            tokio::time::timeout(IMPATIENT, liar.say(session, &mut hub)).await.ok();
+            while let Some(question) = stage.leases.receive().unwrap() {
+                let request = LeaseRequest::decode(question.bytes()).unwrap();
+                assert!(request.actor.starts_with("actor") && request.actor.contains('@'));
+            }
+            assert_eq!(stage.published(), Vec::<Bytes>::new());
+            if number == WARM_UP {
+                before = memory();
+            }
+        }
+        hub.hello(stage.hello(u64::MAX)).await.unwrap();
+    });
+    let growth = memory().saturating_sub(before);
+    assert!(growth < GROWTH_BYTES, "grown by {growth} bytes");
+    println!("{} messages, grown by {growth} bytes", messages());
+}

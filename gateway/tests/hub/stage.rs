@@ -1,0 +1,128 @@
+//! A hub, and the test as the learner that it stands before.
+
+use std::fs;
+use std::future::Future;
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+use actor::factory::Factory;
+use actor::lane::Lane;
+use bus::{Bus, BusAddress, Server, TrajectorySubscriber};
+use bytes::Bytes;
+use gateway::hub::{self, Setup};
+use gateway::key::{self, JoinKey};
+use gateway::messages::{Hello, PROTOCOL};
+use prost::Message;
+use protocol::build;
+use protocol::messages::{Lease, LeaseReply, LeaseRequest};
+use protocol::trajectory::{Encoded, Source};
+use run::config::RunConfig;
+use run::folder::RunFolder;
+use run::process::Stop;
+use tempfile::TempDir;
+
+pub(crate) const GOLDEN: &str = "the hash of a few episodes";
+pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A hub, and the learner that it stands before.
+pub(crate) struct Stage {
+    pub(crate) directory: TempDir,
+    pub(crate) config: RunConfig,
+    pub(crate) key: JoinKey,
+    pub(crate) leases: Server,
+    trajectories: TrajectorySubscriber,
+    stop: Stop,
+    hub: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Stage {
+    pub(crate) fn new() -> Stage {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
+        fs::create_dir(folder.output()).unwrap();
+        fs::write(folder.config_file(), config.to_text()).unwrap();
+        let bus = Bus::open(&BusAddress::for_start(folder.path()).unwrap(), "learner").unwrap();
+        let (leases, trajectories) =
+            (bus.lease_server().unwrap(), bus.learning_subscriber().unwrap());
+        let listen = free_address();
+        let hub_key = key::of_run(&folder, &listen.to_string()).unwrap();
+        let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
+        let (stop, setup) =
+            (Stop::default(), Setup { folder, listen, golden: GOLDEN.to_owned(), audit: None });
+        let stopped = stop.clone();
+        let body = move || hub::serve(&setup, &hub_key, &stopped).unwrap();
+        let hub = Some(std::thread::Builder::new().spawn(body).unwrap());
+        let start = Instant::now();
+        while TcpStream::connect(listen).is_err() {
+            assert!(start.elapsed() < PATIENCE, "expected a hub at {listen}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Stage { directory, config, key, leases, trajectories, stop, hub }
+    }
+
+    pub(crate) fn hello(&self, session: u64) -> Hello {
+        Hello {
+            protocol: PROTOCOL,
+            session,
+            host: "node-7".to_owned(),
+            build: build::version().to_owned(),
+            golden: GOLDEN.to_owned(),
+            other_build: false,
+            actors: 4,
+        }
+    }
+
+    /// An episode of a lane, by actions that never change.
+    pub(crate) fn episode(&self, lane: u64, run_seed: u64) -> Bytes {
+        let factory = Factory::of_run(actor::BUILT_IN, &self.config).unwrap();
+        let mut lane = Lane::begin(lease(lane), &factory, None, run_seed).unwrap();
+        loop {
+            if let Some(trajectory) = lane.step(&[0], Some(0.0)).unwrap() {
+                return Encoded::encode(trajectory).bytes;
+            }
+        }
+    }
+
+    /// Answers the question for leases that comes next.
+    pub(crate) fn grant(&self, leases: Vec<Lease>) -> LeaseRequest {
+        let start = Instant::now();
+        loop {
+            if let Some(question) = self.leases.receive().unwrap() {
+                let request = LeaseRequest::decode(question.bytes()).unwrap();
+                let reply = LeaseReply { leases, finished: false };
+                question.reply(&reply.encode_to_vec()).unwrap();
+                return request;
+            }
+            assert!(start.elapsed() < PATIENCE, "expected a question for leases");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// What has come to the learner's bus.
+    pub(crate) fn published(&self) -> Vec<Bytes> {
+        let next = || self.trajectories.receive().unwrap().map(|published| published.bytes);
+        std::iter::from_fn(next).collect()
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        self.stop.request();
+        let ended = self.hub.take().map(std::thread::JoinHandle::join);
+        assert!(std::thread::panicking() || ended.is_some_and(|ended| ended.is_ok()));
+    }
+}
+
+pub(crate) fn free_address() -> SocketAddr {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+}
+
+pub(crate) fn lease(lane: u64) -> Lease {
+    Lease { source: Source::Training as i32, lane, episodes_owed: 1, ..Lease::default() }
+}
+
+pub(crate) fn block_on<T>(work: impl Future<Output = T>) -> T {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(work)
+}
