@@ -7,7 +7,8 @@
 //! demonstrations of its own. A summary of another build is counted only when asked for. At last a run is spoilt: it is named, and the others are trained.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
@@ -134,4 +135,56 @@ fn what_is_missing_is_trained() {
         serde_json::from_slice(&before[named("navigation-goal-proximity-s1-")]).unwrap();
     let anew: Summary = serde_json::from_slice(&fs::read(&emptied).unwrap()).unwrap();
     assert_eq!(anew.hashes(), expected.hashes());
+}
+
+/// Slurm as far as the command speaks to it: it begins every task of an array at once.
+const SBATCH: &str = r#"#!/bin/sh
+[ "$1 $2" = '--parsable --chdir' ] || exit 1
+cd "$3" && cat > script
+tasks=$(sed -n 's/^#SBATCH --array=1-//p' script)
+for task in $(seq "$tasks"); do
+    SLURM_ARRAY_JOB_ID=7 SLURM_ARRAY_TASK_ID=$task bash script > "slurm-7-$task.out" 2>&1 &
+    echo $! >> tasks
+done
+echo '7;cluster'
+"#;
+
+/// Names the tasks that are at work.
+const SQUEUE: &str = r#"#!/bin/sh
+[ "$*" = '--noheader --jobs 7' ] || exit 1
+for task in $(cat all/tasks); do
+    kill -0 "$task" 2> /dev/null && echo "$task" || true
+done
+"#;
+
+#[test]
+fn a_cluster_trains_what_is_missing() {
+    let test = TestRun::new(programs!());
+    fs::create_dir(test.path("slurm")).unwrap();
+    for (name, text) in [("sbatch", SBATCH), ("squeue", SQUEUE)] {
+        let file = test.path("slurm").join(name);
+        fs::write(&file, text).unwrap();
+        fs::set_permissions(&file, Permissions::from_mode(0o755)).unwrap();
+    }
+    let output =
+        experiment(&test).args(["--on", "slurm"]).env("PATH", "/nowhere").output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("expected sbatch on the path"), "{said}");
+    let path = format!("{}:/usr/bin:/bin", test.path("slurm").display());
+    let on_slurm = |flags: &[&str]| {
+        let mut command = experiment(&test);
+        command.args(["--on", "slurm", "--tasks", "2"]).args(flags).env("PATH", &path);
+        command.output().unwrap()
+    };
+    let script = text(&on_slurm(&["--dry-run"]));
+    assert!(script.starts_with("#!/usr/bin/env bash\n#SBATCH"), "{script}");
+    assert!(!test.path("all/script").exists(), "a dry run submits nothing");
+    let output = on_slurm(&["--watch"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("submitted as 7: runs: 4, tasks: 2"), "{said}");
+    assert_eq!(text(&output).matches("2 of 2").count(), 2);
+    assert_eq!(fs::read_to_string(test.path("all/script")).unwrap(), script);
+    fs::remove_file(test.path("all/script")).unwrap();
+    assert_eq!(text(&on_slurm(&["--watch"])).matches("2 of 2").count(), 2);
+    assert!(!test.path("all/script").exists(), "nothing is missing");
 }

@@ -35,6 +35,7 @@ mod answer;
 mod child;
 mod choices;
 mod cli;
+mod cluster;
 mod commands;
 mod companion_page;
 mod demonstrations;

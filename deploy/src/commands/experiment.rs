@@ -6,13 +6,14 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
+use crate::cluster::{Engine, Order, Submitted, Wishes};
 use crate::experiment::{
-    Archive, CurveStanding, Left, curves, execute, figure_of_plan, left, queue, read_all,
-    refuse_other_builds, table,
+    Archive, CurveStanding, Left, PlannedRun, Watched, curves, execute, figure_of_plan, left,
+    queue, read_all, refuse_other_builds, table, watch,
 };
 use crate::figures::Figures;
 use crate::{description, destination, programs};
-use terminal::print::print_remark;
+use terminal::print::{print_line, print_remark};
 use terminal::refusal::stopped;
 
 /// Flags of `goalward experiment`.
@@ -36,9 +37,12 @@ pub(crate) struct Arguments {
     /// begun. Curves keep them apart.
     #[arg(long)]
     other_build: bool,
-    /// Only say what is done, what is missing, and how many core-hours it takes.
+    /// Only say what is done, what is missing, and how many core-hours it takes; with --on what the cluster would be
+    /// given.
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    cluster: Wishes,
     #[command(flatten)]
     figures: Figures,
 }
@@ -49,6 +53,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let planned = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
     let runs = queue(&planned, &mut archive);
+    if *dry_run && let Some(engine) = arguments.cluster.on {
+        let order = order(arguments, engine, left(&runs, &mut archive).runs)?;
+        print_line(order.text()?.trim_end());
+        return Ok(());
+    }
     if *dry_run {
         let left = left(&runs, &mut archive);
         let (finished, words) = (runs.len() - left.runs, in_words(&left));
@@ -64,6 +73,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     description::check_all(runs.iter().map(|run| &run.config))?;
     for folder in [archive.runs(), archive.demonstrations()] {
         fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    }
+    if arguments.cluster.on.is_some() || arguments.cluster.watch {
+        return by_others(arguments, &runs, &mut archive);
     }
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
     let ended = execute(&runs, &mut archive, jobs, *other_build)?;
@@ -92,6 +104,43 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print_remark(&format!("trained by somebody else right now: {names}"));
     }
     Ok(())
+}
+
+/// Has a cluster train what is missing, if the user wishes, and looks on, likewise.
+fn by_others(arguments: &Arguments, runs: &[PlannedRun], archive: &mut Archive) -> Result<()> {
+    let missing = left(runs, archive).runs;
+    let mut submitted = None;
+    if let Some(engine) = arguments.cluster.on.filter(|_| missing > 0) {
+        let order = order(arguments, engine, missing)?;
+        let taken = order.submit()?;
+        let (name, tasks, line) = (&taken.name, order.tasks, own_line(arguments));
+        print_remark(&format!("submitted as {name}: runs: {missing}, tasks: {tasks}"));
+        if !arguments.cluster.watch {
+            print_remark(&format!("look on with\n  {line} --watch"));
+            return Ok(());
+        }
+        submitted = Some(taken);
+    }
+    let is_over = || submitted.as_ref().is_some_and(Submitted::is_over);
+    let watched = watch(runs, archive, is_over)?;
+    let next = format!("next:\n  {}", report_line(arguments));
+    let is_finished = watched == Watched::Finished;
+    print_standing(arguments, left(runs, archive), if is_finished { &next } else { "" })?;
+    match watched {
+        Watched::Finished => Ok(()),
+        Watched::Stopped => Err(stopped()),
+        Watched::Over => bail!(
+            "nobody trains what is missing any more; what each run has printed is in {}/NAME.txt",
+            archive.runs().display()
+        ),
+    }
+}
+
+fn order(arguments: &Arguments, engine: Engine, missing: usize) -> Result<Order> {
+    let Arguments { plans, out, quick, other_build, jobs, cluster, .. } = arguments;
+    let flags = [(*quick, "--quick"), (*other_build, "--other-build")];
+    let flags = flags.into_iter().filter_map(|(wished, flag)| wished.then_some(flag)).collect();
+    cluster.order(engine, missing, jobs.map_or(1, usize::from), (plans, out), flags)
 }
 
 /// What the runs that are missing cost, and how to train them.

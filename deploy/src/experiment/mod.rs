@@ -9,6 +9,7 @@
 //! | `builds` | that all runs are of the build at work |
 //! | `execution` | which run is next, what became of it, Ctrl-C |
 //! | `training`, `recorder` | a `goalward train` for a run, and before it an expert for its demonstrations |
+//! | `watching` | how it stands while others train |
 //! | `estimate` | the time that is left, and the core-hours |
 //! | `overview` | what is done and what is missing |
 //!
@@ -27,6 +28,7 @@ mod recorder;
 #[cfg(test)]
 mod tests;
 mod training;
+mod watching;
 
 use std::path::Path;
 
@@ -38,6 +40,8 @@ pub(crate) use estimate::{Left, left};
 pub(crate) use execution::execute;
 pub(crate) use overview::{CurveStanding, curves, table};
 pub(crate) use plan::{queue, read_all};
+pub(crate) use planned_run::PlannedRun;
+pub(crate) use watching::{Watched, watch};
 
 use plan::Plan;
 use report::figure::Figure;

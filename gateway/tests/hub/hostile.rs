@@ -28,7 +28,7 @@ const OF_ONE_JOINING: u64 = 20;
 const IMPATIENT: Duration = Duration::from_millis(20);
 
 /// How much more the process may hold at the end.
-const GROWTH_BYTES: u64 = 48 << 20;
+const GROWTH_BYTES: u64 = 96 << 20;
 
 /// Says anything.
 struct Liar {

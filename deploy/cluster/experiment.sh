@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+#SBATCH --job-name=goalward-experiment
+#SBATCH --array=1-@TASKS@
+#SBATCH --cpus-per-task=@CORES@
+#SBATCH --requeue
+#SBATCH --open-mode=append
+#SBATCH --signal=B:TERM@120
+# What `goalward experiment --on slurm` submits: each task takes the run that is next, until none is missing. A task
+# that is requeued continues the runs that it had.
+set -euo pipefail
+
+@COMMAND@ &
+experiment=$!
+# Two minutes before the time is over, or when somebody wants the node: checkpoints, and later the rest.
+trap 'kill -TERM "$experiment"; is_stopped=yes' TERM
+# A signal ends a wait, not the experiment.
+until wait "$experiment"; code=$?; [ "$code" -ne $((128 + 15)) ]; do :; done
+if [ "$code" -eq 130 ] && [ "${is_stopped:-}" ]; then
+    scontrol requeue "${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID"
+fi
+exit "$code"

@@ -1,0 +1,79 @@
+//! Looks on while others train the runs of plans.
+
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+
+use super::archive::Archive;
+use super::planned_run::PlannedRun;
+use super::training::{Standing, Training};
+use crate::supervisor::Signals;
+use terminal::numbers;
+use terminal::status_line::StatusLine;
+
+/// How often folders are looked at.
+const TICK: Duration = Duration::from_secs(2);
+
+/// How the looking on ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Watched {
+    /// Every run is finished.
+    Finished,
+    /// Nobody trains what is missing any more.
+    Over,
+    /// The user has seen enough.
+    Stopped,
+}
+
+/// Shows how runs stand until all are finished, or those who train them are done.
+///
+/// # Errors
+/// When signals cannot be listened for.
+pub(crate) fn watch(
+    runs: &[PlannedRun],
+    archive: &mut Archive,
+    is_over: impl Fn() -> bool,
+) -> Result<Watched> {
+    let trainings: Vec<Training> = runs.iter().map(|run| Training::of(run, archive)).collect();
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = runtime.enable_all().build().context("preparing to look on")?;
+    let mut line = StatusLine::new();
+    let watched = runtime.block_on(async {
+        let mut signals = Signals::listen()?;
+        loop {
+            // Asked first: what was finished before is then seen.
+            let over = is_over();
+            if show(&trainings, &mut line) {
+                return Ok(Watched::Finished);
+            }
+            if over {
+                return Ok(Watched::Over);
+            }
+            tokio::select! {
+                () = signals.stop.next() => return Ok(Watched::Stopped),
+                () = tokio::time::sleep(TICK) => {}
+            }
+        }
+    });
+    line.finish();
+    watched
+}
+
+/// Shows how the runs stand; returns whether all are finished.
+fn show(trainings: &[Training], line: &mut StatusLine) -> bool {
+    let missing = trainings.iter().filter(|training| training.summary().is_none());
+    let missing: Vec<&Training> = missing.collect();
+    let trained = missing.iter().filter(|training| training.is_elsewhere());
+    let trained: Vec<Option<Standing>> = trained.map(|training| training.standing()).collect();
+    let percents = trained.iter().flatten().map(|standing| standing.percent).collect::<Vec<_>>();
+    let doing = percents.iter().map(|percent| format!("{percent} %")).collect::<Vec<_>>();
+    let finished = trainings.len() - missing.len();
+    let (runs, at_work) = (trainings.len(), trained.len());
+    let text = format!(
+        "{finished} of {runs} runs finished  {at_work} being trained  {}",
+        doing.join(", ")
+    );
+    let tenth = numbers::percent_done(finished as u64, runs as u64) / 10;
+    line.show(&text, tenth, false);
+    missing.is_empty()
+}
