@@ -184,24 +184,20 @@ impl Order {
 impl Submitted {
     /// Whether the engine has nothing of it left to do.
     pub(crate) fn is_over(&self) -> bool {
-        let told = match self.engine {
+        match self.engine {
+            // It soon forgets a job that is over, and says so as an error.
             Engine::Slurm => {
                 let mut squeue = Command::new("squeue");
-                told_by(squeue.args(["--noheader", "--jobs", &self.name]), "")
+                let told = told_by(squeue.args(["--noheader", "--jobs", &self.name]), "");
+                told.map_or(true, |told| told.trim().is_empty())
             }
             Engine::Kubernetes => {
                 let path = "--output=jsonpath={.status.conditions[?(@.status==\"True\")].type}";
                 let mut kubectl = Command::new("kubectl");
-                let conditions = told_by(kubectl.args(["get", "job", &self.name, path]), "");
-                let is_at_work =
-                    |told: &String| !told.contains("Complete") && !told.contains("Failed");
-                conditions.map(
-                    |told| if is_at_work(&told) { "at work".to_owned() } else { String::new() },
-                )
+                let told = told_by(kubectl.args(["get", "job", &self.name, path]), "");
+                told.is_ok_and(|told| told.contains("Complete") || told.contains("Failed"))
             }
-        };
-        // Slurm soon forgets a job that is over, and says so as an error.
-        told.map_or(self.engine == Engine::Slurm, |told| told.trim().is_empty())
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 
 use prost::Message;
-use protocol::durable::unfinished;
+use protocol::durable;
 use protocol::messages::Progress;
 use run::folder::RunFolder;
 
@@ -14,10 +14,7 @@ use run::folder::RunFolder;
 /// # Errors
 /// When the file cannot be written; there is the earlier one then.
 pub(crate) fn write(folder: &RunFolder, progress: &Progress) -> io::Result<()> {
-    let file = folder.progress_file();
-    let new = unfinished(&file);
-    fs::write(&new, progress.encode_to_vec())?;
-    fs::rename(new, file)
+    durable::write_unsynced(&folder.progress_file(), progress.encode_to_vec())
 }
 
 /// The newest progress since a run was last started; none while there is none.

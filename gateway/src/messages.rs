@@ -52,6 +52,13 @@ pub struct Hello {
     pub actors: u64,
 }
 
+impl Hello {
+    /// How many places its actors take: at least one, so that there are no more hosts than actors.
+    pub(crate) fn actors_wanted(&self) -> u64 {
+        self.actors.max(1)
+    }
+}
+
 /// A host is accepted.
 #[derive(Clone, PartialEq, Message)]
 pub struct Welcome {

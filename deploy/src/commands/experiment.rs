@@ -53,13 +53,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let planned = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
     let runs = queue(&planned, &mut archive);
-    if *dry_run && let Some(engine) = arguments.cluster.on {
-        let order = order(arguments, engine, left(&runs, &mut archive).runs)?;
-        print_line(order.text()?.trim_end());
-        return Ok(());
-    }
     if *dry_run {
         let left = left(&runs, &mut archive);
+        if let Some(engine) = arguments.cluster.on {
+            print_line(order(arguments, engine, left.runs)?.text()?.trim_end());
+            return Ok(());
+        }
         let (finished, words) = (runs.len() - left.runs, in_words(&left));
         let line = own_line(arguments);
         let next = format!("{finished} of {} runs are finished{words}\n  {line}", runs.len());

@@ -104,12 +104,12 @@ impl Calls {
         let is_here = |name: &str| name.starts_with("actor") && !name.contains('@');
         let here = members.iter().filter(|member| member.lives && is_here(&member.name)).count();
         let taken = guests.map(|guest| guest.actors_wanted).fold(here as u64, u64::saturating_add);
-        if hello.actors <= (MAX_ACTORS as u64).saturating_sub(taken) {
+        let wanted = hello.actors_wanted();
+        if wanted <= (MAX_ACTORS as u64).saturating_sub(taken) {
             return Ok(());
         }
         let words = format!(
-            "expected at most {MAX_ACTORS} actors of a run, found {taken} and {} of this host",
-            hello.actors
+            "expected at most {MAX_ACTORS} actors of a run, found {taken} and {wanted} of this host"
         );
         Err(Status::failed_precondition(words))
     }

@@ -99,7 +99,7 @@ impl Guest {
         let wake = setup.wake.clone();
         let build = shortened(&hello.build, BUILD_CHARS);
         let about = Host { name: host.to_owned(), build, actors: 0, distance_ms: None };
-        Ok(Guest { about, actors_wanted: hello.actors, orders, thread, sleeper, wake })
+        Ok(Guest { about, actors_wanted: hello.actors_wanted(), orders, thread, sleeper, wake })
     }
 
     /// Whether it has not left.

@@ -100,6 +100,10 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
         let many = Hello { actors: 57, ..stage.hello(3) };
         let refusal = hub.hello(many).await.unwrap_err();
         assert!(refusal.message().contains("found 8 and 57 of this host"), "{refusal}");
+        hub.hello(Hello { actors: 56, ..stage.hello(3) }).await.unwrap();
+        let none = Hello { actors: 0, ..stage.hello(4) };
+        let refusal = hub.hello(none).await.unwrap_err();
+        assert!(refusal.message().contains("found 64 and 1 of this host"), "{refusal}");
         let beat =
             Beat { session: 2, actors: vec!["actor-0-1".to_owned()], distance_ms: Some(3.5) };
         hub.beat(beat).await.unwrap();

@@ -63,7 +63,7 @@ fn open_service(node: &Node<SharedMemory>, role: Role) -> Result<PortFactory<Sha
 pub struct Doorbell {
     listener: Listener<SharedMemory>,
     bell: &'static str,
-    of: Sleeper,
+    sleeper: Sleeper,
 }
 
 /// A process that sleeps on the bell of a role, for whoever is to wake it alone.
@@ -80,12 +80,13 @@ impl Doorbell {
         let bell = role.bell();
         let listener =
             opened("creation of a listener", bell, || service.listener_builder().create())?;
-        Ok(Doorbell { listener, bell, of: Sleeper { role, node: node.id().value() } })
+        let sleeper = Sleeper { role, node: node.id().value() };
+        Ok(Doorbell { listener, bell, sleeper })
     }
 
     /// Who sleeps on it.
     pub fn sleeper(&self) -> Sleeper {
-        self.of
+        self.sleeper
     }
 
     /// Sleeps until somebody rings or `timeout` is over, and takes all rings there are. Returns

@@ -4,8 +4,7 @@
 use std::fs;
 use std::io;
 
-use protocol::build;
-use protocol::durable::unfinished;
+use protocol::{build, durable};
 use serde::{Deserialize, Serialize};
 
 use crate::folder::RunFolder;
@@ -53,10 +52,7 @@ impl Hosts {
     /// # Errors
     /// When the file cannot be written; there is the earlier one then.
     pub fn write(&self, folder: &RunFolder) -> io::Result<()> {
-        let file = folder.hosts_file();
-        let new = unfinished(&file);
-        fs::write(&new, serde_json::to_vec(self)?)?;
-        fs::rename(new, file)
+        durable::write_unsynced(&folder.hosts_file(), serde_json::to_vec(self)?)
     }
 
     /// Forgets those of a run.

@@ -53,6 +53,16 @@ fn write_for(whom: u32, path: &Path, bytes: &[u8]) -> io::Result<()> {
     sync_folder_of(path)
 }
 
+/// Writes a file in the place of the one that is there, for what is soon replaced: nothing waits for the disk.
+///
+/// # Errors
+/// When the file cannot be written; there is the earlier one then.
+pub fn write_unsynced(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
+    let unfinished = unfinished(path);
+    fs::write(&unfinished, bytes)?;
+    fs::rename(unfinished, path)
+}
+
 /// Renames a file or folder that is on the disk, in the place of a file that is there.
 ///
 /// # Errors
