@@ -40,7 +40,12 @@ fn alone() -> &'static Hashes {
 
 /// A run that listens, with one actor of its own.
 fn listen<'a>(run: &'a TestRun, address: &str, audit: f64) -> Training<'a> {
-    let training = run.train_listening(address, audit, &[STEPS, "resources.actors=1"]);
+    listen_with(run, address, audit, "resources.actors=1")
+}
+
+/// The same with so many actors of its own.
+fn listen_with<'a>(run: &'a TestRun, address: &str, audit: f64, actors: &str) -> Training<'a> {
+    let training = run.train_listening(address, audit, &[STEPS, actors]);
     let key = run.folder().path().join("join.toml");
     await_some("the key of the run", PATIENCE, || key.exists().then_some(()));
     training
@@ -95,6 +100,45 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
     let said = fs::read_to_string(run.path("second.err")).unwrap();
     assert!(said.ends_with("goalward: the training has ended\n"), "{said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());
+}
+
+#[test]
+fn hosts_have_as_many_actors_as_they_are_scaled_to() {
+    let (run, address) = (TestRun::new(programs!()), free_address());
+    let (took, said) = run.goalward(&["train", "--run", "run", "--actors", "0"]);
+    assert!(!took, "{said}");
+    let training = listen_with(&run, &address, 0.1, "resources.actors=0");
+    let mut first = join(&run, "first", &address);
+    let await_actors = |count: u64| {
+        await_some(&format!("{count} actors of the host"), PATIENCE, || {
+            let (_, said) = run.goalward(&["status", "run"]);
+            said.contains(&format!("first, actors: {count}, ")).then_some(())
+        });
+    };
+    let scale = |arguments: &[&str]| {
+        let (took, said) = run.goalward(&[&["scale", "run"], arguments].concat());
+        assert!(took, "{said}");
+    };
+    await_actors(2);
+    scale(&["--actors", "3", "--host", "first"]);
+    await_actors(3);
+    let (took, said) = run.goalward(&["scale", "run", "--actors", "1", "--host", "second"]);
+    let words = "--host: expected one of the machines that take part, first, found second";
+    assert!(!took && said.contains(words), "{said}");
+    scale(&["--actors", "1"]);
+    scale(&["--actors", "0", "--host", "first"]);
+    await_actors(0);
+    // What was wanted outlives the gateway that was told of it.
+    run.process("gateway").signal(Signal::Kill);
+    await_some("a word about the gateway", PATIENCE, || {
+        run.remarks().contains("gateway ended").then_some(())
+    });
+    await_actors(0);
+    scale(&["--actors", "2", "--host", "first"]);
+    assert_eq!(training.finish().hashes(), *alone());
+    assert!(first.wait().unwrap().success());
+    let said = fs::read_to_string(run.path("first.err")).unwrap();
+    assert!(said.contains("actors: 3 from now on\n"), "{said}");
 }
 
 /// Its golden episodes are right; in its rollouts agents start elsewhere.

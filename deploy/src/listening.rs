@@ -5,9 +5,12 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
+use protocol::MAX_ACTORS;
 use protocol::task::Task;
+use run::config::RunConfig;
 use run::folder::RunFolder;
 
+use crate::limits;
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
 
@@ -41,8 +44,11 @@ impl ListenOptions {
     /// # Errors
     /// Without the gateway's program, when the system does not let it listen, or the task's episodes cannot be
     /// acted again.
-    pub(crate) fn check(self, task: &Task) -> Result<()> {
-        let Some(listen) = self.listen else { return Ok(()) };
+    pub(crate) fn check(self, config: &RunConfig) -> Result<()> {
+        let RunConfig { task, resources, .. } = config;
+        let Some(listen) = self.listen else { return require_an_actor(resources.actors) };
+        // All of them may be of other machines.
+        limits::check(MAX_ACTORS as u64)?;
         Program::Gateway.check()?;
         let (share, name) = (self.audit(task), &task.name);
         let expected = |what: &str| wrong_usage(format!("--audit: expected {what}"));
@@ -68,6 +74,13 @@ impl ListenOptions {
         let actor = Program::acting_in(task).path()?;
         Ok(Some(Listening { listen, golden, audit: self.audit(task), actor }))
     }
+}
+
+/// Without other machines' actors a run needs one of its own.
+fn require_an_actor(actors: u64) -> Result<()> {
+    let words = "expected at least one actor, or --listen for those of other machines, found none";
+    ensure!(actors > 0, wrong_usage(words));
+    Ok(())
 }
 
 /// What this machine's actor makes of a run's golden episodes.

@@ -10,12 +10,12 @@ use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
 use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
+use run::actors_wanted::ActorsWanted;
 use run::config::{DEFAULT_PRESET, RunConfig};
 use run::folder::RunFolder;
 use run::origin::recorded_configs;
 use run::summary::Summary;
 
-use crate::supervisor::{actors_wanted, forget_actors_wanted};
 use crate::tasks;
 use crate::{demonstrations, description, destination};
 use terminal::refusal::{Refusal, wrong_usage};
@@ -111,7 +111,7 @@ impl Plan {
             }
         }
         // What `goalward scale` asked for holds on, unless the command line says otherwise.
-        let scaled = actors_wanted(&folder).map_err(Refusal::usage)?;
+        let scaled = ActorsWanted::here(&folder).count().map_err(Refusal::usage)?;
         let scaled = scaled.map(|count| format!("resources.actors={count}"));
         let settings: Vec<String> = scaled.into_iter().chain(wishes.settings).collect();
         Ok(Plan { config: changed(&old, &settings)?, folder, resumed: true })
@@ -133,7 +133,7 @@ impl Plan {
         // A run begins with its configuration: what has none is free to be begun.
         durable::write(&self.folder.config_file(), self.config.to_text()).with_context(failed)?;
         fs::create_dir_all(self.folder.output()).with_context(failed)?;
-        forget_actors_wanted(&self.folder)?;
+        ActorsWanted::here(&self.folder).forget()?;
         Ok(lock)
     }
 
@@ -293,7 +293,6 @@ fn next_free(runs: &Path, task: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::supervisor::want_actors;
 
     fn wishes(folder: &Path, settings: &[&str]) -> TrainRequest {
         TrainRequest {
@@ -382,10 +381,11 @@ mod tests {
             drop(resumed.lay_out().unwrap());
             (resumed.config.resources.actors, folder.config().unwrap().resources.actors)
         };
-        want_actors(&folder, 2).unwrap();
+        let wanted = ActorsWanted::here(&folder);
+        wanted.want(2).unwrap();
         assert_eq!(resumed_with(&[]), (2, 2));
         assert_eq!(resumed_with(&[]), (2, 2), "it is in the configuration now");
-        want_actors(&folder, 1).unwrap();
+        wanted.want(1).unwrap();
         assert_eq!(resumed_with(&["resources.actors=3"]), (3, 3));
         assert_eq!(resumed_with(&[]), (3, 3), "the older wish is forgotten");
     }

@@ -5,7 +5,7 @@ use prost::Message;
 use protocol::messages::{LeaseReply, LeaseRequest};
 
 /// Number of this protocol; gateways of two numbers refuse each other.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// Most bytes of one message: the largest trajectory that travels.
 pub const MOST_BYTES: usize = 32 << 20;
@@ -52,13 +52,6 @@ pub struct Hello {
     pub actors: u64,
 }
 
-impl Hello {
-    /// How many places its actors take: at least one, so that there are no more hosts than actors.
-    pub(crate) fn actors_wanted(&self) -> u64 {
-        self.actors.max(1)
-    }
-}
-
 /// A host is accepted.
 #[derive(Clone, PartialEq, Message)]
 pub struct Welcome {
@@ -87,6 +80,9 @@ pub struct BeatReply {
     /// The run is over: the host ends.
     #[prost(bool, tag = "1")]
     pub finished: bool,
+    /// How many actors the host is to have from now on.
+    #[prost(uint64, tag = "2")]
+    pub actors: u64,
 }
 
 /// An actor's question for leases.

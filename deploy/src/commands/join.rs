@@ -4,7 +4,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use bus::{MAX_ACTORS, check_shared_memory_room};
+use bus::check_shared_memory_room;
+use protocol::MAX_ACTORS;
 use run::folder::RunFolder;
 use terminal::print::print_remark;
 use terminal::refusal::stopped;

@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     let changes = Changes::of(&plan.config);
     programs::check_all()?;
-    listening.check(&plan.config.task)?;
+    listening.check(&plan.config)?;
     if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
     } else {

@@ -4,13 +4,16 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
+use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::process::FINAL_CODE;
 
 use super::process::Process;
 use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};
+use crate::limits;
 use crate::listening::Listening;
+use crate::machine::Machine;
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
@@ -99,9 +102,29 @@ impl Actors {
         }
     }
 
+    /// Has as many as are wanted, at least so many, and says so.
+    pub(super) fn follow(&mut self, wanted: &mut ActorsWanted, least: u64, view: &ProgressView) {
+        let allowed = |count: u64| {
+            let expected = "expected an actor, or other machines' (`train --listen`), found none";
+            ensure!(count >= least, expected);
+            Machine::here().require_room_for_actors(count)?;
+            limits::check(count)?;
+            Ok(count)
+        };
+        let changed = wanted.changed().map_err(anyhow::Error::from).transpose();
+        match changed.map(|count| count.and_then(allowed)) {
+            None => {}
+            Some(Ok(count)) => {
+                view.note(&format!("actors: {count} from now on"));
+                self.scale(count);
+            }
+            Some(Err(error)) => view.note(&format!("the number of actors stays: {error:#}")),
+        }
+    }
+
     /// Takes actors on, or asks the last ones to stop, until there are so many. The one actor of a log
     /// stays the only one.
-    pub(super) fn scale(&mut self, count: u64) {
+    fn scale(&mut self, count: u64) {
         if matches!(self.source, Source::Log { .. }) {
             return;
         }

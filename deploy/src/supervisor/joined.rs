@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use bus::BusAddress;
+use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 
 use super::actors::{Actors, Source};
@@ -40,7 +41,8 @@ pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<
     let mut actors = Actors::new(folder, source);
     gateway.start()?;
     actors.take_on();
-    let outcome = watch(&mut gateway, &mut actors, &mut signals, view).await;
+    let wanted = ActorsWanted::here(folder);
+    let outcome = watch(&mut gateway, &mut actors, wanted, &mut signals, view).await;
     let processes = actors.processes().chain([&mut gateway]).collect();
     fleet::end(processes, &mut signals).await?;
     remove_from_bus(&address).await?;
@@ -50,6 +52,7 @@ pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<
 async fn watch(
     gateway: &mut Process,
     actors: &mut Actors,
+    mut wanted: ActorsWanted,
     signals: &mut Signals,
     view: &ProgressView,
 ) -> Result<Outcome> {
@@ -60,6 +63,7 @@ async fn watch(
             }
             return Err(gateway.give_up(status, "and this machine takes no part any more"));
         }
+        actors.follow(&mut wanted, 0, view);
         actors.look_after(view)?;
         tokio::select! {
             () = signals.stop.next() => return Ok(Outcome::Stopped),

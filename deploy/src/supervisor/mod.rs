@@ -12,7 +12,6 @@ mod joined;
 mod process;
 mod restart;
 mod signals;
-mod wanted;
 
 use std::process::ExitStatus;
 use std::time::Duration;
@@ -20,12 +19,13 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use bus::BusAddress;
 use protocol::messages::Progress;
+use run::actors_wanted::ActorsWanted;
 use run::checkpoint;
 use run::folder::{Place, RunFolder};
 use run::process::FINAL_CODE;
 
 use crate::progress::ProgressView;
-use crate::{limits, progress_file};
+use crate::progress_file;
 pub(crate) use actors::Source;
 use bus_watch::BusWatch;
 use fleet::Fleet;
@@ -33,8 +33,6 @@ pub(crate) use joined::{Joining, take_part};
 
 use restart::{CoreRestarts, MOST_RESTARTS};
 pub(crate) use signals::Signals;
-use wanted::ActorsWanted;
-pub(crate) use wanted::{actors_wanted, forget_actors_wanted, want_actors};
 
 /// How often the processes are looked after if no signal says so.
 const TICK: Duration = Duration::from_millis(250);
@@ -91,7 +89,7 @@ pub(crate) async fn supervise(
     address.remove()?;
     settle_checkpoints(folder, view)?;
     progress_file::clear(folder);
-    let wanted = ActorsWanted::new(folder);
+    let wanted = ActorsWanted::here(folder);
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
@@ -203,17 +201,8 @@ impl Supervision<'_> {
         if let Some(status) = self.fleet.service.reap()? {
             return self.restart_core(CoreProcess::Service, status).await;
         }
-        match self.wanted.changed() {
-            Ok(None) => {}
-            Ok(Some(count)) => match limits::check(count) {
-                Ok(()) => {
-                    self.view.note(&format!("actors: {count} from now on"));
-                    self.fleet.actors.scale(count);
-                }
-                Err(error) => self.view.note(&format!("the number of actors stays: {error}")),
-            },
-            Err(error) => self.view.note(&format!("the number of actors stays: {error:#}")),
-        }
+        let least = u64::from(self.fleet.gateway.is_none());
+        self.fleet.actors.follow(&mut self.wanted, least, self.view);
         if let Some(gateway) = &mut self.fleet.gateway {
             gateway.look_after(self.folder, self.view)?;
         }

@@ -22,8 +22,9 @@ use tokio::sync::mpsc::Sender;
 use super::actor::LocalActor;
 use super::{Incoming, Outgoing};
 
-/// Longest sleep, so that weights are refreshed for late actors in time.
-const TICK: Duration = Duration::from_millis(20);
+/// Longest sleep, so that a stop is noticed. All else rings: an actor that comes late asks for leases, and is
+/// handed the weights that there are before its answer.
+const TICK: Duration = Duration::from_millis(250);
 
 /// How often the dead are cleaned away and the living told.
 const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);

@@ -11,6 +11,7 @@ use anyhow::{Context, Result};
 use bus::{Bus, BusAddress, Ringer, Role};
 use bytes::Bytes;
 use protocol::messages::LeaseRequest;
+use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::process::Stop;
 use tokio::sync::mpsc::Receiver;
@@ -20,7 +21,7 @@ use tokio::task::LocalSet;
 use super::session::{Identity, Session};
 use super::{Incoming, Outgoing};
 use crate::key::JoinKey;
-use crate::messages::{Answer, Beat, Delivery, Question, WeightsReply, WeightsRequest};
+use crate::messages::{Answer, Beat, BeatReply, Delivery, Question, WeightsReply, WeightsRequest};
 
 /// Trajectories under way at once.
 const WINDOW: usize = 8;
@@ -48,6 +49,8 @@ struct Link {
     news: SyncSender<Incoming>,
     bell: Rc<Ringer>,
     window: Arc<Semaphore>,
+    /// How many actors the supervisor of this host is to have.
+    wanted: ActorsWanted,
     alive: RefCell<Vec<String>>,
     /// Versions of the policy that the desk was given, and whose turn it is to fetch one.
     versions: Mutex<Vec<u64>>,
@@ -72,6 +75,7 @@ fn work(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) ->
             news,
             bell: bus.ringer(Role::Learner)?,
             window: Arc::new(Semaphore::new(WINDOW)),
+            wanted: ActorsWanted::here(&folder),
             alive: RefCell::default(),
             versions: Mutex::default(),
         });
@@ -101,8 +105,14 @@ impl Link {
                 let beat = beat();
                 async move { hub.beat(beat).await }
             });
-            if told.await?.finished {
+            let BeatReply { finished, actors } = told.await?;
+            if finished {
                 self.tell(Incoming::Over)?;
+            }
+            if self.session.wants(actors)
+                && let Err(error) = self.wanted.want(actors)
+            {
+                tracing::warn!("{error}");
             }
             distances.push_back(begun.elapsed());
             if distances.len() > DISTANCES {

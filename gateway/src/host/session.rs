@@ -36,7 +36,7 @@ pub struct Identity {
     pub golden: String,
     /// Whether it may join with another build than the hub's.
     pub other_build: bool,
-    /// How many actors it is to have.
+    /// How many actors it is to have at first.
     pub actors: u64,
 }
 
@@ -49,6 +49,8 @@ pub(super) struct Session {
     /// When the hub was last heard of.
     heard: Cell<Instant>,
     host: RefCell<Option<String>>,
+    /// How many actors this host is to have.
+    actors: Cell<u64>,
     /// Counts hellos, so that of many calls that the hub does not know one says hello.
     hellos: tokio::sync::Mutex<u64>,
 }
@@ -91,12 +93,18 @@ impl Session {
         Ok(Session {
             number: RandomState::new().hash_one(std::process::id()),
             address: key.address.clone(),
+            actors: Cell::new(identity.actors),
             identity,
             client: connect(key)?,
             heard: Cell::new(Instant::now()),
             host: RefCell::new(None),
             hellos: tokio::sync::Mutex::new(0),
         })
+    }
+
+    /// Notes how many actors this host is to have; returns whether that is news.
+    pub(super) fn wants(&self, actors: u64) -> bool {
+        self.actors.replace(actors) != actors
     }
 
     /// Makes a call again and again until the hub answers it.
@@ -145,7 +153,7 @@ impl Session {
             build: build::version().to_owned(),
             golden: self.identity.golden.clone(),
             other_build: self.identity.other_build,
-            actors: self.identity.actors,
+            actors: self.actors.get(),
         };
         let answer = self.once(|mut client| async move { client.hello(hello()).await }).await;
         match answer {

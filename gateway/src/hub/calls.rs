@@ -3,13 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{BusAddress, MAX_ACTORS};
-use protocol::build;
+use bus::BusAddress;
+use protocol::{MAX_ACTORS, build};
+use run::actors_wanted::ActorsWanted;
 use run::hosts::Expelled;
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
-use super::guest::{Guest, Order};
+use super::guest::{Guest, Order, places};
 use super::{Hub, is_name};
 use crate::calls::gateway_server::Gateway;
 use crate::messages::{
@@ -96,15 +97,15 @@ impl Calls {
     /// Checks that a host's actors have a place on the learner's bus, beside those of this machine and of others.
     fn check_room<'a>(
         &self,
-        hello: &Hello,
-        guests: impl Iterator<Item = &'a Guest>,
+        actors: u64,
+        others: impl Iterator<Item = &'a Guest>,
     ) -> Result<(), Status> {
         let address = BusAddress::of_run(self.hub.setup.folder.path()).map_err(internal)?;
         let members = address.members().map_err(internal)?;
         let is_here = |name: &str| name.starts_with("actor") && !name.contains('@');
         let here = members.iter().filter(|member| member.lives && is_here(&member.name)).count();
-        let taken = guests.map(|guest| guest.actors_wanted).fold(here as u64, u64::saturating_add);
-        let wanted = hello.actors_wanted();
+        let taken = others.map(Guest::places).fold(here as u64, u64::saturating_add);
+        let wanted = places(actors);
         if wanted <= (MAX_ACTORS as u64).saturating_sub(taken) {
             return Ok(());
         }
@@ -112,6 +113,31 @@ impl Calls {
             "expected at most {MAX_ACTORS} actors of a run, found {taken} and {wanted} of this host"
         );
         Err(Status::failed_precondition(words))
+    }
+
+    /// How many actors a host is to have, by the newest word of the user's.
+    fn actors_of(&self, session: u64) -> Option<u64> {
+        let mut guests = self.hub.guests();
+        let guest = guests.get(&session)?;
+        let wanted = ActorsWanted::of_host(&self.hub.setup.folder, guest.host());
+        let count = match wanted.count() {
+            Ok(None) => return Some(guest.actors),
+            Ok(Some(count)) => count,
+            Err(error) => {
+                tracing::warn!("{error}");
+                guest.actors
+            }
+        };
+        let others = guests.iter().filter(|(other, _)| **other != session).map(|(_, guest)| guest);
+        let room = self.check_room(count, others);
+        let guest = guests.get_mut(&session)?;
+        match room {
+            Ok(()) => guest.actors = count,
+            Err(why) => tracing::warn!("host {}: {}", guest.host(), why.message()),
+        }
+        // What is known need not be read again.
+        wanted.forget().map_err(|error| tracing::warn!("{error}")).ok();
+        Some(guest.actors)
     }
 }
 
@@ -147,7 +173,7 @@ impl Gateway for Calls {
         // One that comes back begins anew: what it held is leased to others.
         guests.remove(&hello.session);
         guests.retain(|_, guest| guest.is_there());
-        self.check_room(&hello, guests.values())?;
+        self.check_room(hello.actors, guests.values())?;
         let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
         let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
         let mut names = std::iter::once(hello.host.clone()).chain(numbered);
@@ -165,7 +191,8 @@ impl Gateway for Calls {
             guest.about.distance_ms = distance_ms.filter(|distance| distance.is_finite());
         }
         self.done(session, |done| Order::Beat { actors, done }).await?;
-        Ok(Response::new(BeatReply { finished: self.hub.is_finished() }))
+        let actors = self.actors_of(session).ok_or_else(|| self.stranger(session))?;
+        Ok(Response::new(BeatReply { finished: self.hub.is_finished(), actors }))
     }
 
     async fn lease(&self, request: Request<Question>) -> Result<Response<Answer>, Status> {

@@ -6,10 +6,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use bus::{
-    Bus, BusAddress, Doorbell, MAX_ACTORS, Role, Sleeper, TrajectoryHeader, TrajectoryPublisher,
-};
+use bus::{Bus, BusAddress, Doorbell, Role, Sleeper, TrajectoryHeader, TrajectoryPublisher};
 use bytes::Bytes;
+use protocol::MAX_ACTORS;
 use protocol::dropped::{Dropped, shortened};
 use protocol::messages::{LeaseReply, LeaseRequest};
 use protocol::task::Spec;
@@ -65,7 +64,7 @@ pub(super) struct Guest {
     /// What there is to say of it.
     pub(super) about: Host,
     /// How many actors it is to have.
-    pub(super) actors_wanted: u64,
+    pub(super) actors: u64,
     orders: SyncSender<Order>,
     thread: JoinHandle<()>,
     sleeper: Sleeper,
@@ -99,12 +98,17 @@ impl Guest {
         let wake = setup.wake.clone();
         let build = shortened(&hello.build, BUILD_CHARS);
         let about = Host { name: host.to_owned(), build, actors: 0, distance_ms: None };
-        Ok(Guest { about, actors_wanted: hello.actors_wanted(), orders, thread, sleeper, wake })
+        Ok(Guest { about, actors: hello.actors, orders, thread, sleeper, wake })
     }
 
     /// Whether it has not left.
     pub(super) fn is_there(&self) -> bool {
         !self.thread.is_finished()
+    }
+
+    /// How many places of the run it takes.
+    pub(super) fn places(&self) -> u64 {
+        places(self.actors)
     }
 
     pub(super) fn host(&self) -> &str {
@@ -118,6 +122,12 @@ impl Guest {
         self.wake.try_send(self.sleeper).ok();
         has_room
     }
+}
+
+/// How many places of a run a host of so many actors takes: at least one, so that there are no more hosts than
+/// actors.
+pub(super) fn places(actors: u64) -> u64 {
+    actors.max(1)
 }
 
 /// A host's thread at work.

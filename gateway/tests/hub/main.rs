@@ -76,7 +76,7 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
         for (hello, expected) in [
             (
                 Hello { protocol: 99, ..hello.clone() },
-                "expected a gateway of protocol 1, found one of 99",
+                "expected a gateway of protocol 2, found one of 99",
             ),
             (Hello { build: "0.0.9".to_owned(), ..hello.clone() }, "found 0.0.9"),
             (Hello { golden: "another".to_owned(), ..hello.clone() }, "golden episodes of hash"),

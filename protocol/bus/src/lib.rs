@@ -38,7 +38,7 @@ use iceoryx2::prelude::{
     SignalHandlingMode,
 };
 use iceoryx2::service::ipc::Service as SharedMemory;
-use protocol::Error;
+use protocol::{Error, MAX_ACTORS};
 
 use address::CREATION_TIMEOUT;
 use doorbell::Ringers;
@@ -55,9 +55,6 @@ pub use room::check_shared_memory_room;
 pub use trajectories::{
     Published, TRAJECTORY_BUFFER, TrajectoryHeader, TrajectoryPublisher, TrajectorySubscriber,
 };
-
-/// Actors of one run; memory is reserved by these limits, and 64 fill the machines we know.
-pub const MAX_ACTORS: usize = 64;
 
 /// Nodes of one bus: the actors, the three other processes, tools, and room for restarted ones that
 /// come back before their dead predecessor is cleaned away.

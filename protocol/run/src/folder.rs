@@ -93,6 +93,11 @@ impl RunFolder {
         self.path.join("actors")
     }
 
+    /// The same of another machine that takes part.
+    pub fn actors_file_of(&self, host: &str) -> PathBuf {
+        self.output().join(format!("actors@{host}"))
+    }
+
     /// Where the folder is now.
     ///
     /// # Errors

@@ -127,6 +127,14 @@ pub enum Error {
         /// Where it was.
         path: PathBuf,
     },
+    /// A number of actors that cannot be written or read.
+    #[error("{}: {message}", path.display())]
+    ActorsWanted {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what was met.
+        message: String,
+    },
     /// A summary that cannot be written or read.
     #[error("summary {}: {message}", path.display())]
     Summary {

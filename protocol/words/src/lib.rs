@@ -24,3 +24,6 @@ pub mod trajectory;
 pub mod weights;
 
 pub use error::Error;
+
+/// Actors of one run; memory is reserved by this limit, and 64 fill the machines we know.
+pub const MAX_ACTORS: usize = 64;

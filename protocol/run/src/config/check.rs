@@ -1,9 +1,9 @@
 //! What a configuration must fulfil. Everything behind it reads checked values only.
 
-use protocol::Error;
 use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
 use protocol::task::ObservationSpec;
+use protocol::{Error, MAX_ACTORS};
 
 use super::{InverseDynamicsConfig, RewardForm, RewardInput, RewardModel, RunConfig};
 
@@ -25,7 +25,6 @@ impl RunConfig {
             ("checkpoint.iterations", self.checkpoint.iterations),
             ("checkpoint.keep", self.checkpoint.keep as u64),
             ("log.file_mib", self.log.file_mib),
-            ("resources.actors", self.resources.actors),
             ("resources.lease_timeout_ms", self.resources.lease_timeout_ms),
         ];
         for (key, number) in at_least_one {
@@ -155,7 +154,8 @@ impl RunConfig {
         let normalized = self.reward.normalize_observations;
         within("reward.normalize_observations", vector || !normalized, "false for a grid", true)?;
         let actors = self.resources.actors;
-        within("resources.actors", actors <= 64, "at most 64", actors)?;
+        let most = format!("at most {MAX_ACTORS}");
+        within("resources.actors", actors <= MAX_ACTORS as u64, &most, actors)?;
         let (file_mib, timeout_ms) = (self.log.file_mib, self.resources.lease_timeout_ms);
         within("log.file_mib", file_mib <= 1 << 20, "at most 1048576", file_mib)?;
         let expected = "at most a day, 86400000";
