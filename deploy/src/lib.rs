@@ -14,6 +14,7 @@
 //! | `experiment` | plans of many runs |
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `processes` | who takes part in a live run, and who is stopped or gone |
+//! | `processor` | whether this machine can execute the build |
 //! | `progress` | the progress of a run in one line |
 //! | `progress_file` | the newest progress, for experiments |
 //! | `child`, `programs` | processes that `goalward` starts |
@@ -53,6 +54,7 @@ mod other_reward;
 mod output;
 mod plan;
 mod processes;
+mod processor;
 mod programs;
 mod progress;
 mod progress_file;
@@ -69,6 +71,9 @@ use terminal::print::print_error;
 /// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
 /// after wrong usage, 3 if it finished but data was lost, and 130 if the user stopped it.
 pub fn main() -> ExitCode {
+    if !processor::suffices() {
+        return ExitCode::FAILURE;
+    }
     match cli::run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
