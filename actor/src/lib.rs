@@ -3,7 +3,7 @@
 //! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
 //! [`publish`] puts a log onto the bus for anybody.
 //! [`demonstrate`], [`evaluate`], [`verify`], [`restore`], `scenes`, `audit` and `serve` work without a bus. [`episode`] and [`lane`]
-//! turn a lease into trajectories, [`policy`] chooses the actions, [`resimulate`] acts recorded ones.
+//! turn a lease into trajectories, [`policy`] chooses the actions, `pace` how many lanes at once, [`resimulate`] acts recorded ones.
 //!
 //! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
 //! [`Registration`]s; a task's file names it. `deploy/examples/reacher/` is one.
@@ -21,6 +21,7 @@ pub mod factory;
 mod frame;
 pub mod golden;
 pub mod lane;
+mod pace;
 pub mod policy;
 pub mod ports;
 pub mod publish;

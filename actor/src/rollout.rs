@@ -1,7 +1,7 @@
 //! `goalward-actor rollout`: pulls leases from the learner and publishes their trajectories.
 //!
-//! An actor keeps several lanes going at once, so that inference is batched, and asks for more as
-//! lanes come free: faster actors take more. It may come and go at any moment; what it leaves undone
+//! An actor keeps several lanes going at once, so that inference is batched, unless their environment is slow, and
+//! asks for more as lanes come free: faster actors take more. It may come and go at any moment; what it leaves undone
 //! the learner hands out again.
 
 use std::time::{Duration, Instant};
@@ -22,11 +22,9 @@ use run::process::{Final, Stop};
 use crate::episode::Episode;
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
+use crate::pace::{LANES_AT_ONCE, Pace};
 use crate::policy::{Policy, Version};
 use crate::ports::Ports;
-
-/// Lanes an actor keeps going at once.
-const LANES_AT_ONCE: usize = 16;
 
 /// Versions of the policy kept: with lag 1 the one before the newest still acts.
 const VERSIONS_KEPT: usize = 2;
@@ -43,6 +41,7 @@ struct Actor {
     policy: Policy,
     versions: Vec<Version>,
     lanes: Vec<Lane>,
+    pace: Pace,
     /// What lanes left behind: to build an environment costs more than to reset one.
     rested: Vec<Episode>,
     awaited: Awaited,
@@ -65,6 +64,7 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
         factory,
         versions: Vec::new(),
         lanes: Vec::new(),
+        pace: Pace::default(),
         rested: Vec::new(),
         awaited: Awaited::default(),
         ports,
@@ -90,7 +90,7 @@ impl Actor {
         self.take_weights()?;
         let leases = self.ports.granted();
         self.begin(&leases)?;
-        let free = LANES_AT_ONCE - self.lanes.len();
+        let free = self.pace.held().saturating_sub(self.lanes.len());
         self.ports.ask(free, &mut self.policy.seconds);
         let acting = self.lanes.first().map(|lane| lane.lease.policy_version);
         let version = self.versions.iter().find(|version| Some(version.number) == acting);
@@ -102,7 +102,10 @@ impl Actor {
             return self.ports.wait();
         };
         let choice = self.config.evaluation.actions_of(self.lanes[0].source());
-        let trajectories = self.policy.step(version, &mut self.lanes, choice)?;
+        let count = self.pace.at_once().min(self.lanes.len());
+        let before = self.policy.seconds.environment;
+        let trajectories = self.policy.step(version, &mut self.lanes[..count], choice)?;
+        self.pace.note(self.policy.seconds.environment - before, count);
         let begun = Instant::now();
         for trajectory in trajectories {
             self.ports.publish(&Encoded::encode(trajectory))?;

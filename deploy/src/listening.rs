@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use protocol::MAX_ACTORS;
+use protocol::error::within;
 use protocol::task::Task;
 use run::config::RunConfig;
 use run::folder::RunFolder;
@@ -78,9 +79,8 @@ impl ListenOptions {
 
 /// Without other machines' actors a run needs one of its own.
 fn require_an_actor(actors: u64) -> Result<()> {
-    let words = "expected at least one actor, or --listen for those of other machines, found none";
-    ensure!(actors > 0, wrong_usage(words));
-    Ok(())
+    let expected = "at least 1, but for a run that other machines join (--listen)";
+    Ok(within("resources.actors", actors > 0, expected, actors)?)
 }
 
 /// What this machine's actor makes of a run's golden episodes.

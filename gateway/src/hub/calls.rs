@@ -120,12 +120,12 @@ impl Calls {
         let mut guests = self.hub.guests();
         let guest = guests.get(&session)?;
         let wanted = ActorsWanted::of_host(&self.hub.setup.folder, guest.host());
-        let count = match wanted.count() {
+        let count = match wanted.take() {
             Ok(None) => return Some(guest.actors),
             Ok(Some(count)) => count,
             Err(error) => {
                 tracing::warn!("{error}");
-                guest.actors
+                return Some(guest.actors);
             }
         };
         let others = guests.iter().filter(|(other, _)| **other != session).map(|(_, guest)| guest);
@@ -135,8 +135,6 @@ impl Calls {
             Ok(()) => guest.actors = count,
             Err(why) => tracing::warn!("host {}: {}", guest.host(), why.message()),
         }
-        // What is known need not be read again.
-        wanted.forget().map_err(|error| tracing::warn!("{error}")).ok();
         Some(guest.actors)
     }
 }

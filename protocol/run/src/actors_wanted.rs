@@ -4,6 +4,7 @@
 //! `goalward scale` writes it, the supervisor or the gateway looks at it; a run that is continued has its own
 //! in its configuration. Whether it is seen sooner or later, and who runs which lease, changes no result.
 
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::PathBuf;
@@ -66,6 +67,24 @@ impl ActorsWanted {
         count.map(Some)
     }
 
+    /// The number wanted, which nobody finds after that.
+    ///
+    /// # Errors
+    /// As [`ActorsWanted::count`], or when the file cannot be taken away.
+    pub fn take(&self) -> Result<Option<u64>, Error> {
+        // What is wanted from now on comes under the name again.
+        let mut name = OsString::from("taken-");
+        name.push(self.file.file_name().unwrap_or_default());
+        let taken = ActorsWanted { file: self.file.with_file_name(name), known: None };
+        match fs::rename(&self.file, &taken.file) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            renamed => renamed.map_err(|error| self.failed(&error))?,
+        }
+        let count = taken.count();
+        taken.forget()?;
+        count
+    }
+
     /// Forgets it: who looks next knows it.
     ///
     /// # Errors
@@ -111,6 +130,10 @@ mod tests {
         wanted.want(3).unwrap();
         assert_eq!((wanted.changed().unwrap(), wanted.changed().unwrap()), (Some(3), None));
         assert_eq!((wanted.count().unwrap(), of_host.count().unwrap()), (Some(3), None));
+        fs::create_dir(folder.output()).unwrap();
+        of_host.want(4).unwrap();
+        assert_eq!((of_host.take().unwrap(), of_host.take().unwrap()), (Some(4), None));
+        assert_eq!(fs::read_dir(folder.output()).unwrap().count(), 0);
         fs::write(folder.actors_file(), "many").unwrap();
         assert!(wanted.changed().unwrap_err().to_string().contains("found \"many\""));
         assert!(wanted.count().unwrap_err().to_string().contains("found \"many\""));

@@ -16,6 +16,8 @@
 //! own reward is minus the distance.
 
 use std::f32::consts::PI;
+use std::thread;
+use std::time::Duration;
 
 use actor::{Environment, EnvironmentError, Setting, Step};
 use protocol::error::within;
@@ -54,11 +56,13 @@ pub(crate) enum Goal {
 pub(crate) struct ReacherSetting {
     /// The part of the circle around the shoulder that goals lie in, above 0 and at most 1.
     coverage: f64,
+    /// How long a step waits, milliseconds, as in a simulator that is slow; 0 to 1,000.
+    step_ms: f64,
 }
 
 impl Default for ReacherSetting {
     fn default() -> Self {
-        ReacherSetting { coverage: 1.0 }
+        ReacherSetting { coverage: 1.0, step_ms: 0.0 }
     }
 }
 
@@ -75,8 +79,9 @@ pub(crate) struct Reacher {
 
 impl Reacher {
     pub(crate) fn new(at_goal: Goal, setting: ReacherSetting) -> Result<Reacher, EnvironmentError> {
-        let coverage = setting.coverage;
+        let ReacherSetting { coverage, step_ms } = setting;
         within("coverage", coverage > 0.0 && coverage <= 1.0, "above 0 and at most 1", coverage)?;
+        within("step_ms", (0.0..=1000.0).contains(&step_ms), "0 to 1000", step_ms)?;
         let (angles, goal) = ([0.0; 2], [0.0; 2]);
         Ok(Reacher { at_goal, setting, angles, goal, steps: 0, running: false })
     }
@@ -130,6 +135,9 @@ impl Environment for Reacher {
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         if !self.running {
             return Err(EnvironmentError::NotRunning);
+        }
+        if self.setting.step_ms > 0.0 {
+            thread::sleep(Duration::from_secs_f64(self.setting.step_ms / 1000.0));
         }
         for (angle, number) in self.angles.iter_mut().zip(floats(action)) {
             *angle += TURN * number.clamp(-1.0, 1.0);
