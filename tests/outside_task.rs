@@ -69,7 +69,10 @@ fn a_task_from_outside_is_trained_verified_and_drawn_like_any_other() {
     let demonstrations = FileReader::open(&run.folder().demonstrations_file()).unwrap();
     let recorded = recorded_task(demonstrations.metadata()).unwrap();
     assert_eq!((recorded.name.as_str(), recorded.spec()), ("reacher", config.task.spec()));
-    assert_eq!(demonstrations.metadata().get("setting"), Some("{\"coverage\":0.5,\"step_ms\":0.0}"));
+    assert_eq!(
+        demonstrations.metadata().get("setting"),
+        Some("{\"coverage\":0.5,\"step_ms\":0.0}")
+    );
 
     for (arguments, words) in [
         (&["replay", "run", "--verify"][..], "the same"),

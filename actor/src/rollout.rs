@@ -29,9 +29,9 @@ use crate::ports::Ports;
 /// Versions of the policy kept: with lag 1 the one before the newest still acts.
 const VERSIONS_KEPT: usize = 2;
 
-/// How long the policy version of a lease is waited for. The learner publishes it before it grants the
-/// lease and hands it to late actors 50 times a second, so one that has not come by then is that of a
-/// learner that is gone.
+/// How long the policy version of a lease is waited for. The learner, or the gateway in its place, publishes it
+/// before it grants the lease and hands it to an actor that comes late as soon as that asks, so one that has not come
+/// by then is that of a learner that is gone.
 const VERSION_PATIENCE: Duration = Duration::from_secs(1);
 
 /// An actor at work.
