@@ -16,8 +16,7 @@ fn main() {
         .method(method("configuration", "Configuration", "ConfigurationRequest", "Configuration"))
         .method(method("hello", "Hello", "Hello", "Welcome"))
         .method(method("beat", "Beat", "Beat", "BeatReply"))
-        .method(method("lease", "Lease", "Question", "Answer"))
-        .method(method("trajectory", "Trajectory", "Delivery", "Delivered"))
+        .method(method("exchange", "Exchange", "Exchange", "Answer"))
         .method(method("weights", "Weights", "WeightsRequest", "WeightsReply"))
         .build();
     Builder::new().compile(&[service]);

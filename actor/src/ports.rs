@@ -138,14 +138,22 @@ impl Ports {
         reply.leases
     }
 
-    /// Publishes a trajectory. What a reader misses it asks for: the learner by leasing again, the
-    /// service by name.
+    /// Publishes a trajectory; readers wake at [`Self::ring`]. What a reader misses it asks for: the learner by
+    /// leasing again, the service by name.
     ///
     /// # Errors
     /// When the bus fails.
     pub fn publish(&mut self, encoded: &Encoded) -> Result<()> {
-        self.trajectories.publish(&encoded.bytes, TrajectoryHeader::from(encoded))?;
+        self.trajectories.send(&encoded.bytes, TrajectoryHeader::from(encoded))?;
         Ok(())
+    }
+
+    /// Wakes those who read trajectories.
+    ///
+    /// # Errors
+    /// When the bus fails.
+    pub fn ring(&mut self) -> Result<()> {
+        Ok(self.trajectories.ring()?)
     }
 }
 

@@ -47,6 +47,7 @@ pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop
                 ports.publish(encoded)?;
             }
             ports.finish(*lease);
+            ports.ring()?;
         }
         ports.ask(LEASES_AT_ONCE, &mut ActorSeconds::default());
         if leases.is_empty() {

@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bus::NewestSubscriber;
+use bus::{NewestSubscriber, POLICY_VERSIONS};
 use bytes::Bytes;
 use environments::EnvironmentError;
 use prost::Message;
@@ -25,9 +25,6 @@ use crate::lane::Lane;
 use crate::pace::{LANES_AT_ONCE, Pace};
 use crate::policy::{Policy, Version};
 use crate::ports::Ports;
-
-/// Versions of the policy kept: with lag 1 the one before the newest still acts.
-const VERSIONS_KEPT: usize = 2;
 
 /// How long the policy version of a lease is waited for. The learner, or the gateway in its place, publishes it
 /// before it grants the lease and hands it to an actor that comes late as soon as that asks, so one that has not come
@@ -90,8 +87,7 @@ impl Actor {
         self.take_weights()?;
         let leases = self.ports.granted();
         self.begin(&leases)?;
-        let free = self.pace.held().saturating_sub(self.lanes.len());
-        self.ports.ask(free, &mut self.policy.seconds);
+        self.ask();
         let acting = self.lanes.first().map(|lane| lane.lease.policy_version);
         let version = self.versions.iter().find(|version| Some(version.number) == acting);
         let is_given_up = self.awaited.is_given_up(acting, version.is_some(), Instant::now());
@@ -106,6 +102,9 @@ impl Actor {
         let before = self.policy.seconds.environment;
         let trajectories = self.policy.step(version, &mut self.lanes[..count], choice)?;
         self.pace.note(self.policy.seconds.environment - before, count);
+        if trajectories.is_empty() {
+            return Ok(());
+        }
         let begun = Instant::now();
         for trajectory in trajectories {
             self.ports.publish(&Encoded::encode(trajectory))?;
@@ -115,7 +114,14 @@ impl Actor {
             self.ports.finish(lane.lease);
             self.rested.push(lane.episode);
         }
-        Ok(())
+        // A reader that wakes finds the question with the trajectories.
+        self.ask();
+        self.ports.ring()
+    }
+
+    fn ask(&mut self) {
+        let free = self.pace.held().saturating_sub(self.lanes.len());
+        self.ports.ask(free, &mut self.policy.seconds);
     }
 
     /// Drops all lanes and says so, so that the learner can hand them out again.
@@ -135,7 +141,7 @@ impl Actor {
             };
             self.versions.retain(|known| known.number != version.number);
             self.versions.push(version);
-            if self.versions.len() > VERSIONS_KEPT {
+            if self.versions.len() > POLICY_VERSIONS {
                 self.versions.remove(0);
             }
         }

@@ -5,10 +5,13 @@ use prost::Message;
 use protocol::messages::{LeaseReply, LeaseRequest};
 
 /// Number of this protocol; gateways of two numbers refuse each other.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
-/// Most bytes of one message: the largest trajectory that travels.
+/// Most bytes of one message: a trajectory that is larger does not travel.
 pub const MOST_BYTES: usize = 32 << 20;
+
+/// Most bytes of trajectories in one message, unless it is one alone.
+pub const TOGETHER_BYTES: usize = 1 << 20;
 
 /// Asks what is trained.
 #[derive(Clone, PartialEq, Message)]
@@ -85,42 +88,31 @@ pub struct BeatReply {
     pub actors: u64,
 }
 
-/// An actor's question for leases.
+/// What an actor has published, and its question for leases if it has one: to ask is to finish leases, so that
+/// one message carries both.
 #[derive(Clone, PartialEq, Message)]
-pub struct Question {
+pub struct Exchange {
     /// The joining.
     #[prost(fixed64, tag = "1")]
     pub session: u64,
+    /// Trajectories as they were encoded by the actor.
+    #[prost(bytes = "bytes", repeated, tag = "2")]
+    pub trajectories: Vec<Bytes>,
     /// Number of the question among its actor's, from 1. One that is asked again has the same answer.
-    #[prost(uint64, tag = "2")]
+    #[prost(uint64, tag = "3")]
     pub number: u64,
     /// What the actor asks.
-    #[prost(message, optional, tag = "3")]
+    #[prost(message, optional, tag = "4")]
     pub request: Option<LeaseRequest>,
 }
 
-/// The learner's answer.
+/// The learner's bus has the trajectories, or nobody waits for them; and the learner's answer.
 #[derive(Clone, PartialEq, Message)]
 pub struct Answer {
-    /// None yet: the question is to be asked again.
+    /// None yet: a question is to be asked again, without the trajectories.
     #[prost(message, optional, tag = "1")]
     pub reply: Option<LeaseReply>,
 }
-
-/// A trajectory.
-#[derive(Clone, PartialEq, Message)]
-pub struct Delivery {
-    /// The joining.
-    #[prost(fixed64, tag = "1")]
-    pub session: u64,
-    /// As it was encoded by its actor.
-    #[prost(bytes = "bytes", tag = "2")]
-    pub trajectory: Bytes,
-}
-
-/// The learner's bus has it, or nobody waits for it.
-#[derive(Clone, PartialEq, Message)]
-pub struct Delivered {}
 
 /// Asks for weights.
 #[derive(Clone, PartialEq, Message)]

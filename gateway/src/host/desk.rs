@@ -79,15 +79,19 @@ impl Desk {
 
     /// Works until the run is over and its actors have heard of it, or a stop is requested.
     pub(super) fn run(&mut self, stop: &Stop) -> Result<()> {
+        let mut are_more = false;
         while !stop.is_requested() && !self.is_over() {
-            self.doorbell.wait(TICK)?;
+            self.doorbell.wait(if are_more { Duration::ZERO } else { TICK })?;
             self.take_news()?;
             self.take_questions();
-            // What an actor published before it asked is there by now.
-            if self.take_trajectories()? {
+            let room = self.outgoing.capacity();
+            let taken = self.take_trajectories(room)?;
+            if taken < room {
+                // What an actor published before it asked has been taken by now.
                 self.sort_questions();
             }
-            self.ask();
+            are_more = taken == room && room > 0;
+            self.send();
             self.answer();
             if let Some(weights) = &self.weights {
                 weights.refresh()?;
@@ -107,7 +111,7 @@ impl Desk {
             match self.incoming.try_recv() {
                 Ok(Incoming::Delivered { actor }) => {
                     if let Some(actor) = self.actors.get_mut(&actor) {
-                        actor.on_their_way = actor.on_their_way.saturating_sub(1);
+                        actor.delivered();
                     }
                 }
                 Ok(Incoming::Weights(bytes)) => self.publish(&bytes)?,
@@ -155,23 +159,20 @@ impl Desk {
         }
     }
 
-    /// Hands trajectories to the link as fast as it takes them; returns whether there are no more.
-    fn take_trajectories(&mut self) -> Result<bool> {
-        while self.outgoing.capacity() > 0 {
+    /// Takes so many trajectories at most; returns how many.
+    fn take_trajectories(&mut self, most: usize) -> Result<usize> {
+        for taken in 0..most {
             let Some(Published { bytes, process, .. }) = self.trajectories.receive()? else {
-                return Ok(true);
+                return Ok(taken);
             };
             let suffix = format!("-{process}");
-            let sent_by = |name: &&String| name.ends_with(&suffix);
-            let Some(actor) = self.alive.iter().find(sent_by).cloned() else {
-                self.dropped.note(format!("process {process} is no actor of this host"));
-                continue;
-            };
-            self.actors.entry(actor.clone()).or_default().on_their_way += 1;
-            // There was room, and nobody else sends.
-            self.outgoing.try_send(Outgoing::Trajectory { actor, bytes }).ok();
+            // It has asked before it acts.
+            match self.actors.iter_mut().find(|(name, _)| name.ends_with(&suffix)) {
+                Some((_, actor)) => actor.trajectories.push_back(bytes),
+                None => self.dropped.note(format!("process {process} is no actor of this host")),
+            }
         }
-        Ok(false)
+        Ok(most)
     }
 
     fn sort_questions(&mut self) {
@@ -180,11 +181,13 @@ impl Desk {
         }
     }
 
-    fn ask(&mut self) {
-        for actor in self.actors.values_mut() {
-            let Ok(place) = self.outgoing.try_reserve() else { return };
-            if let Some((number, request)) = actor.due() {
-                place.send(Outgoing::Ask { number, request });
+    /// Hands on what is due, as far as the link takes it.
+    fn send(&mut self) {
+        for (name, actor) in &mut self.actors {
+            while let Ok(place) = self.outgoing.try_reserve()
+                && let Some(outgoing) = actor.due(name)
+            {
+                place.send(outgoing);
             }
         }
     }

@@ -1,16 +1,16 @@
 //! The link of a host to the hub: what the desk wants is done by calls, several at once.
 
 use std::cell::RefCell;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bus::{Bus, BusAddress, Ringer, Role};
+use bus::{Bus, BusAddress, POLICY_VERSIONS, Ringer, Role};
 use bytes::Bytes;
-use protocol::messages::LeaseRequest;
+use protocol::messages::LeaseReply;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::process::Stop;
@@ -21,9 +21,9 @@ use tokio::task::LocalSet;
 use super::session::{Identity, Session};
 use super::{Incoming, Outgoing};
 use crate::key::JoinKey;
-use crate::messages::{Answer, Beat, BeatReply, Delivery, Question, WeightsReply, WeightsRequest};
+use crate::messages::{Answer, Beat, BeatReply, Exchange, WeightsReply, WeightsRequest};
 
-/// Trajectories under way at once.
+/// Deliveries under way at once.
 const WINDOW: usize = 8;
 
 /// How often the hub is told that this host lives.
@@ -31,9 +31,6 @@ const BEAT: Duration = Duration::from_millis(500);
 
 /// Beats of which the fastest says how far the hub is.
 const DISTANCES: usize = 8;
-
-/// Versions of the policy that are remembered as published: as many as the bus keeps.
-const VERSIONS: usize = 2;
 
 /// What the link needs.
 pub(super) struct Setup {
@@ -51,7 +48,7 @@ struct Link {
     window: Arc<Semaphore>,
     /// How many actors the supervisor of this host is to have.
     wanted: ActorsWanted,
-    alive: RefCell<Vec<String>>,
+    alive: RefCell<BTreeSet<String>>,
     /// Versions of the policy that the desk was given, and whose turn it is to fetch one.
     versions: Mutex<Vec<u64>>,
 }
@@ -99,7 +96,8 @@ impl Link {
         while !stop.is_requested() {
             let fastest = distances.iter().copied().min();
             let distance_ms = fastest.map(|fastest: Duration| 1000.0 * fastest.as_secs_f64());
-            let beat = || Beat { session, actors: self.alive.borrow().clone(), distance_ms };
+            let alive = || self.alive.borrow().iter().cloned().collect();
+            let beat = || Beat { session, actors: alive(), distance_ms };
             let begun = Instant::now();
             let told = self.session.call(|mut hub| {
                 let beat = beat();
@@ -127,18 +125,23 @@ impl Link {
     async fn follow(self: &Rc<Self>, mut orders: Receiver<Outgoing>) -> Result<()> {
         while let Some(order) = orders.recv().await {
             match order {
-                Outgoing::Alive(actors) => *self.alive.borrow_mut() = actors,
-                Outgoing::Trajectory { actor, bytes } => {
+                Outgoing::Alive(actors) => *self.alive.borrow_mut() = actors.into_iter().collect(),
+                Outgoing::Deliver { actor, trajectories } => {
                     // The desk waits as long as so many are under way.
                     let place = Arc::clone(&self.window).acquire_owned().await?;
                     self.spawn(async move |link| {
-                        let done = link.deliver(actor, bytes).await;
+                        let done = link.deliver(actor, trajectories).await;
                         drop(place);
                         done
                     });
                 }
-                Outgoing::Ask { number, request } => {
-                    self.spawn(async move |link| link.ask(number, request).await);
+                Outgoing::Ask { number, request, trajectories } => {
+                    let session = self.session.number;
+                    let actor = request.actor.clone();
+                    self.alive.borrow_mut().insert(actor.clone());
+                    let request = Some(request);
+                    let question = Exchange { session, trajectories, number, request };
+                    self.spawn(async move |link| link.ask(actor, question).await);
                 }
             }
         }
@@ -158,35 +161,38 @@ impl Link {
         });
     }
 
-    async fn deliver(&self, actor: String, trajectory: Bytes) -> Result<()> {
-        let delivery = Delivery { session: self.session.number, trajectory };
-        let call = self.session.call(|mut hub| {
-            let delivery = delivery.clone();
-            async move { hub.trajectory(delivery).await }
-        });
-        call.await?;
+    async fn deliver(&self, actor: String, trajectories: Vec<Bytes>) -> Result<()> {
+        let session = self.session.number;
+        self.exchange(&Exchange { session, trajectories, ..Exchange::default() }).await?;
         self.tell(Incoming::Delivered { actor })
     }
 
-    /// Asks for leases until there is an answer, and hands on what they are acted by before it.
-    async fn ask(&self, number: u64, request: LeaseRequest) -> Result<()> {
-        let actor = request.actor.clone();
-        let session = self.session.number;
-        let question = Question { session, number, request: Some(request) };
-        let reply = loop {
-            let call = self.session.call(|mut hub| {
-                let question = question.clone();
-                async move { hub.lease(question).await }
-            });
-            let Answer { reply } = call.await?;
+    /// Asks for leases until there is an answer, and hands on what they are acted by before it. For an actor
+    /// that is gone no more is asked.
+    async fn ask(&self, actor: String, mut question: Exchange) -> Result<()> {
+        while self.alive.borrow().contains(&actor) {
+            let Answer { reply } = self.exchange(&question).await?;
             if let Some(reply) = reply {
-                break reply;
+                return self.answer(actor, question.number, reply).await;
             }
-        };
+            question.trajectories.clear();
+        }
+        Ok(())
+    }
+
+    async fn answer(&self, actor: String, number: u64, reply: LeaseReply) -> Result<()> {
         if let Some(lease) = reply.leases.first() {
             self.fetch(lease.policy_version).await?;
         }
         self.tell(Incoming::Answered { actor, number, reply })
+    }
+
+    async fn exchange(&self, exchange: &Exchange) -> Result<Answer> {
+        let call = self.session.call(|mut hub| {
+            let exchange = exchange.clone();
+            async move { hub.exchange(exchange).await }
+        });
+        call.await
     }
 
     /// Has the desk publish a version of the policy, if it has not before.
@@ -203,7 +209,7 @@ impl Link {
         let WeightsReply { weights: Some(weights) } = call.await? else { return Ok(()) };
         self.tell(Incoming::Weights(weights))?;
         versions.push(version);
-        if versions.len() > VERSIONS {
+        if versions.len() > POLICY_VERSIONS {
             versions.remove(0);
         }
         Ok(())

@@ -28,17 +28,17 @@ const INCOMING: usize = 1024;
 
 /// What the desk has for the hub.
 enum Outgoing {
-    /// A trajectory of an actor.
-    Trajectory { actor: String, bytes: Bytes },
-    /// A question of an actor.
-    Ask { number: u64, request: LeaseRequest },
+    /// Trajectories of an actor.
+    Deliver { actor: String, trajectories: Vec<Bytes> },
+    /// A question of an actor, and what it published before that is not under way yet.
+    Ask { number: u64, request: LeaseRequest, trajectories: Vec<Bytes> },
     /// These actors live.
     Alive(Vec<String>),
 }
 
 /// What the link has for the desk.
 enum Incoming {
-    /// A trajectory of an actor is on the learner's bus.
+    /// Trajectories of an actor, those of one [`Outgoing::Deliver`], are on the learner's bus.
     Delivered { actor: String },
     /// Weights, before the first lease that is acted by them.
     Weights(Bytes),

@@ -13,7 +13,7 @@ use tonic::{Code, Response, Status};
 use crate::calls::gateway_client::GatewayClient;
 use crate::key::JoinKey;
 use crate::messages::{ConfigurationRequest, Hello, MOST_BYTES, PROTOCOL};
-use crate::{KEEPALIVE, KEEPALIVE_PATIENCE};
+use crate::{KEEPALIVE, KEEPALIVE_PATIENCE, WINDOWS};
 
 /// How long the hub may take to be reached.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
@@ -67,6 +67,8 @@ pub fn connect(key: &JoinKey) -> Result<GatewayClient<Channel>> {
         .context("the keys of the run")?
         .connect_timeout(CONNECT_PATIENCE)
         .tcp_nodelay(true)
+        .initial_stream_window_size(WINDOWS[0])
+        .initial_connection_window_size(WINDOWS[1])
         .http2_keep_alive_interval(KEEPALIVE)
         .keep_alive_timeout(KEEPALIVE_PATIENCE)
         .keep_alive_while_idle(true)

@@ -2,7 +2,7 @@
 
 use std::hash::{BuildHasher, RandomState};
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -92,25 +92,34 @@ async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Cas
     let mut actor = None;
     let mut audited: u64 = 0;
     while let Some(case) = cases.recv().await {
-        let running = actor.take().map_or_else(|| Actor::start(&program, &folder), Ok);
-        let judged = match running {
-            Ok(mut running) => running.judge(&case).await.map(|difference| (difference, running)),
-            Err(error) => Err(error),
-        };
-        let difference = judged.map(|(difference, running)| {
-            actor = Some(running);
-            audited += 1;
-            difference
-        });
-        if audited.is_power_of_two() {
+        let mut judged = judge(&case, &mut actor, &program, &folder).await;
+        if let Err(error) = &judged {
+            tracing::warn!("the auditor is started again: {error:#}");
+            judged = judge(&case, &mut actor, &program, &folder).await;
+        }
+        audited += u64::from(judged.is_ok());
+        if judged.is_ok() && audited.is_power_of_two() {
             tracing::info!("episodes of hosts acted again: {audited}");
         }
-        let difference = difference.unwrap_or_else(|error| {
+        let difference = judged.unwrap_or_else(|error| {
             tracing::error!("an episode could not be audited: {error:#}");
             None
         });
         case.verdict.send(difference).ok();
     }
+}
+
+/// Has the program judge, which is started where there is none; one that fails is gone.
+async fn judge(
+    case: &Case,
+    actor: &mut Option<Actor>,
+    program: &Path,
+    folder: &RunFolder,
+) -> Result<Option<String>> {
+    let mut running = actor.take().map_or_else(|| Actor::start(program, folder), Ok)?;
+    let difference = running.judge(case).await?;
+    *actor = Some(running);
+    Ok(difference)
 }
 
 /// The program that acts episodes again.
@@ -123,7 +132,7 @@ struct Actor {
 }
 
 impl Actor {
-    fn start(program: &PathBuf, folder: &RunFolder) -> Result<Actor> {
+    fn start(program: &Path, folder: &RunFolder) -> Result<Actor> {
         let mut command = Command::new(program);
         command.arg("audit").arg("--run").arg(folder.path()).kill_on_drop(true);
         let started = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
@@ -146,5 +155,37 @@ impl Actor {
         let line = line.ok_or_else(|| io::Error::other("the auditor has ended"))?;
         self.version = Some(case.version);
         serde_json::from_str(&line).with_context(|| format!("expected a difference, found {line}"))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    /// Dies of its first episode, and finds something in the next.
+    const PROGRAM: &str = r#"#!/bin/sh
+[ -e "$0.died" ] || { touch "$0.died"; exit 1; }
+echo '"another observation"'
+exec sleep 60
+"#;
+
+    #[test]
+    fn an_auditor_that_dies_is_started_again_for_the_same_episode() {
+        let directory = tempfile::tempdir().unwrap();
+        let program = directory.path().join("auditor");
+        fs::write(&program, PROGRAM).unwrap();
+        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+        let (verdict, mut judged) = oneshot::channel();
+        let (weights, trajectory) = (Bytes::from_static(b"w"), Bytes::from_static(b"t"));
+        let (cases, waiting) = mpsc::channel(1);
+        cases.try_send(Case { version: 3, weights, trajectory, verdict }).ok().unwrap();
+        drop(cases);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(work(program, RunFolder::new(directory.path()), waiting));
+        assert_eq!(judged.try_recv().unwrap().as_deref(), Some("another observation"));
     }
 }

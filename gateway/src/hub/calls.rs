@@ -11,11 +11,12 @@ use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
 use super::guest::{Guest, Order, places};
+use super::stand_in::Refusal;
 use super::{Hub, is_name};
 use crate::calls::gateway_server::Gateway;
 use crate::messages::{
-    Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Delivered, Delivery, Hello,
-    PROTOCOL, Question, WeightsReply, WeightsRequest, Welcome,
+    Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Exchange, Hello, PROTOCOL,
+    WeightsReply, WeightsRequest, Welcome,
 };
 
 /// How long weights are waited for that the learner has not published yet.
@@ -73,6 +74,18 @@ impl Calls {
             expelled.pop_first();
         }
         Status::permission_denied(why)
+    }
+
+    /// How an episode of a host differs from what this machine makes of it, if one of them is audited and does.
+    async fn difference(&self, exchange: &Exchange) -> Option<String> {
+        let auditor = self.hub.auditor.as_ref()?;
+        self.hub.guests().get(&exchange.session)?;
+        for trajectory in &exchange.trajectories {
+            if let Some(difference) = auditor.difference(trajectory).await {
+                return Some(difference);
+            }
+        }
+        None
     }
 
     /// Checks what a host says of itself.
@@ -193,26 +206,16 @@ impl Gateway for Calls {
         Ok(Response::new(BeatReply { finished: self.hub.is_finished(), actors }))
     }
 
-    async fn lease(&self, request: Request<Question>) -> Result<Response<Answer>, Status> {
-        let Question { session, number, request } = request.into_inner();
-        let Some(request) = request else {
-            return Err(self.expel(session, "a question for leases without a request"));
-        };
-        let answer = self.done(session, |done| Order::Ask { number, request, done }).await?;
-        answer.map(Response::new).map_err(|why| Status::resource_exhausted(format!("{why:#}")))
-    }
-
-    async fn trajectory(&self, request: Request<Delivery>) -> Result<Response<Delivered>, Status> {
-        let Delivery { session, trajectory } = request.into_inner();
-        if let Some(auditor) = &self.hub.auditor
-            && self.hub.guests().contains_key(&session)
-            && let Some(difference) = auditor.difference(&trajectory).await
-        {
+    async fn exchange(&self, request: Request<Exchange>) -> Result<Response<Answer>, Status> {
+        let exchange = request.into_inner();
+        let session = exchange.session;
+        if let Some(difference) = self.difference(&exchange).await {
             return Err(self.expel(session, &format!("it acts otherwise: {difference}")));
         }
-        match self.done(session, |done| Order::Deliver { trajectory, done }).await? {
-            Ok(()) => Ok(Response::new(Delivered {})),
-            Err(why) => Err(self.expel(session, &format!("{why:#}"))),
+        match self.done(session, |done| Order::Exchange { exchange, done }).await? {
+            Ok(answer) => Ok(Response::new(answer)),
+            Err(Refusal::Wrong(why)) => Err(self.expel(session, &format!("{why:#}"))),
+            Err(Refusal::NoRoom(why)) => Err(Status::resource_exhausted(format!("{why:#}"))),
         }
     }
 

@@ -10,7 +10,7 @@ use bus::{Bus, BusAddress, Doorbell, Role, Sleeper, TrajectoryHeader, Trajectory
 use bytes::Bytes;
 use protocol::MAX_ACTORS;
 use protocol::dropped::{Dropped, shortened};
-use protocol::messages::{LeaseReply, LeaseRequest};
+use protocol::messages::LeaseReply;
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
@@ -18,8 +18,8 @@ use run::hosts::Host;
 use tokio::sync::{mpsc, oneshot};
 
 use super::is_name;
-use super::stand_in::StandIn;
-use crate::messages::{Answer, Hello};
+use super::stand_in::{Refusal, StandIn};
+use crate::messages::{Answer, Exchange, Hello};
 
 /// Orders of one host that may wait.
 const ORDERS: usize = 256;
@@ -53,10 +53,8 @@ pub(super) struct GuestSetup {
 pub(super) enum Order {
     /// To be known to live, with these actors.
     Beat { actors: Vec<String>, done: oneshot::Sender<()> },
-    /// Leases.
-    Ask { number: u64, request: LeaseRequest, done: oneshot::Sender<Result<Answer>> },
-    /// A trajectory to be published; an error is the host's fault.
-    Deliver { trajectory: Bytes, done: oneshot::Sender<Result<()>> },
+    /// Its trajectories published, and then leases, if it asks for them.
+    Exchange { exchange: Exchange, done: oneshot::Sender<Result<Answer, Refusal>> },
 }
 
 /// A host that has joined.
@@ -186,18 +184,33 @@ impl Work {
                 self.stand_ins.retain(|actor, _| actors.contains(actor));
                 done.send(()).ok();
             }
-            Order::Ask { number, request, done } => match self.stand_in(&request.actor) {
-                Ok(stand_in) => stand_in.ask(number, request, done),
-                Err(why) => {
-                    done.send(Err(why)).ok();
-                }
-            },
-            Order::Deliver { trajectory, done } => {
-                let checked = self.checked(trajectory);
-                if let Ok(encoded) = &checked {
-                    self.publish(encoded)?;
-                }
-                done.send(checked.map(drop)).ok();
+            Order::Exchange { exchange, done } => self.exchange(exchange, done)?,
+        }
+        Ok(())
+    }
+
+    fn exchange(
+        &mut self,
+        exchange: Exchange,
+        done: oneshot::Sender<Result<Answer, Refusal>>,
+    ) -> Result<()> {
+        let Exchange { trajectories, number, request, .. } = exchange;
+        let checked = trajectories.into_iter().map(|trajectory| self.checked(trajectory));
+        match checked.collect::<Result<Vec<Encoded>>>() {
+            Ok(checked) => checked.iter().try_for_each(|encoded| self.publish(encoded))?,
+            Err(why) => {
+                done.send(Err(Refusal::Wrong(why))).ok();
+                return Ok(());
+            }
+        }
+        let Some(request) = request else {
+            done.send(Ok(Answer::default())).ok();
+            return Ok(());
+        };
+        match self.stand_in(&request.actor) {
+            Ok(stand_in) => stand_in.ask(number, request, done),
+            Err(why) => {
+                done.send(Err(Refusal::NoRoom(why))).ok();
             }
         }
         Ok(())

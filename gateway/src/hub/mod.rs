@@ -30,7 +30,7 @@ use tonic::transport::Server;
 use crate::calls::gateway_server::GatewayServer;
 use crate::key::HubKey;
 use crate::messages::MOST_BYTES;
-use crate::{KEEPALIVE, KEEPALIVE_PATIENCE};
+use crate::{KEEPALIVE, KEEPALIVE_PATIENCE, WINDOWS};
 pub use audit::Audit;
 use audit::Auditor;
 use calls::Calls;
@@ -169,6 +169,8 @@ async fn answer_calls(
         .context("the keys of the run")?
         .http2_keepalive_interval(Some(KEEPALIVE))
         .http2_keepalive_timeout(Some(KEEPALIVE_PATIENCE))
+        .initial_stream_window_size(WINDOWS[0])
+        .initial_connection_window_size(WINDOWS[1])
         .concurrency_limit_per_connection(CALLS_AT_ONCE)
         .add_service(calls)
         .serve_with_incoming_shutdown(connections, ended(hub, stop))

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bus::{Bus, BusAddress, Role};
+use bus::{Bus, BusAddress, POLICY_VERSIONS, Role};
 use bytes::Bytes;
 use prost::Message;
 use protocol::dropped::Dropped;
@@ -14,9 +14,6 @@ use tokio::sync::watch;
 
 /// How often it is looked whether the hub is to stop.
 const TICK: Duration = Duration::from_millis(250);
-
-/// Versions kept: with lag 1 the one before the newest still acts.
-const KEPT: usize = 2;
 
 /// The newest weights as the learner encoded them, by version, the newest last.
 #[derive(Clone, Debug, Default)]
@@ -31,7 +28,7 @@ impl Newest {
     fn take(&mut self, version: u64, weights: Bytes) {
         self.0.retain(|(number, _)| *number != version);
         self.0.push((version, weights));
-        if self.0.len() > KEPT {
+        if self.0.len() > POLICY_VERSIONS {
             self.0.remove(0);
         }
     }

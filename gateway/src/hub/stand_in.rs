@@ -15,6 +15,15 @@ use crate::messages::Answer;
 /// How long a host waits for an answer before it is told that there is none yet.
 const HELD: Duration = Duration::from_secs(2);
 
+/// Why a host has no answer.
+#[derive(Debug)]
+pub(super) enum Refusal {
+    /// What it sent is not of this run.
+    Wrong(anyhow::Error),
+    /// There is no room for its actor.
+    NoRoom(anyhow::Error),
+}
+
 /// An actor of another host.
 pub(super) struct StandIn {
     folder: RunFolder,
@@ -23,7 +32,7 @@ pub(super) struct StandIn {
     number: u64,
     request: LeaseRequest,
     reply: Option<LeaseReply>,
-    waiting: Option<(oneshot::Sender<Result<Answer>>, Instant)>,
+    waiting: Option<(oneshot::Sender<Result<Answer, Refusal>>, Instant)>,
     dropped: Dropped,
     /// It is there as long as this is.
     _bus: Bus,
@@ -56,7 +65,7 @@ impl StandIn {
         &mut self,
         number: u64,
         request: LeaseRequest,
-        done: oneshot::Sender<Result<Answer>>,
+        done: oneshot::Sender<Result<Answer, Refusal>>,
     ) {
         if number != self.number {
             self.request = LeaseRequest { actor: self.name.clone(), ..request };
@@ -98,6 +107,15 @@ impl StandIn {
         {
             // It may have hung up; then it asks again.
             waiting.send(Ok(Answer { reply: self.reply.clone() })).ok();
+        }
+    }
+}
+
+/// A question that waits has no answer any more: a host whose actor is gone is still known.
+impl Drop for StandIn {
+    fn drop(&mut self) {
+        if let Some((waiting, _)) = self.waiting.take() {
+            waiting.send(Ok(Answer::default())).ok();
         }
     }
 }

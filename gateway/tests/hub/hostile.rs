@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use gateway::calls::gateway_client::GatewayClient;
 use gateway::host::connect;
-use gateway::messages::{Beat, Delivery, Hello, Question, WeightsRequest};
+use gateway::messages::{Beat, Exchange, Hello, WeightsRequest};
 use prost::Message;
 use protocol::messages::{Lease, LeaseRequest};
 use protocol::seed::{Purpose, Stream, stream};
@@ -75,7 +75,7 @@ impl Liar {
 
     /// Says something in a joining; what is answered is no matter.
     async fn say(&mut self, session: u64, hub: &mut GatewayClient<Channel>) {
-        match self.random.random_range(0..6) {
+        match self.random.random_range(0..5) {
             0 => {
                 let hello = Hello { session, host: self.name(), ..self.hello.clone() };
                 hub.hello(Hello { build: self.name(), other_build: true, ..hello }).await.ok();
@@ -89,12 +89,11 @@ impl Liar {
                 hub.beat(Beat { session, actors, distance_ms }).await.ok();
             }
             3 => {
+                let count = self.random.random_range(0..4);
+                let trajectories = (0..count).map(|_| self.trajectory()).collect();
                 let number = self.number();
                 let request = (number != 7).then(|| self.request());
-                hub.lease(Question { session, number, request }).await.ok();
-            }
-            4 => {
-                hub.trajectory(Delivery { session, trajectory: self.trajectory() }).await.ok();
+                hub.exchange(Exchange { session, trajectories, number, request }).await.ok();
             }
             _ => {
                 let version = self.number();

@@ -12,34 +12,24 @@ use std::time::{Duration, Instant};
 
 use bus::BusAddress;
 use bytes::Bytes;
-use gateway::calls::gateway_client::GatewayClient;
 use gateway::host::{self, connect};
 use gateway::key::{self, JoinKey};
-use gateway::messages::{Beat, Delivery, Hello, Question};
+use gateway::messages::{Beat, Exchange, Hello};
 use prost::Message;
 use protocol::build;
 use protocol::messages::{LeaseReply, LeaseRequest};
 use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
-use tonic::transport::Channel;
-use tonic::{Code, Status};
+use tonic::Code;
 
 use stage::{PATIENCE, Stage, block_on, free_address, lease};
 
 /// Connections of strangers.
 const STRANGERS: usize = 100;
 
-fn question(session: u64, number: u64) -> Question {
+fn question(session: u64, number: u64) -> Exchange {
     let request = LeaseRequest { actor: "actor-0-7".to_owned(), capacity: 4, ..Default::default() };
-    Question { session, number, request: Some(request) }
-}
-
-async fn deliver(
-    hub: &mut GatewayClient<Channel>,
-    session: u64,
-    trajectory: Bytes,
-) -> Result<(), Status> {
-    hub.trajectory(Delivery { session, trajectory }).await.map(drop)
+    Exchange { session, number, request: Some(request), ..Exchange::default() }
 }
 
 #[test]
@@ -76,7 +66,7 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
         for (hello, expected) in [
             (
                 Hello { protocol: 99, ..hello.clone() },
-                "expected a gateway of protocol 2, found one of 99",
+                "expected a gateway of protocol 3, found one of 99",
             ),
             (Hello { build: "0.0.9".to_owned(), ..hello.clone() }, "found 0.0.9"),
             (Hello { golden: "another".to_owned(), ..hello.clone() }, "golden episodes of hash"),
@@ -129,7 +119,7 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         let mut hub = connect(&stage.key).unwrap();
         hub.hello(stage.hello(1)).await.unwrap();
         let (seed, mut asker) = (stage.config.seed, hub.clone());
-        let asked = tokio::spawn(async move { asker.lease(question(1, 1)).await });
+        let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
         while !asked.is_finished() {
             tokio::time::sleep(Duration::from_millis(5)).await;
             if let Some(question) = stage.leases.receive().unwrap() {
@@ -142,26 +132,49 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         let answer = asked.await.unwrap().unwrap().into_inner();
         assert_eq!(answer.reply.unwrap().leases, [lease(3)]);
         // A lost answer is asked for again; the learner hears nothing of it.
-        let again = hub.lease(question(1, 1)).await.unwrap().into_inner();
+        let granted = stage.episode(3, seed);
+        let trajectories = vec![stage.episode(4, seed), granted.clone()];
+        let again = Exchange { trajectories, ..question(1, 1) };
+        let again = hub.exchange(again).await.unwrap().into_inner();
         assert_eq!(again.reply.unwrap().leases, [lease(3)]);
         assert!(stage.leases.receive().unwrap().is_none());
-
-        let granted = stage.episode(3, seed);
-        deliver(&mut hub, 1, stage.episode(4, seed)).await.unwrap();
-        deliver(&mut hub, 1, granted.clone()).await.unwrap();
         assert_eq!(stage.published(), std::slice::from_ref(&granted));
 
         hub.hello(stage.hello(2)).await.unwrap();
-        for (session, wrong) in [(2, stage.episode(3, seed + 1)), (1, Bytes::from_static(b"no"))] {
-            let refusal = deliver(&mut hub, session, wrong).await.unwrap_err();
+        let of_another_run = stage.episode(3, seed + 1);
+        for (session, wrong) in [(2, of_another_run), (1, Bytes::from_static(b"no"))] {
+            // Not even what is right beside it is published.
+            let trajectories = vec![granted.clone(), wrong];
+            let wrong = Exchange { trajectories, ..question(session, 2) };
+            let refusal = hub.exchange(wrong).await.unwrap_err();
             assert_eq!(refusal.code(), Code::PermissionDenied, "{refusal}");
-            let expelled = deliver(&mut hub, session, granted.clone()).await.unwrap_err();
+            let expelled = hub.exchange(question(session, 3)).await.unwrap_err();
             assert_eq!(expelled.message(), refusal.message());
             let back = hub.hello(stage.hello(session)).await.unwrap_err();
             assert_eq!(back.code(), Code::PermissionDenied);
         }
         assert_eq!(stage.published(), Vec::<Bytes>::new());
         hub.hello(stage.hello(3)).await.unwrap();
+    });
+}
+
+#[test]
+fn a_host_stays_when_an_actor_of_its_is_gone_that_had_asked() {
+    let stage = Stage::new();
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        hub.hello(stage.hello(1)).await.unwrap();
+        let mut asker = hub.clone();
+        let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
+        let start = Instant::now();
+        while stage.leases.receive().unwrap().is_none() {
+            assert!(start.elapsed() < PATIENCE, "expected a question");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        let nobody = || Beat { session: 1, ..Beat::default() };
+        hub.beat(nobody()).await.unwrap();
+        assert_eq!(asked.await.unwrap().unwrap().into_inner().reply, None);
+        hub.beat(nobody()).await.unwrap();
     });
 }
 
@@ -173,7 +186,7 @@ fn a_host_that_is_gone_leaves_the_bus() {
     block_on(async {
         let mut hub = connect(&stage.key).unwrap();
         hub.hello(stage.hello(1)).await.unwrap();
-        let asked = tokio::spawn(async move { hub.lease(question(1, 1)).await });
+        let asked = tokio::spawn(async move { hub.exchange(question(1, 1)).await });
         tokio::time::sleep(Duration::from_millis(50)).await;
         let request = stage.grant(vec![lease(0)]);
         assert_eq!(request.actor, "actor-0-7@node-7");

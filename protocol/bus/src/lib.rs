@@ -49,7 +49,7 @@ pub use asker::LeaseAsker;
 pub use doorbell::{Doorbell, Ringer, Role, Sleeper};
 pub use member::Member;
 use member::members;
-pub use newest::{NewestPublisher, NewestSubscriber};
+pub use newest::{NewestPublisher, NewestSubscriber, POLICY_VERSIONS};
 pub use question::{Client, Pending, Request, Server};
 pub use room::check_shared_memory_room;
 pub use trajectories::{

@@ -24,8 +24,13 @@ pub(super) struct Newest {
     reader: Role,
 }
 
-/// With lag 1 a late actor may need the version before the newest.
-pub(super) const WEIGHTS: Newest = Newest { service: "weights", depth: 2, reader: Role::Actors };
+/// Versions of the policy that are kept, here and by whoever reads them: with lag 1 the one before the newest
+/// still acts.
+pub const POLICY_VERSIONS: usize = 2;
+
+/// The policy's weights.
+pub(super) const WEIGHTS: Newest =
+    Newest { service: "weights", depth: POLICY_VERSIONS, reader: Role::Actors };
 
 /// One line of progress replaces the other.
 pub(super) const PROGRESS: Newest =

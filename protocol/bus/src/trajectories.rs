@@ -142,15 +142,24 @@ impl TrajectoryPublisher {
         self.service.dynamic_config().number_of_subscribers()
     }
 
-    /// Sends the encoded trajectory to every reader and rings the learner and the proximity service.
-    /// Returns how many readers it was queued for; fewer than [`Self::reader_count`] when one was left
-    /// out, or has never received since this publisher exists and its queue is full. What is queued for
-    /// a reader that has never received is lost when this publisher ends first.
+    /// Sends the encoded trajectory to every reader and rings for it.
+    ///
+    /// # Errors
+    /// As [`Self::send`] and [`Self::ring`].
+    pub fn publish(&self, bytes: &[u8], header: TrajectoryHeader) -> Result<usize, Error> {
+        let sent = self.send(bytes, header);
+        self.ring()?;
+        sent
+    }
+
+    /// Sends the encoded trajectory to every reader. Returns how many readers it was queued for; fewer than
+    /// [`Self::reader_count`] when one was left out, or has never received since this publisher exists and its
+    /// queue is full. What is queued for a reader that has never received is lost when this publisher ends first.
     ///
     /// # Errors
     /// Where everybody is waited for, when a reader's queue stayed full for the publisher's patience;
     /// the other readers have it.
-    pub fn publish(&self, bytes: &[u8], header: TrajectoryHeader) -> Result<usize, Error> {
+    pub fn send(&self, bytes: &[u8], header: TrajectoryHeader) -> Result<usize, Error> {
         let mut place = self.loan(bytes.len())?;
         *place.user_header_mut() = header;
         queues(&self.queues).learning = self.learning();
@@ -158,10 +167,15 @@ impl TrajectoryPublisher {
         let mut queues = queues(&self.queues);
         queues.left_out = std::mem::take(&mut queues.still_full);
         drop(queues);
-        for bell in &self.bells {
-            bell.ring()?;
-        }
         sent.map_err(failed("sending", SERVICE))
+    }
+
+    /// Rings the learner and the proximity service.
+    ///
+    /// # Errors
+    /// When a bell is broken.
+    pub fn ring(&self) -> Result<(), Error> {
+        self.bells.iter().try_for_each(|bell| bell.ring())
     }
 
     /// The readers that learn.
