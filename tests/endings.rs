@@ -172,6 +172,8 @@ fn actors_that_cannot_work_do_not_end_the_run() {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["steps=40000", "resources.actors=1"]);
     training.await_checkpoint(4);
+    let (took, said) = run.goalward(&["scale", "run", "--actors", "0"]);
+    assert!(!took && said.contains("`resources.actors` must be at least 1"), "{said}");
     spoil_actor(&run);
     scale(&run, "3");
     let said = || run.remarks().contains("the run goes on without it").then_some(());

@@ -47,7 +47,7 @@ impl ListenOptions {
     /// acted again.
     pub(crate) fn check(self, config: &RunConfig) -> Result<()> {
         let RunConfig { task, resources, .. } = config;
-        let Some(listen) = self.listen else { return require_an_actor(resources.actors) };
+        let Some(listen) = self.listen else { return require_an_actor(resources.actors, false) };
         // All of them may be of other machines.
         limits::check(MAX_ACTORS as u64)?;
         Program::Gateway.check()?;
@@ -77,10 +77,13 @@ impl ListenOptions {
     }
 }
 
-/// Without other machines' actors a run needs one of its own.
-fn require_an_actor(actors: u64) -> Result<()> {
+/// A run that no other machines join needs an actor of its own.
+///
+/// # Errors
+/// When it has none.
+pub(crate) fn require_an_actor(actors: u64, can_be_joined: bool) -> Result<()> {
     let expected = "at least 1, but for a run that other machines join (--listen)";
-    Ok(within("resources.actors", actors > 0, expected, actors)?)
+    Ok(within("resources.actors", actors > 0 || can_be_joined, expected, actors)?)
 }
 
 /// What this machine's actor makes of a run's golden episodes.

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::process::FINAL_CODE;
@@ -12,7 +12,7 @@ use run::process::FINAL_CODE;
 use super::process::Process;
 use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};
 use crate::limits;
-use crate::listening::Listening;
+use crate::listening::{Listening, require_an_actor};
 use crate::machine::Machine;
 use crate::programs::Program;
 use crate::progress::ProgressView;
@@ -102,11 +102,15 @@ impl Actors {
         }
     }
 
-    /// Has as many as are wanted, at least so many, and says so.
-    pub(super) fn follow(&mut self, wanted: &mut ActorsWanted, least: u64, view: &ProgressView) {
+    /// Has as many as are wanted, and says so. None are enough where others do the work.
+    pub(super) fn follow(
+        &mut self,
+        wanted: &mut ActorsWanted,
+        are_others: bool,
+        view: &ProgressView,
+    ) {
         let allowed = |count: u64| {
-            let expected = "expected an actor, or other machines' (`train --listen`), found none";
-            ensure!(count >= least, expected);
+            require_an_actor(count, are_others)?;
             Machine::here().require_room_for_actors(count)?;
             limits::check(count)?;
             Ok(count)

@@ -63,7 +63,7 @@ async fn watch(
             }
             return Err(gateway.give_up(status, "and this machine takes no part any more"));
         }
-        actors.follow(&mut wanted, 0, view);
+        actors.follow(&mut wanted, true, view);
         actors.look_after(view)?;
         tokio::select! {
             () = signals.stop.next() => return Ok(Outcome::Stopped),

@@ -201,8 +201,8 @@ impl Supervision<'_> {
         if let Some(status) = self.fleet.service.reap()? {
             return self.restart_core(CoreProcess::Service, status).await;
         }
-        let least = u64::from(self.fleet.gateway.is_none());
-        self.fleet.actors.follow(&mut self.wanted, least, self.view);
+        let can_be_joined = self.fleet.gateway.is_some();
+        self.fleet.actors.follow(&mut self.wanted, can_be_joined, self.view);
         if let Some(gateway) = &mut self.fleet.gateway {
             gateway.look_after(self.folder, self.view)?;
         }
