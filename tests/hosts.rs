@@ -2,14 +2,14 @@
 //! run that was alone.
 //!
 //! Method: what another machine has of a run is its key and its address, so a `goalward join` beside the
-//! run is one: it has a folder and a bus of its own. The link between them is a relay that the test makes
-//! slow, lossy, or cuts.
+//! run is one: it has a folder and a bus of its own. Where the test may make network namespaces it is in one, and
+//! a cut is a pulled cable. The link goes through a relay that the test makes slow and lossy, and cuts elsewhere.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs::{self, File, Permissions};
-use std::net::TcpListener;
+use std::net::{IpAddr, Ipv4Addr, TcpListener};
 use std::os::unix::fs::PermissionsExt;
-use std::process::Child;
+use std::process::{Child, Command};
 use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
@@ -18,7 +18,7 @@ use bus::BusAddress;
 use protocol::seed::{Purpose, Stream, stream};
 use rand::RngExt;
 use system_tests::{
-    Hashes, PATIENCE, Relay, Signal, TestRun, Training, await_some, programs, send,
+    Hashes, Namespace, PATIENCE, Relay, Signal, TestRun, Training, await_some, programs, send,
 };
 
 /// Long enough for hosts to come and go.
@@ -51,18 +51,21 @@ fn listen_with<'a>(run: &'a TestRun, address: &str, audit: f64, actors: &str) ->
     training
 }
 
-/// Starts another machine's actors, which find the hub at `address`.
-fn join(run: &TestRun, name: &str, address: &str) -> Child {
-    join_by(run, run, name, address)
-}
-
-/// The same by the programs of another folder.
-fn join_by(programs: &TestRun, run: &TestRun, name: &str, address: &str) -> Child {
-    let output = |suffix| File::create(run.path(&format!("{name}.{suffix}"))).unwrap();
+/// What starts another machine's actors, which find the hub at `address`.
+fn joining(programs: &TestRun, run: &TestRun, name: &str, address: &str) -> Command {
     let mut command = programs.program("goalward");
     command.args(["join", address, "--actors", "2", "--name", name]);
     command.arg("--run").arg(run.folder().path());
+    command
+}
+
+fn start(run: &TestRun, name: &str, mut command: Command) -> Child {
+    let output = |suffix| File::create(run.path(&format!("{name}.{suffix}"))).unwrap();
     command.stdout(output("out")).stderr(output("err")).spawn().unwrap()
+}
+
+fn join(run: &TestRun, name: &str, address: &str) -> Child {
+    start(run, name, joining(run, run, name, address))
 }
 
 /// Waits until an actor of the host has asked for leases.
@@ -125,20 +128,30 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     let (took, said) = run.goalward(&["scale", "run", "--actors", "1", "--host", "second"]);
     let words = "--host: expected one of the machines that take part, first, found second";
     assert!(!took && said.contains(words), "{said}");
-    scale(&["--actors", "1"]);
     scale(&["--actors", "0", "--host", "first"]);
     await_actors(0);
-    // What was wanted outlives the gateway that was told of it.
+    // What was wanted outlives the gateway that was told of it: the host tells the next one.
     run.process("gateway").signal(Signal::Kill);
-    await_some("a word about the gateway", PATIENCE, || {
-        run.remarks().contains("gateway ended").then_some(())
+    let joined = || {
+        let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();
+        said.matches("host first joins").count()
+    };
+    await_some("the host at the next gateway", PATIENCE, || (joined() == 2).then_some(()));
+    await_some("a beat of the host there", PATIENCE, || {
+        let (_, said) = run.goalward(&["status", "run"]);
+        (said.contains("first, actors: 0, ") && said.contains(" ms away")).then_some(())
     });
-    await_actors(0);
-    scale(&["--actors", "2", "--host", "first"]);
+    scale(&["--actors", "1", "--host", "first"]);
+    await_actors(1);
+    scale(&["--actors", "1"]);
     assert_eq!(training.finish().hashes(), *alone());
     assert!(first.wait().unwrap().success());
+    // Actors that come and go do not make the host join again.
+    assert_eq!(joined(), 2);
     let said = fs::read_to_string(run.path("first.err")).unwrap();
-    assert!(said.contains("actors: 3 from now on\n"), "{said}");
+    let numbers = said.lines().filter_map(|line| line.strip_suffix(" from now on"));
+    let numbers: Vec<&str> = numbers.filter_map(|line| line.rsplit(' ').next()).collect();
+    assert_eq!(numbers, ["3", "0", "1"], "{said}");
 }
 
 /// Its golden episodes are right; in its rollouts agents start elsewhere.
@@ -156,7 +169,8 @@ fn a_host_that_acts_otherwise_is_expelled_and_named() {
     fs::write(&actor, DISHONEST).unwrap();
     fs::set_permissions(&actor, Permissions::from_mode(0o755)).unwrap();
     let training = listen(&run, &address, 1.0);
-    let mut dishonest = join_by(&other, &run, "dishonest", &address);
+    let dishonest = joining(&other, &run, "dishonest", &address);
+    let mut dishonest = start(&run, "dishonest", dishonest);
     let mut honest = join(&run, "honest", &address);
     assert!(!dishonest.wait().unwrap().success());
     let said = fs::read_to_string(run.path("dishonest.err")).unwrap();
@@ -213,14 +227,38 @@ fn schedule(seed: u64) -> Vec<(u64, Fault)> {
 /// A run on several machines under a schedule of faults.
 struct Play<'a> {
     run: &'a TestRun,
+    namespace: Option<Namespace>,
     relay: Relay,
     hosts: Vec<Child>,
 }
 
-impl Play<'_> {
+impl<'a> Play<'a> {
+    /// Two machines that have joined a run whose hub listens at `address`.
+    fn begin(run: &'a TestRun, address: &str) -> Play<'a> {
+        let namespace = Namespace::new();
+        let local = IpAddr::from(Ipv4Addr::LOCALHOST);
+        let here = namespace.as_ref().map_or(local, Namespace::here);
+        let relay = Relay::new(here, address);
+        let mut play = Play { run, namespace, relay, hosts: Vec::new() };
+        play.join();
+        play.join();
+        play
+    }
+
     fn join(&mut self) {
         let name = format!("host-{}", self.hosts.len());
-        self.hosts.push(join(self.run, &name, &self.relay.address()));
+        let mut command = joining(self.run, self.run, &name, &self.relay.address());
+        if let Some(namespace) = &self.namespace {
+            command = namespace.enter(&command);
+        }
+        self.hosts.push(start(self.run, &name, command));
+    }
+
+    fn cut(&self, is_cut: bool) {
+        match &self.namespace {
+            Some(namespace) => namespace.cut(is_cut),
+            None => self.relay.cut(is_cut),
+        }
     }
 
     fn strike(&mut self, fault: Fault) {
@@ -234,9 +272,9 @@ impl Play<'_> {
             Fault::KillGateway => self.kill(|one| one.name == "gateway" && !one.serves(self.run)),
             Fault::KillLearner => self.kill(|one| one.name == "learner"),
             Fault::Cut(milliseconds) => {
-                self.relay.cut(true);
+                self.cut(true);
                 sleep(Duration::from_millis(milliseconds));
-                self.relay.cut(false);
+                self.cut(false);
             }
             Fault::Delay(milliseconds) => self.relay.delay(Duration::from_millis(milliseconds)),
             Fault::Lose => self.relay.lose(true),
@@ -255,9 +293,7 @@ fn play(seed: u64) {
     let (run, address, schedule) = (TestRun::new(programs!()), free_address(), schedule(seed));
     let shown = format!("schedule {seed}: {schedule:?}");
     let training = listen(&run, &address, 0.1);
-    let mut play = Play { run: &run, relay: Relay::to(&address), hosts: Vec::new() };
-    play.join();
-    play.join();
+    let mut play = Play::begin(&run, &address);
     for (milliseconds, fault) in schedule {
         sleep(Duration::from_millis(milliseconds));
         play.strike(fault);
@@ -275,7 +311,13 @@ fn play(seed: u64) {
 }
 
 #[test]
+#[expect(clippy::print_stdout, reason = "says what it plays with")]
 fn random_faults_of_hosts_and_links_change_nothing() {
+    let link = match Namespace::new() {
+        Some(_) => "network namespaces",
+        None => "a relay alone: `ip` makes no network namespace here",
+    };
+    println!("links between machines: {link}");
     QUICK.for_each(play);
 }
 

@@ -8,6 +8,7 @@
 //! folder stays, and is named, if the test failed.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod namespace;
 mod page;
 mod process;
 mod relay;
@@ -25,6 +26,7 @@ use protocol::setting::Setting;
 use protocol::task::Spec;
 use run::folder::RunFolder;
 
+pub use namespace::Namespace;
 pub use page::Page;
 pub use process::{Process, Signal, send};
 pub use relay::Relay;

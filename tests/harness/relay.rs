@@ -1,7 +1,7 @@
 //! A link between two machines that a test can make slow, lossy, or cut: a relay of TCP connections.
 
 use std::io::{Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -38,9 +38,9 @@ struct Link {
 }
 
 impl Relay {
-    /// A link without faults to `target`, which need not be there yet.
-    pub fn to(target: &str) -> Relay {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    /// A link without faults from `here` to `target`, which need not be there yet.
+    pub fn new(here: IpAddr, target: &str) -> Relay {
+        let listener = TcpListener::bind((here, 0)).unwrap();
         let address = listener.local_addr().unwrap();
         let (link, target) = (Arc::new(Link::default()), target.to_owned());
         let shared = Arc::clone(&link);
