@@ -157,7 +157,7 @@ def draw(rows):
     for wait in WAITS:
         for lag, marker in (0, "o"), (1, "s"):
             rates = {row[3]: row[4] for row in rows if row[:2] == [wait, lag]}
-            axes.plot(rates, rates.values(), marker=marker, label=f"{wait} ms a step, lag {lag}")
+            axes.plot([*rates], [*rates.values()], marker=marker, label=f"{wait} ms a step, lag {lag}")
             for actors, rate in rates.items():
                 part = 100 * rate / (actors * rates[1])
                 print(f"| {wait} ms | {lag} | {actors} | {rate:,.0f} | {part:.0f} % |")
