@@ -6,7 +6,7 @@
 #
 #   deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]   # 10 minutes, schedules from 100 on, one at a time
 #   deploy/soak.sh --minutes 0 --seed 117                    # schedule 117 alone
-#   deploy/soak.sh --hosts N     # N schedules of a run on several machines: hosts, gateways and links fail
+#   deploy/soak.sh --hosts N [--seed FIRST]   # N of a run on several machines: hosts, gateways, links fail
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
