@@ -197,7 +197,7 @@ impl Work {
         let Exchange { trajectories, number, request, .. } = exchange;
         let checked = trajectories.into_iter().map(|trajectory| self.checked(trajectory));
         match checked.collect::<Result<Vec<Encoded>>>() {
-            Ok(checked) => checked.iter().try_for_each(|encoded| self.publish(encoded))?,
+            Ok(checked) => self.publish(&checked)?,
             Err(why) => {
                 done.send(Err(Refusal::Wrong(why))).ok();
                 return Ok(());
@@ -245,16 +245,24 @@ impl Work {
         Ok(encoded)
     }
 
-    /// Publishes a trajectory, if the host was granted its lease. One of a lease that it held before it was
-    /// away for long is not: others have that.
-    fn publish(&mut self, encoded: &Encoded) -> Result<()> {
+    /// Publishes trajectories, those of leases that the host was granted. One of a lease that it held before it
+    /// was away for long is not: others have that.
+    fn publish(&mut self, trajectories: &[Encoded]) -> Result<()> {
+        trajectories.iter().try_for_each(|encoded| self.send(encoded))?;
+        if !trajectories.is_empty() {
+            self.trajectories.ring()?;
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, encoded: &Encoded) -> Result<()> {
         let trajectory = &encoded.trajectory;
         let name = (trajectory.source, trajectory.iteration, trajectory.lane);
         if !self.granted.contains(&name) {
             self.dropped.note(format!("host {}: lane {}", self.host, trajectory.lane));
             return Ok(());
         }
-        self.trajectories.publish(&encoded.bytes, TrajectoryHeader::from(encoded))?;
+        self.trajectories.send(&encoded.bytes, TrajectoryHeader::from(encoded))?;
         Ok(())
     }
 

@@ -111,7 +111,7 @@ impl StandIn {
     }
 }
 
-/// A question that waits has no answer any more: a host whose actor is gone is still known.
+/// A question that waits is answered with none yet: its host is still known, and asks again if the actor lives.
 impl Drop for StandIn {
     fn drop(&mut self) {
         if let Some((waiting, _)) = self.waiting.take() {
