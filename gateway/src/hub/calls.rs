@@ -63,10 +63,12 @@ impl Calls {
         }
     }
 
-    /// Ends a joining that broke the rules.
+    /// Ends a joining that broke the rules. What another of its calls was refused for first stays the reason.
     fn expel(&self, session: u64, why: &str) -> Status {
-        let guest = self.hub.guests().remove(&session);
-        let name = guest.map_or_else(|| "a host".to_owned(), |guest| guest.host().to_owned());
+        let Some(guest) = self.hub.guests().remove(&session) else {
+            return self.stranger(session);
+        };
+        let name = guest.host().to_owned();
         tracing::error!("host {name} is expelled: {why}");
         let mut expelled = self.hub.expelled();
         expelled.insert(session, Expelled { name, why: why.to_owned() });
