@@ -146,8 +146,12 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
             // Not even what is right beside it is published.
             let trajectories = vec![granted.clone(), wrong];
             let wrong = Exchange { trajectories, ..question(session, 2) };
-            let refusal = hub.exchange(wrong).await.unwrap_err();
+            let (mut first, mut second) = (hub.clone(), hub.clone());
+            // Two of its calls convict it at once, and it has one name.
+            let both = tokio::join!(first.exchange(wrong.clone()), second.exchange(wrong));
+            let [refusal, other] = [both.0.unwrap_err(), both.1.unwrap_err()];
             assert_eq!(refusal.code(), Code::PermissionDenied, "{refusal}");
+            assert_eq!(other.message(), refusal.message());
             let expelled = hub.exchange(question(session, 3)).await.unwrap_err();
             assert_eq!(expelled.message(), refusal.message());
             let back = hub.hello(stage.hello(session)).await.unwrap_err();
@@ -155,6 +159,18 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         }
         assert_eq!(stage.published(), Vec::<Bytes>::new());
         hub.hello(stage.hello(3)).await.unwrap();
+        let folder = RunFolder::new(stage.directory.path());
+        let start = Instant::now();
+        let expelled = loop {
+            let expelled = Hosts::of_run(&folder).expelled;
+            if expelled.len() == 2 {
+                break expelled;
+            }
+            assert!(start.elapsed() < PATIENCE, "found {expelled:?}");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        };
+        let names: Vec<String> = expelled.into_iter().map(|one| one.name).collect();
+        assert_eq!(names, ["node-7", "node-7-2"]);
     });
 }
 
