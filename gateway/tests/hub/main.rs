@@ -103,12 +103,7 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
             actors: 1,
             distance_ms: Some(3.5),
         };
-        let folder = RunFolder::new(stage.directory.path());
-        let start = Instant::now();
-        while Hosts::of_run(&folder).present.get(1) != Some(&known) {
-            assert!(start.elapsed() < PATIENCE, "found {:?}", Hosts::of_run(&folder));
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
+        stage.await_hosts(|hosts| hosts.present.get(1) == Some(&known)).await;
     });
 }
 
@@ -159,16 +154,7 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         }
         assert_eq!(stage.published(), Vec::<Bytes>::new());
         hub.hello(stage.hello(3)).await.unwrap();
-        let folder = RunFolder::new(stage.directory.path());
-        let start = Instant::now();
-        let expelled = loop {
-            let expelled = Hosts::of_run(&folder).expelled;
-            if expelled.len() == 2 {
-                break expelled;
-            }
-            assert!(start.elapsed() < PATIENCE, "found {expelled:?}");
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        };
+        let Hosts { expelled, .. } = stage.await_hosts(|hosts| hosts.expelled.len() == 2).await;
         let names: Vec<String> = expelled.into_iter().map(|one| one.name).collect();
         assert_eq!(names, ["node-7", "node-7-2"]);
     });

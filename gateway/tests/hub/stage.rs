@@ -18,6 +18,7 @@ use protocol::messages::{Lease, LeaseReply, LeaseRequest};
 use protocol::trajectory::{Encoded, Source};
 use run::config::RunConfig;
 use run::folder::RunFolder;
+use run::hosts::Hosts;
 use run::process::Stop;
 use tempfile::TempDir;
 
@@ -96,6 +97,20 @@ impl Stage {
             }
             assert!(start.elapsed() < PATIENCE, "expected a question for leases");
             std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Waits until the run's folder says so of its hosts.
+    pub(crate) async fn await_hosts(&self, is_so: impl Fn(&Hosts) -> bool) -> Hosts {
+        let folder = RunFolder::new(self.directory.path());
+        let start = Instant::now();
+        loop {
+            let hosts = Hosts::of_run(&folder);
+            if is_so(&hosts) {
+                return hosts;
+            }
+            assert!(start.elapsed() < PATIENCE, "found {hosts:?}");
+            tokio::time::sleep(Duration::from_millis(20)).await;
         }
     }
 
