@@ -1,7 +1,8 @@
 //! The tables of the results are those of the data beside them.
 //!
 //! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
-//! which a number of a table, of a run, or of a plan is another. It needs the packages of
+//! which a number of a table, of a run, or of a plan is another. Its statistics over panels are those of the
+//! library `rliable`. It needs the packages of
 //! `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON` (default `python3`);
 //! `GOALWARD_PYTHON=none` leaves this out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
@@ -15,21 +16,31 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// What of the repository the script reads, and the plans.
-const FILES: [&str; 5] = [
+const FILES: [&str; 9] = [
     "README.md",
     "docs/results/README.md",
     "docs/results/rebuild.py",
+    "docs/results/tables.py",
+    "docs/results/estimates.py",
+    "docs/results/data.py",
     "docs/results/runs.csv",
     "docs/results/points.csv",
+    "docs/results/replays.csv",
 ];
 const PLANS: &str = "deploy/experiments";
 
+/// What Python makes of some arguments in the folder of the results.
+fn python(root: &Path, arguments: &[&str]) -> Option<Output> {
+    let python = std::env::var("GOALWARD_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let folder = root.join("docs/results");
+    let output = || Command::new(&python).current_dir(folder).args(arguments).output().unwrap();
+    (python != "none").then(output)
+}
+
 /// Whether the script is content with a repository, and what it says.
 fn rebuilt(root: &Path, arguments: &[&str]) -> Option<(bool, String)> {
-    let python = std::env::var("GOALWARD_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let script = root.join("docs/results/rebuild.py");
-    let output = || Command::new(&python).arg(script).args(arguments).output().unwrap();
-    let Output { status, stderr, .. } = (python != "none").then(output)?;
+    let arguments: Vec<&str> = ["rebuild.py"].iter().chain(arguments).copied().collect();
+    let Output { status, stderr, .. } = python(root, &arguments)?;
     Some((status.success(), String::from_utf8(stderr).unwrap()))
 }
 
@@ -95,4 +106,25 @@ fn a_report_takes_the_places_of_its_finished_runs_alone() {
     let read = |name: &str| fs::read_to_string(data.join(name)).unwrap();
     assert_eq!(read("runs.csv"), runs.replacen(lines[1], &finished, 1));
     assert_eq!(read("points.csv"), format!("{head}\n{kept}"));
+}
+
+/// rliable 1.2.0: `aggregate_iqm` and `probability_of_improvement` of the same scores, with
+/// `get_interval_estimates`, which draws otherwise: hence the tolerance.
+#[test]
+fn statistics_over_panels_are_those_of_rliable() {
+    let program = "
+from estimates import improvement, interquartile_mean
+ours = [[.99, .985, .995, .97, .985], [.95, .95, .92, .93, .95], [.95, .94, .94, .965, .965], [.67, .7, .62, .55, .71]]
+other = [[.38, .42, .33, .4, .36], [.8, .95, .84, .78, .96], [.87, .61, .95, .89, .97], [.13, .24, .15, .66, .2]]
+print(*interquartile_mean(ours), *interquartile_mean(other), *improvement(other, ours))
+";
+    let Some(output) = python(Path::new(REPOSITORY), &["-c", program]) else { return };
+    let said = String::from_utf8(output.stdout).unwrap();
+    let found: Vec<f64> = said.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    let expected = [0.946, 0.9385, 0.953, 0.612, 0.542, 0.689, 0.18, 0.05, 0.325];
+    let tolerances = [1e-9, 0.002, 0.002, 1e-9, 0.01, 0.01, 1e-9, 0.02, 0.02];
+    assert_eq!(found.len(), expected.len(), "{said}");
+    for ((found, expected), tolerance) in found.iter().zip(expected).zip(tolerances) {
+        assert!((found - expected).abs() < tolerance, "{found} against {expected} in {said}");
+    }
 }

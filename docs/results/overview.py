@@ -15,10 +15,11 @@ import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 import numpy as np
+from data import HERE, PAGES, Curve, Row, curves, key, plans, read
+from estimates import interval
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
-from rebuild import HERE, PAGES, Curve, Row, curves, interval, plans, read
 
 PANELS = [
     ("figure4", "navigation-25"),
@@ -46,21 +47,19 @@ Panel = tuple[str, str]
 
 def colors(panels: list[Panel]) -> dict[str, str]:
     """A color for each curve of some panels."""
-    names = dict.fromkeys(name for panel in panels for name in plans()[panel].authors)
+    names = dict.fromkeys(name for panel in panels for name in plans()[panel].curves)
     return {name: COLORS[place % len(COLORS)] for place, name in enumerate(names)}
 
 
 def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> None:
     """A field: every curve, and behind its end its seeds' evaluations and the authors' success."""
-    points = [row for row in points if (row["figure"], row["panel"]) == panel]
-    last = max(int(row["environment_steps"]) for row in points) / 1e6
     shown = curves(*panel)
+    last = max(int(run["environment_steps"]) for curve in shown for run in curve.runs) / 1e6
     right = (1.06 + COLUMN * len(shown)) * last
     axes.axvspan(1.02 * last, right, color="0.95", linewidth=0)
     for place, curve in enumerate(shown):
-        own = [row for row in points if row["curve"] == curve.name]
         style = {"color": color[curve.name], "clip_on": False}
-        line(axes, trained(curve, own, last), last, style)
+        line(axes, trained(curve, points, last), last, style)
         ends(axes, curve, (1.04 + COLUMN * place) * last, COLUMN * last, style)
     ticks = MaxNLocator(6, steps=[1, 5, 10]).tick_values(0, last)
     axes.set(title=plans()[panel].title, xlabel="million environment steps")
@@ -93,7 +92,7 @@ def trained(curve: Curve, points: list[Row], last: float) -> list[np.ndarray]:
     """Each seed's success of the last 100 training episodes at the grid's steps, of those that have such."""
     found = []
     for run in curve.runs:
-        own = [row for row in points if row["seed"] == run["seed"]]
+        own = [row for row in points if key(row) == key(run)]
         steps = [int(row["environment_steps"]) / 1e6 for row in own]
         if own:
             found.append(np.interp(GRID * last, steps, [float(row["success_rate"]) for row in own]))

@@ -42,6 +42,8 @@ pub(super) struct PanelEntry {
     pub(super) title: String,
     /// A name, or the path of a task's file.
     pub(super) task: String,
+    /// Of the task's file.
+    pub(super) preset: Option<String>,
     /// Environment steps; without it those of the task's file.
     pub(super) steps: Option<u64>,
     /// Settings of every curve.
@@ -63,6 +65,8 @@ pub(super) struct PanelEntry {
 pub(super) struct CurveEntry {
     pub(super) name: String,
     pub(super) method: String,
+    /// Instead of the panel's.
+    pub(super) preset: Option<String>,
     #[serde(default)]
     pub(super) set: Vec<String>,
     pub(super) anchor: Option<f64>,

@@ -11,6 +11,7 @@ use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
 use super::planned_run::PlannedRun;
 use report::figure::{Curve, Figure, Panel};
+use run::config::DEFAULT_PRESET;
 use terminal::refusal::wrong_usage;
 
 /// A plan that can be carried out.
@@ -134,12 +135,14 @@ fn curves_of(panel: &PanelEntry, methods: &[String]) -> Vec<CurveEntry> {
     let of_method = |method: &String| CurveEntry {
         name: method.clone(),
         method: method.clone(),
+        preset: panel.preset.clone(),
         set: Vec::new(),
         anchor: panel.anchors.get(method).copied(),
     };
     let own = panel.curves.iter().map(|curve| CurveEntry {
         name: curve.name.clone(),
         method: curve.method.clone(),
+        preset: curve.preset.as_ref().or(panel.preset.as_ref()).cloned(),
         set: curve.set.clone(),
         anchor: curve.anchor,
     });
@@ -161,7 +164,8 @@ impl PlannedPanel {
             let anchor = curve.anchor;
             let runs = seeds.iter().map(|&seed| {
                 let settings = settings_of(file, panel, &curve, seed, quick);
-                PlannedRun::of(&panel.task, &curve.method, seed, settings)
+                let preset = curve.preset.as_deref().unwrap_or(DEFAULT_PRESET);
+                PlannedRun::of(&panel.task, preset, &curve.method, seed, settings)
             });
             let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
             let runs = if sound {

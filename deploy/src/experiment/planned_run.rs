@@ -1,7 +1,7 @@
 //! A run that a plan asks for.
 
 use anyhow::Result;
-use run::config::{DEFAULT_PRESET, RunConfig};
+use run::config::RunConfig;
 
 use crate::demonstrations;
 use crate::tasks;
@@ -14,22 +14,23 @@ pub(crate) struct PlannedRun {
     pub(crate) task: String,
     /// Its effective configuration. It names a file of demonstrations only if the plan does.
     pub(crate) config: RunConfig,
-    /// What makes that configuration of the task's file, as `goalward train --set` takes it.
+    /// What makes that configuration of the task's file and preset, as `goalward train --set` takes it.
     pub(crate) settings: Vec<String>,
 }
 
 impl PlannedRun {
-    /// The run of a method on a task.
+    /// The run of a method on a task, by a preset of the task's file.
     ///
     /// # Errors
     /// Of wrong usage, when the settings change what the plan says, or contradict their demonstrations.
     pub(super) fn of(
         task: &str,
+        preset: &str,
         method: &str,
         seed: u64,
         settings: Vec<String>,
     ) -> Result<PlannedRun> {
-        let config = tasks::configuration(task, DEFAULT_PRESET, &settings)?;
+        let config = tasks::configuration(task, preset, &settings)?;
         let config = demonstrations::adopt(config, &settings)?;
         if (config.method.as_str(), config.seed) != (method, seed) {
             return Err(wrong_usage("its settings may change neither method nor seed"));

@@ -82,6 +82,17 @@ fn a_plan_is_every_run_once() {
 }
 
 #[test]
+fn a_curve_has_its_own_preset_or_its_panels() {
+    let of_the_panel = PLAN.replace("name = \"half\"", "name = \"half\"\npreset = \"paper\"");
+    let own = "name = \"lambda 1\"\npreset = \"authors\"";
+    let all = runs(&of_the_panel.replace("name = \"lambda 1\"", own), false);
+    let presets: Vec<_> = all.iter().map(|run| &run.config.preset).collect();
+    // With the paper's final bonus the method without it is a run of its own.
+    assert_eq!(presets[..4], ["paper", "paper", "authors", "goalward"]);
+    assert_eq!((all[0].config.steps, all[1].config.reward.final_bonus), (3_000_000, false));
+}
+
+#[test]
 fn a_quick_plan_is_small() {
     let all = runs(PLAN, true);
     let shown: Vec<_> = all.iter().map(|run| &run.config).collect();
@@ -129,6 +140,11 @@ fn what_is_wrong_is_named() {
         ("\"no-final\"]", "\"magic\"]", &["panel half", "curve magic", "method", "gaifo-s"]),
         ("\"no-final\"]", "\"lambda 1\"]", &["panel half", "curve once", "lambda 1 again"]),
         ("task = \"navigation\"", "task = \"chess\"", &["panel half", "chess", "navigation"]),
+        (
+            "title = \"NAVIGATION\"",
+            "title = \"N\"\npreset = \"best\"",
+            &["panel half", "best", "authors"],
+        ),
         ("uncertainty=1.0", "uncertainty=-1.0", &["panel half", "curve lambda 1", "uncertainty"]),
         ("reward.uncertainty=1.0", "seed=5", &["curve lambda 1", "neither method nor seed"]),
         ("reward.uncertainty=1.0", "wings=5", &["curve lambda 1", "wings"]),
@@ -166,8 +182,8 @@ fn the_plans_of_the_figures_are_sound() {
     let plans = read_all(&figures(), false).unwrap();
     let mut archive = Archive::open(Path::new("e"));
     let names: Vec<_> = plans.iter().map(|plan| plan.figure(&mut archive).name).collect();
-    let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9];
-    assert_eq!(names, numbers.map(|number| format!("figure{number}")));
+    let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9].map(|number| format!("figure{number}"));
+    assert_eq!((&names[..9], &names[9..]), (&numbers[..], &["paper".to_owned()][..]));
     let asked = plans.iter().flat_map(Plan::runs).count();
     let trained = queue(&plans, &mut archive).len();
     assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");

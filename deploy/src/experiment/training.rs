@@ -80,7 +80,7 @@ impl Training {
         if self.folder.config_file().exists() {
             command.arg("--resume").args(other_build.then_some("--other-build"));
         } else {
-            command.arg(&self.run.task);
+            command.arg(&self.run.task).args(["--preset", &self.run.config.preset]);
             for setting in &self.run.settings {
                 command.args(["--set", setting]);
             }

@@ -1,0 +1,153 @@
+"""The results' data: the plans in `deploy/experiments`, and the finished runs of `runs.csv` as their curves.
+
+A run that several panels show need be there once: a curve has the runs of its settings, whichever panel they
+were trained for.
+"""
+
+import csv
+import sys
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import tomllib
+from estimates import standing
+
+HERE = Path(__file__).resolve().parent
+REPOSITORY = HERE.parents[1]
+PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md"]
+RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
+
+Row = dict[str, str]
+# What decides a run's result but for its seed: keys and values.
+Settings = frozenset[tuple[str, str]]
+
+
+class PlannedCurve(NamedTuple):
+    """What a curve is to show."""
+
+    settings: Settings
+    # The end of the authors' published one.
+    authors: float | None
+
+
+class Plan(NamedTuple):
+    """What a panel is to have."""
+
+    title: str
+    seeds: list[int]
+    # In their order.
+    curves: dict[str, PlannedCurve]
+
+
+class Curve(NamedTuple):
+    """A curve with its finished runs."""
+
+    name: str
+    runs: list[Row]
+    evaluations: list[float]
+    wanted: int
+    authors: float | None
+    against_the_first: str = ""
+
+
+def read(file: Path) -> list[Row]:
+    """The rows of a table; runs are named by the last part of their path."""
+    with file.open(newline="") as lines:
+        return [row | {"run": Path(row["run"]).name} for row in csv.DictReader(lines)]
+
+
+@cache
+def plans() -> dict[tuple[str, str], Plan]:
+    """All panels by figure and name, in their order."""
+    found = {}
+    files = (REPOSITORY / "deploy/experiments").glob("*.toml")
+    # Figure 11 comes behind Figure 9.
+    for file in sorted(files, key=lambda file: (len(file.stem), file.stem)):
+        plan = tomllib.loads(file.read_text())
+        for panel in plan["panel"]:
+            found[file.stem, panel["name"]] = Plan(panel["title"], plan["seeds"], planned(plan, panel))
+    return found
+
+
+def planned(plan: dict, panel: dict) -> dict[str, PlannedCurve]:
+    """The curves of a panel: its methods, and those with settings of their own."""
+    anchors, methods = panel.get("anchors", {}), panel.get("methods", plan.get("methods", []))
+    entries = [{"name": method, "method": method, "anchor": anchors.get(method)} for method in methods]
+    shared = [f"{name}={panel[name]}" for name in ("task", "preset", "steps") if name in panel]
+    shared += plan.get("set", []) + panel.get("set", [])
+    found = {}
+    for entry in [*entries, *panel.get("curve", [])]:
+        own = [f"{name}={entry[name]}" for name in ("method", "preset") if name in entry]
+        laid = [*shared, *own, *entry.get("set", [])]
+        settings = frozenset(dict(setting.split("=", 1) for setting in laid).items())
+        found[entry["name"]] = PlannedCurve(settings, entry.get("anchor"))
+    return found
+
+
+def key(row: Row) -> tuple[str, ...]:
+    """What tells a row from all others."""
+    return row["figure"], row["panel"], row["curve"], row["seed"]
+
+
+@cache
+def order() -> dict[tuple[str, ...], int]:
+    """The place of each run that the plans want."""
+    runs = (
+        (*panel, curve, str(seed))
+        for panel, plan in plans().items()
+        for curve in plan.curves
+        for seed in plan.seeds
+    )
+    return {run: place for place, run in enumerate(runs)}
+
+
+def refuse_strays(file: Path, runs: Iterable[Row]) -> None:
+    """Ends the command where there are runs that no plan wants: no table would show them."""
+    for run in runs:
+        if key(run) not in order():
+            sys.exit(f"{file}: expected runs of the plans in deploy/experiments, found {' '.join(key(run))}")
+
+
+@cache
+def finished() -> dict[tuple[Settings, int], list[Row]]:
+    """The runs by settings and seed. Those that are there more than once have the same weights."""
+    found: dict[tuple[Settings, int], list[Row]] = {}
+    for run in read(RUNS):
+        known = found.setdefault(identity(run), [])
+        known.append(run)
+        if weights(known[0]) != weights(run):
+            first, other = (" ".join(key(row)) for row in (known[0], run))
+            sys.exit(f"{RUNS}: expected {other} to have the hashes of {first}, found others")
+    return found
+
+
+def identity(run: Row) -> tuple[Settings, int]:
+    """What decides a run's result."""
+    return plans()[run["figure"], run["panel"]].curves[run["curve"]].settings, int(run["seed"])
+
+
+def weights(run: Row) -> tuple[str, str]:
+    """The hashes of a run's final weights."""
+    return run["policy_sha256"], run["proximity_sha256"]
+
+
+def rates(runs: list[Row], name: str) -> list[float]:
+    """Success rates of the runs that have one."""
+    return [float(run[name]) for run in runs if run[name]]
+
+
+def curves(figure: str, panel: str) -> list[Curve]:
+    """The curves of a panel whose runs have been evaluated."""
+    plan = plans()[figure, panel]
+    found = []
+    for name, wanted in plan.curves.items():
+        runs = [run for seed in plan.seeds for run in finished().get((wanted.settings, seed), [])[:1]]
+        evaluations = rates(runs, "evaluation_success_rate")
+        found.append(Curve(name, runs, evaluations, len(plan.seeds), wanted.authors))
+    first, *others = found
+    compared = (
+        curve._replace(against_the_first=standing(curve.evaluations, first.evaluations)) for curve in others
+    )
+    return [curve for curve in (first, *compared) if curve.evaluations]

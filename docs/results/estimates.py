@@ -1,0 +1,69 @@
+"""Means over seeds with their intervals, in words, and over panels as Agarwal et al. (2021) compare methods.
+
+The same as `statistics.rs` and `over_panels.rs` in `deploy/report/src`.
+"""
+
+import numpy as np
+from scipy.stats import sem, t, trim_mean
+
+# Fewest seeds that have an interval, and where the upper end of a 95 % interval lies.
+FEWEST = 3
+UPPER = 0.975
+# Samples of the bootstrap.
+SAMPLES = 2000
+# Share of the scores that an interquartile mean leaves out at each end.
+TRIMMED = 0.25
+
+# A number and the ends of its 95 % interval.
+Bounded = tuple[float, float, float]
+
+
+def interval(shares: list[float] | np.ndarray) -> np.ndarray | None:
+    """The ends of the 95 % interval of a mean over seeds, by Student's distribution; none of too few."""
+    if len(shares) < FEWEST:
+        return None
+    mean, half = np.mean(shares, axis=0), t.ppf(UPPER, len(shares) - 1) * sem(shares)
+    return np.clip([mean - half, mean + half], 0, 1)
+
+
+def standing(own: list[float], others: list[float]) -> str:
+    """How seeds stand to others, by Welch's 95 % interval of the difference of their means."""
+    groups = own, others
+    if min(map(len, groups)) < FEWEST:
+        return ""
+    errors = [sem(shares) ** 2 for shares in groups]
+    freedoms = [error**2 / (len(shares) - 1) for error, shares in zip(errors, groups, strict=True)]
+    # Seeds that all agree have no deviation, and no degrees of freedom.
+    half = t.ppf(UPPER, sum(errors) ** 2 / sum(freedoms)) * sum(errors) ** 0.5 if any(errors) else 0.0
+    difference = np.mean(own) - np.mean(others)
+    if abs(difference) <= half:
+        return "not told apart"
+    return "ahead" if difference > 0 else "behind"
+
+
+def interquartile_mean(panels: list[list[float]]) -> Bounded:
+    """Mean of the middle half of all seeds' success rates, with its stratified bootstrap interval."""
+    samples = trim_mean(np.concatenate(resampled(panels), axis=1), TRIMMED, axis=1)
+    return bounded(trim_mean(np.concatenate(panels), TRIMMED), samples)
+
+
+def improvement(panels: list[list[float]], others: list[list[float]]) -> Bounded:
+    """How probably a seed is better than one of another method, mean over panels, with its interval."""
+
+    def better(own: list[np.ndarray], other: list[np.ndarray]) -> np.ndarray:
+        pairs = [left[:, :, None] - right[:, None, :] for left, right in zip(own, other, strict=True)]
+        return np.mean([np.heaviside(pair, 0.5).mean(axis=(1, 2)) for pair in pairs], axis=0)
+
+    whole = better(*([np.array([panel]) for panel in group] for group in (panels, others)))
+    return bounded(whole[0], better(resampled(panels), resampled(others, 1)))
+
+
+def resampled(panels: list[list[float]], stream: int = 0) -> list[np.ndarray]:
+    """Of each panel as many seeds as it has, drawn with replacement, a row for each sample."""
+    random = np.random.default_rng(stream)
+    return [np.array(panel)[random.integers(len(panel), size=(SAMPLES, len(panel)))] for panel in panels]
+
+
+def bounded(estimate: float, samples: np.ndarray) -> Bounded:
+    """An estimate with the interval that its bootstrap gives."""
+    return (float(estimate), *map(float, np.quantile(samples, [1 - UPPER, UPPER])))

@@ -1,0 +1,69 @@
+"""Replays finished runs, evaluates both ways in which their policies can act: `replays.csv`.
+
+    python docs/results/replays.py GOALWARD RUN...            # trains again from their logs, evaluates
+    python docs/results/replays.py GOALWARD --verify RUN...   # and acts every episode again
+
+Ends at the first run whose replay differs. What a run has in the table already is not done again.
+"""
+
+import argparse
+import csv
+import json
+import subprocess
+from pathlib import Path
+
+from data import REPLAYS, Row, read
+
+COLUMNS = ["run", "policy_sha256", "verified", "retrained", "sampled", "most_probable"]
+EVALUATION = ["--episodes", "500", "--force"]
+
+
+def said(*command: str | Path) -> dict:
+    """What a command of goalward found; ends this one where it fails, and it has said why."""
+    output = subprocess.run([*command, "--json", "--quiet"], stdout=subprocess.PIPE, text=True)
+    if output.returncode:
+        raise SystemExit(f"{' '.join(map(str, command))}: expected exit status 0, found {output.returncode}")
+    return json.loads(output.stdout)
+
+
+def fill(row: Row, run: Path, goalward: str, verifies: bool) -> None:
+    """Measures what a run's row lacks: episodes acted again, updates trained again, shares of success."""
+    if verifies and not row["verified"]:
+        row["verified"] = said(goalward, "replay", run, "--verify")["equal"]
+    if not row["retrained"]:
+        row["retrained"] = said(goalward, "replay", run, "--retrain")["updates"]
+    for column, actions in (("sampled", "sample"), ("most_probable", "mode")):
+        if not row[column]:
+            evaluated = said(goalward, "evaluate", run, *EVALUATION, "--actions", actions)
+            row[column] = f"{evaluated['success_rate']:.4f}"
+
+
+def write(rows: dict[str, Row]) -> None:
+    """Writes the table."""
+    with REPLAYS.open("w", newline="") as file:
+        lines = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        lines.writeheader()
+        lines.writerows(sorted(rows.values(), key=lambda row: row["run"]))
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("goalward")
+    parser.add_argument("--verify", action="store_true", help="act every episode again, too")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
+    options = parser.parse_args()
+    rows = {row["run"]: row for row in read(REPLAYS)}
+    for run in options.runs:
+        policy = json.loads((run / "summary.json").read_text())["policy_sha256"]
+        known = rows.get(run.name, {})
+        # Whatever was measured of other weights under the same name says nothing of these.
+        kept = known if known.get("policy_sha256") == policy else {}
+        row = dict.fromkeys(COLUMNS, "") | {"run": run.name, "policy_sha256": policy} | kept
+        rows[run.name] = row
+        fill(row, run, options.goalward, options.verify)
+        write(rows)
+
+
+if __name__ == "__main__":
+    main()

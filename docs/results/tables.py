@@ -1,0 +1,136 @@
+"""The kinds of tables that pages have, each a function of the arguments behind its name."""
+
+import statistics
+from collections.abc import Callable, Iterable
+
+from data import REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
+from estimates import Bounded, improvement, interquartile_mean, interval
+
+
+def percent(share: float) -> str:
+    """A share in per cent."""
+    return f"{100 * share:.1f}"
+
+
+def bounded(shares: list[float]) -> str:
+    """A mean with its 95 % interval."""
+    ends = interval(shares)
+    mean = percent(statistics.mean(shares))
+    return mean if ends is None else f"{mean} ({percent(ends[0])} to {percent(ends[1])})"
+
+
+def steps_to_90(runs: list[Row]) -> str:
+    """Thousands of steps to 90 % success for good, median of the seeds; none where half never get there."""
+    taken = [float(run["environment_steps_to_90"] or "inf") / 1000 for run in runs]
+    median = statistics.median(taken)
+    return f"{median:.0f}" if median < float("inf") else "-"
+
+
+def line(cells: Iterable[str]) -> str:
+    """A row of a table."""
+    return f"| {' | '.join(cells)} |\n"
+
+
+def head(cells: list[str]) -> str:
+    """The head of a table."""
+    return line(cells) + "|" + "---|" * len(cells) + "\n"
+
+
+def panel(figure: str, name: str) -> str:
+    """A row for each method of a panel, with every seed."""
+    text = head(
+        ["method", "evaluation", "of each seed", "last 100", "steps to 90 %", "against the first", "authors"]
+    )
+    for curve in curves(figure, name):
+        seeds = ", ".join(percent(rate) for rate in curve.evaluations)
+        trained = rates(curve.runs, "success_rate")
+        last = percent(statistics.mean(trained)) if trained else "-"
+        authors = "-" if curve.authors is None else f"{100 * curve.authors:.0f}"
+        cells = [f"`{curve.name}`", f"**{bounded(curve.evaluations)}**", seeds, last, steps_to_90(curve.runs)]
+        text += line([*cells, curve.against_the_first or "-", authors])
+    return text
+
+
+def overview(*panels: str) -> str:
+    """Methods x panels; those that are ahead of or behind the first are marked."""
+    columns = [{curve.name: cell(curve) for curve in curves(*panel.split("/"))} for panel in panels]
+    text = head(["", *(panel.partition("/")[2] for panel in panels)])
+    for method in dict.fromkeys(name for column in columns for name in column):
+        text += line([f"`{method}`", *(column.get(method, "-") for column in columns)])
+    return text
+
+
+def cell(curve: Curve) -> str:
+    """A curve in the overview."""
+    marks = {"ahead": " ▲", "behind": " ▼"}
+    missing = f" of {len(curve.runs)}" if len(curve.runs) < curve.wanted else ""
+    return bounded(curve.evaluations) + marks.get(curve.against_the_first, "") + missing
+
+
+def over(*panels: str) -> str:
+    """Methods that all panels have, over all of them; the others are compared with the first."""
+    columns = [{curve.name: curve.evaluations for curve in curves(*panel.split("/"))} for panel in panels]
+    shared = [name for name in columns[0] if all(name in column for column in columns)]
+    scores = {name: [column[name] for column in columns] for name in shared}
+    first, *others = shared
+    text = head(["", "interquartile mean", f"better than `{first}`"])
+    text += line([f"`{first}`", within(interquartile_mean(scores[first])), "-"])
+    for name in others:
+        found = improvement(scores[name], scores[first])
+        text += line([f"`{name}`", within(interquartile_mean(scores[name])), within(found) + mark(found)])
+    return text
+
+
+def within(found: Bounded) -> str:
+    """A number with its interval, per cent."""
+    estimate, low, high = map(percent, found)
+    return f"{estimate} ({low} to {high})"
+
+
+def mark(probability: Bounded) -> str:
+    """Whether a probability is above or below a half."""
+    _, low, high = probability
+    return " ▲" if low > 0.5 else " ▼" if high < 0.5 else ""
+
+
+def replays(figure: str, panel: str) -> str:
+    """Of each curve the seeds that were replayed, and the success of both ways to act."""
+    found = {row["run"]: row for row in read(REPLAYS)}
+    text = head(["method", "acted again", "trained again", "sampled", "most probable"])
+    for curve in curves(figure, panel):
+        runs = (same for run in curve.runs for same in finished()[identity(run)])
+        rows = [(run["seed"], found[run["run"]]) for run in runs if run["run"] in found]
+        cells = [seeds(rows, column) for column in ("verified", "retrained")]
+        cells += [mean(rows, column) for column in ("sampled", "most_probable")]
+        text += line([f"`{curve.name}`", *cells])
+    return text
+
+
+def seeds(rows: list[tuple[str, Row]], column: str) -> str:
+    """The seeds whose runs have something in a column."""
+    return ", ".join(seed for seed, row in rows if row[column]) or "-"
+
+
+def mean(rows: list[tuple[str, Row]], column: str) -> str:
+    """The mean of a column over those that have something there."""
+    found = rates([row for _, row in rows], column)
+    return bounded(found) if found else "-"
+
+
+def repeated() -> str:
+    """How many runs have been trained more than once; they are known by their weights."""
+    runs = [run for run in read(RUNS) if int(run["environment_steps"])]
+    names: dict[tuple[str, str], set[str]] = {}
+    for run in runs:
+        names.setdefault(weights(run), set()).add(run["run"])
+    again = sum(len(others) > 1 for others in names.values())
+    return f"Of {len(names)} runs {again} were trained again by a later build, to the same hashes.\n"
+
+
+KINDS: dict[str, Callable[..., str]] = {
+    "panel": panel,
+    "overview": overview,
+    "over": over,
+    "replays": replays,
+    "repeated": repeated,
+}
