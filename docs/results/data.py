@@ -53,9 +53,9 @@ class Curve(NamedTuple):
 
 
 def read(file: Path) -> list[Row]:
-    """The rows of a table; runs are named by the last part of their path."""
+    """The rows of a table."""
     with file.open(newline="") as lines:
-        return [row | {"run": Path(row["run"]).name} for row in csv.DictReader(lines)]
+        return list(csv.DictReader(lines))
 
 
 @cache

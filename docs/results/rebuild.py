@@ -13,6 +13,7 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 | `overview` | figure/panel... | methods x panels, means with intervals; "of 3": fewer seeds than planned |
 | `over` | figure/panel... | methods over all panels: interquartile mean and probability of improvement |
 | `replays` | figure, panel | of each curve the seeds that were replayed, and both ways to evaluate |
+| `search` | | how many runs were trained to choose settings, from `settings.csv` |
 | `repeated` | | how many runs have been trained more than once |
 
 Data: `runs.csv`, a line for each finished run; `points.csv`, twenty points of each; `replays.csv`, written by
@@ -46,12 +47,17 @@ def write(file: Path, rows: list[Row]) -> None:
 def take(report: Path) -> None:
     """Puts a report's finished runs in the places of those of the same curves and seeds."""
     summary = report / "summary.csv"
-    runs = {key(run): run for run in read(summary) if run["finished"] == "1"}
+    runs = {key(run): run for run in reported(summary) if run["finished"] == "1"}
     refuse_strays(summary, runs.values())
-    points = (point for point in read(report / "results.csv") if key(point) in runs)
+    points = (point for point in reported(report / "results.csv") if key(point) in runs)
     for file, rows in ((RUNS, runs.values()), (HERE / "points.csv", thinned(list(points)))):
         others = (row for row in read(file) if key(row) not in runs)
         write(file, sorted([*others, *rows], key=lambda row: order()[key(row)]))
+
+
+def reported(file: Path) -> list[Row]:
+    """The rows of a report's table; runs are named by the last part of their path."""
+    return [row | {"run": Path(row["run"]).name} for row in read(file)]
 
 
 def thinned(points: list[Row]) -> Iterable[Row]:

@@ -1,9 +1,10 @@
 """The kinds of tables that pages have, each a function of the arguments behind its name."""
 
 import statistics
+from collections import Counter
 from collections.abc import Callable, Iterable
 
-from data import REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
+from data import HERE, REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
 from estimates import Bounded, improvement, interquartile_mean, interval
 
 
@@ -106,6 +107,17 @@ def replays(figure: str, panel: str) -> str:
     return text
 
 
+def search() -> str:
+    """How many runs of each method were trained to choose settings, by task."""
+    runs = read(HERE / "settings.csv")
+    times = Counter((run["method"], run["task"]) for run in runs)
+    tasks, methods = (sorted({run[name] for run in runs}) for name in ("task", "method"))
+    text = head(["runs", *tasks])
+    for method in methods:
+        text += line([f"`{method}`", *(str(times[method, task] or "-") for task in tasks)])
+    return text
+
+
 def seeds(rows: list[tuple[str, Row]], column: str) -> str:
     """The seeds whose runs have something in a column."""
     return ", ".join(seed for seed, row in rows if row[column]) or "-"
@@ -133,4 +145,5 @@ KINDS: dict[str, Callable[..., str]] = {
     "over": over,
     "replays": replays,
     "repeated": repeated,
+    "search": search,
 }
