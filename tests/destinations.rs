@@ -65,7 +65,14 @@ fn every_verb_keeps_what_is_there() {
     done(&run, &format!("{WITH} --out b.csv --force"));
     assert!(fs::read_to_string(run.path("b.toml")).unwrap().contains("uncertainty = 0.1"));
     done(&run, &format!("{DEMONSTRATE} --out d.mcap --force"));
-    assert!(fs::metadata(run.path("d.mcap")).unwrap().len() > 1000);
+    let demonstrations = fs::read(run.path("d.mcap")).unwrap();
+    assert!(demonstrations.len() > 1000);
+    let fails = format!("{DEMONSTRATE} --out d.mcap --force --policy nowhere");
+    assert!(!goalward(&run, &fails).status.success());
+    assert!(
+        fs::read(run.path("d.mcap")).unwrap() == demonstrations,
+        "kept where nothing comes of it"
+    );
     done(&run, "report run --out web --force");
     done(&run, "log restore run --out restored --force");
     done(&run, "log restore run --out restored --force");

@@ -97,6 +97,9 @@ enum Command {
         /// The file to write.
         #[arg(long)]
         out: PathBuf,
+        /// Replaces a file that is there once the new one is whole.
+        #[arg(long)]
+        force: bool,
     },
     /// Holds environments of a task for another program: frames of `actor/src/frame.rs` on standard input and
     /// output.
@@ -222,14 +225,14 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let described = describe(tasks, &task, environment, demonstrations);
             print(&described.map_err(|refusal| format!("{refusal:#}")))
         }
-        Command::Demonstrate { task, episodes, setting, policy, seed, out } => {
+        Command::Demonstrate { task, episodes, setting, policy, seed, out, force } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             let expert = match policy {
                 Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
                 None => Expert::of_task(&factory)?,
             };
-            record(&Request { factory, episodes, seed, file: &out }, expert)
+            record(&Request { factory, episodes, seed, file: &out, force }, expert)
         }
         Command::Serve { task, setting } => {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;

@@ -29,8 +29,10 @@ pub struct Request<'a> {
     pub episodes: u64,
     /// Seed of the starts.
     pub seed: u64,
-    /// The file to write; it must not exist.
+    /// The file to write.
     pub file: &'a Path,
+    /// Whether it may take the place of one that is there, which stays until this one is whole.
+    pub force: bool,
 }
 
 /// What was recorded.
@@ -47,7 +49,7 @@ pub struct Recorded {
 /// # Errors
 /// When the expert fails too often, the disk refuses, or a stop comes first; no file is left then.
 pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result<Recorded> {
-    let Request { factory, episodes, seed, file } = request;
+    let Request { factory, episodes, seed, file, force } = request;
     let who = if expert.is_of_task() { TASKS_OWN } else { "a policy" };
     let environment = factory.make()?;
     let setting = expert.setting(&environment.setting(), factory.task.observed)?;
@@ -57,7 +59,7 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
         .with("episodes", episodes)
         .with(EXPERT, who)
         .with("setting", serde_json::to_string(&setting)?);
-    ensure!(!file.exists(), "{} exists and is not overwritten", file.display());
+    ensure!(*force || !file.exists(), "{} exists and is not overwritten", file.display());
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
     let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);

@@ -128,6 +128,7 @@ mod tests {
                 episodes: 20,
                 seed: 7,
                 file: &folder.path().join(format!("{number}.mcap")),
+                force: false,
             };
             let expert = Expert::of_task(&request.factory).expect("the expert");
             let recorded = demonstrate(&request, expert, &Stop::default()).expect("demonstrations");

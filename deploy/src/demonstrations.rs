@@ -1,12 +1,11 @@
 //! The demonstrations of a run: a file of the user's is checked before anything is begun, one that
 //! is not given is recorded by the task's expert.
 
-use std::fs;
-use std::io::ErrorKind;
 use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
+use mcap_log::Kind;
 use protocol::setting::Setting;
 use protocol::task::Task;
 use run::config::RunConfig;
@@ -29,6 +28,8 @@ pub(crate) struct Recording<'a> {
     pub(crate) policy: Option<&'a Path>,
     pub(crate) seed: u64,
     pub(crate) file: &'a Path,
+    /// Whether they may take the place of a file that is there.
+    pub(crate) force: bool,
 }
 
 impl<'a> Recording<'a> {
@@ -41,6 +42,7 @@ impl<'a> Recording<'a> {
             policy: None,
             seed: config.seed,
             file,
+            force: false,
         }
     }
 
@@ -50,7 +52,7 @@ impl<'a> Recording<'a> {
     /// # Errors
     /// When the program is not there.
     pub(crate) fn actor(&self) -> Result<Command> {
-        let Recording { task, episodes, setting, policy, seed, file } = self;
+        let Recording { task, episodes, setting, policy, seed, file, force } = self;
         let mut actor = Program::acting_in(task).command()?;
         actor
             .args(["demonstrate", &task.name])
@@ -59,6 +61,7 @@ impl<'a> Recording<'a> {
             .args(["--seed", &seed.to_string()])
             .arg("--out")
             .arg(file)
+            .args(force.then_some("--force"))
             .stdin(Stdio::piped());
         if let Some(run) = policy {
             actor.arg("--policy").arg(run);
@@ -79,21 +82,9 @@ impl<'a> Recording<'a> {
         let ended = programs::run_unless_stopped(actor, RECORDING, line)?;
         if ended.is_none() {
             // One that did not stop in time was killed and has left it.
-            self.remove_unfinished()?;
+            mcap_log::remove_abandoned(self.file, Kind::Demonstrations)?;
         }
         Ok(ended)
-    }
-
-    /// Removes what a recording left that did not come to its end. Nobody may be recording.
-    pub(crate) fn remove_unfinished(&self) -> Result<()> {
-        let mut unfinished = self.file.as_os_str().to_owned();
-        unfinished.push(".active");
-        match fs::remove_file(&unfinished) {
-            Err(error) if error.kind() != ErrorKind::NotFound => {
-                Err(error).with_context(|| format!("removing {}", Path::new(&unfinished).display()))
-            }
-            _ => Ok(()),
-        }
     }
 }
 
@@ -105,7 +96,6 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
     let file = folder.demonstrations_file();
     let output = Output::of(folder, "demonstrations");
     let recording = Recording::for_run(config, &file);
-    recording.remove_unfinished()?;
     let mut actor = recording.actor()?;
     actor.env("NO_COLOR", "1").stderr(output.open()?);
     match recording.record(&mut actor, StatusLine::new())? {

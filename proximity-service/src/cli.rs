@@ -1,12 +1,13 @@
 //! The command line of `goalward-proximity-service`. People type `goalward`, which starts it.
 
-use std::fs::{self, File};
-use std::io::{BufWriter, Read, Write};
+use std::fs;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
+use protocol::durable;
 use run::config::RunConfig;
 use run::diagnostics::Diagnostics;
 use run::folder::RunFolder;
@@ -123,10 +124,10 @@ fn rescore(
     model: Option<RunFolder>,
     out: &Path,
 ) -> Result<()> {
-    let file = File::create(out).with_context(|| out.display().to_string())?;
-    let mut lines = BufWriter::new(file);
+    // A line for each episode. What is there from before stays until they are all known.
+    let mut lines = Vec::new();
     let comparison = crate::rescore::rescore(folder, log, config, model.as_ref(), &mut lines)?;
-    lines.flush().with_context(|| out.display().to_string())?;
+    durable::write(out, lines).with_context(|| out.display().to_string())?;
     print(&comparison)
 }
 

@@ -2,10 +2,9 @@
 //!
 //! The actor does it; this only passes on what the user wants.
 
-use std::fs;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use protocol::setting::{EXPERT, Setting};
 use run::config::{DEFAULT_PRESET, RunConfig};
 use toml::Value;
@@ -63,13 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let setting = setting(arguments, &config);
     let setting = description::complete_setting(task, &setting, policy.is_none())?;
     let policy = policy.as_deref();
-    let recording = Recording { task, episodes, setting, policy, seed, file: out };
-    if force {
-        recording.remove_unfinished()?;
-        if out.exists() {
-            fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
-        }
-    }
+    let recording = Recording { task, episodes, setting, policy, seed, file: out, force };
     match recording.record(&mut recording.actor()?, StatusLine::new())? {
         Some(status) => programs::expect_success(status),
         None => Err(stopped()),

@@ -82,7 +82,7 @@ impl FileWriter {
     /// # Errors
     /// [`Error::LogWrite`] if somebody writes such a file right now, or the disk refuses.
     pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
-        remove_abandoned(&with_ending(path, ACTIVE), metadata.kind)?;
+        remove_abandoned(path, metadata.kind)?;
         Self::open(path, metadata, topics)
     }
 
@@ -275,9 +275,13 @@ impl Drop for FileWriter {
     }
 }
 
-/// Removes a file that nobody writes any more, if it is of this kind or has not come as far as to say
-/// so.
-fn remove_abandoned(active: &Path, kind: Kind) -> Result<(), Error> {
+/// Removes what a writer that died left of the file `path`, if it is of this kind or has not come as far as to
+/// say so.
+///
+/// # Errors
+/// [`Error::LogRead`] or [`Error::LogWrite`] if it cannot be read or removed.
+pub fn remove_abandoned(path: &Path, kind: Kind) -> Result<(), Error> {
+    let active = &with_ending(path, ACTIVE);
     if !active.exists() || durable::is_locked(active) {
         return Ok(());
     }

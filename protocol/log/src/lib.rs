@@ -46,7 +46,7 @@ pub mod topic;
 pub mod writer;
 
 pub use batches::Batches;
-pub use file::FileWriter;
+pub use file::{FileWriter, remove_abandoned};
 pub use folder::{LogFile, is_active, is_being_written, log_files, require_room};
 pub use info::{FileInfo, info};
 pub use metadata::{Kind, Metadata};

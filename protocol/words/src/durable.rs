@@ -12,6 +12,8 @@ use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use tempfile::TempDir;
+
 /// Last part of the names of what is not finished.
 const UNFINISHED: &str = "goalward-unfinished";
 
@@ -61,6 +63,17 @@ pub fn write_unsynced(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     let unfinished = unfinished(path);
     fs::write(&unfinished, bytes)?;
     fs::rename(unfinished, path)
+}
+
+/// Makes a folder beside `path` for what is to become it or is soon done with; it goes with its last user.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn temporary_folder(path: &Path) -> io::Result<TempDir> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".");
+    let ending = format!(".{UNFINISHED}");
+    tempfile::Builder::new().prefix(&name).suffix(&ending).tempdir_in(folder_of(path))
 }
 
 /// Renames a file or folder that is on the disk, in the place of a file that is there.

@@ -11,6 +11,7 @@ use std::str::FromStr;
 use anyhow::{Context, Result};
 use bus::BusAddress;
 use mcap_log::{Contents, Record, Topic, log_files, read_contents};
+use protocol::durable;
 use protocol::trajectory::Trajectory;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
@@ -180,16 +181,30 @@ struct WithObservations {
 fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result<()> {
     run.config()?;
     destination::folder(out, force)?;
-    for file in log_files(out).unwrap_or_default() {
-        fs::remove_file(&file.path).with_context(|| format!("removing {}", file.path.display()))?;
-    }
-    let Restored { episodes, restored } = full_log::restore(run, out)?;
+    let made = durable::create_folder(durable::folder_of(out))
+        .and_then(|()| durable::temporary_folder(out))
+        .with_context(|| out.display().to_string())?;
+    let Restored { episodes, restored } = full_log::restore(run, made.path())?;
+    put_in_place(made.path(), out).with_context(|| out.display().to_string())?;
     let written = WithObservations { folder: out.to_owned(), episodes, restored };
     figures.print(&written, |WithObservations { folder, episodes, restored }| {
         let [episodes, restored] = [episodes, restored].map(|count| numbers::count(*count));
         format!("{}: {episodes} episodes, {restored} acted again", folder.display())
     })?;
     full_log::refuse_loss(run)
+}
+
+/// Puts a log that is whole into a folder, in the place of the log files that are there.
+fn put_in_place(made: &Path, out: &Path) -> Result<()> {
+    durable::create_folder(out)?;
+    for file in log_files(out)? {
+        fs::remove_file(&file.path)?;
+    }
+    for file in log_files(made)? {
+        let name = file.path.file_name().context("a log file has a name")?;
+        durable::rename(&file.path, &out.join(name))?;
+    }
+    Ok(())
 }
 
 /// What the actor says of scenes.
@@ -215,9 +230,6 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -
         found.ok_or_else(|| wrong_usage(format!("{shown}: expected an episode {lane}:{episode}")))
     });
     let episodes = found.collect::<Result<Vec<_>>>()?;
-    if out.exists() {
-        fs::remove_file(out).with_context(|| format!("removing {}", out.display()))?;
-    }
     let (mut actor, input) = scenes::command(run, None, &episodes, true, out)?;
     let written = programs::result_for(&mut actor, "acting again", &input)?;
     figures.print(&written, |Written { episodes, frames }| {
