@@ -62,6 +62,14 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
 }
 
 #[test]
+fn a_log_of_actions_only_is_told_as_figures() {
+    let run = TestRun::new(programs!());
+    let summary = run.finish(&["log.observations=false"]);
+    let other = json(&run, &["-q", "replay", "run", "--with", "reward.uncertainty=0.5"]);
+    assert_eq!(other["episodes"], summary.episodes);
+}
+
+#[test]
 fn a_log_is_told_as_figures() {
     let run = TestRun::new(programs!());
     let summary = run.finish(&[]);

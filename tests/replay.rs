@@ -18,7 +18,7 @@ use prost::Message;
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use system_tests::{
-    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs, spec,
+    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs, send, spec,
 };
 
 fn replay(run: &TestRun, what: &[&str]) -> Output {
@@ -224,6 +224,30 @@ fn trajectories(log: &Path, task: &str) -> BTreeSet<Bytes> {
     records.filter_map(Record::trajectory).map(full).collect()
 }
 
+fn expect_no_restored_log(run: &TestRun) {
+    let entries =
+        fs::read_dir(run.folder().path()).unwrap().map(|entry| entry.unwrap().file_name());
+    let names: Vec<_> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
+    assert!(!names.iter().any(|name| name.starts_with("restored-log")), "{names:?}");
+}
+
+#[test]
+fn publishing_for_nobody_can_be_stopped() {
+    let run = TestRun::new(programs!());
+    run.finish(&["log.observations=false"]);
+    let mut publishing = run.program("goalward");
+    publishing.args(["replay", "run", "--publish"]).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut publishing = publishing.spawn().unwrap();
+    let mut lines = BufReader::new(publishing.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let ready = lines.find(|line| line.contains("when somebody listens"));
+    assert!(ready.is_some(), "expected that it is about to publish");
+    await_some("the publisher", PATIENCE, || (!run.shared_memory().is_empty()).then_some(()));
+    send(publishing.id(), Signal::Interrupt);
+    assert_eq!(publishing.wait().unwrap().code(), Some(130));
+    expect_no_restored_log(&run);
+    assert_eq!(run.shared_memory(), [""; 0]);
+}
+
 #[test]
 fn a_log_of_actions_only_does_all_that_a_full_one_does() {
     for (task, small) in [("navigation", &SMALL[..]), ("fetch-push", &SMALL_PHYSICS)] {
@@ -237,7 +261,7 @@ fn a_log_of_actions_only_does_all_that_a_full_one_does() {
             let Output { status, stdout, stderr } = replay(&run, what);
             let [out, err] = [stdout, stderr].map(|text| String::from_utf8(text).unwrap());
             assert!(status.success(), "{task} {what:?}: {out}{err}");
-            assert!(!run.folder().path().join("restored-log").exists(), "{what:?}");
+            expect_no_restored_log(&run);
         }
         let out = run.path("full-log");
         let mut restore = run.program("goalward");
@@ -261,5 +285,14 @@ fn an_episode_that_acts_otherwise_is_not_restored() {
         assert_eq!(status.code(), Some(1), "{what}: {stderr}");
         assert!(stderr.contains("lane 2 episode 3"), "{what}: {stderr}");
     }
-    assert!(!run.folder().path().join("restored-log").exists());
+    expect_no_restored_log(&run);
+
+    let out = run.path("full-log");
+    fs::create_dir(&out).unwrap();
+    fs::write(out.join("updates-00000.mcap"), "dear").unwrap();
+    let arguments = ["log", "restore", "run", "--out", "full-log", "--force"];
+    let (well, said) = run.goalward(&arguments);
+    assert!(!well && said.contains("lane 2 episode 3"), "{said}");
+    assert_eq!(fs::read_to_string(out.join("updates-00000.mcap")).unwrap(), "dear");
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 1);
 }

@@ -1,23 +1,26 @@
 //! A run's log with all observations: its own, or where it has actions only, one made of it.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mcap_log::read_run;
+use protocol::durable;
 use run::folder::RunFolder;
 use run::origin::recorded_configs;
 use serde::Deserialize;
+use tempfile::TempDir;
 
 use crate::programs::{self, Program};
-use terminal::print::print_line;
+use terminal::print::print_remark;
 use terminal::refusal::Refusal;
 
 /// A log with all observations; one that was made goes with it.
 #[derive(Debug)]
-pub(crate) struct FullLog {
-    folder: PathBuf,
-    made: bool,
+pub(crate) enum FullLog {
+    /// The run's own.
+    Recorded(PathBuf),
+    /// One that was made of it.
+    Restored(TempDir),
 }
 
 /// What the actor says of a log that it restored.
@@ -36,28 +39,19 @@ impl FullLog {
     /// When it cannot be read, or its episodes do not act again as they did.
     pub(crate) fn of(run: &RunFolder) -> Result<FullLog> {
         if recorded_configs(run)?.iter().all(|config| config.log.observations) {
-            return Ok(FullLog { folder: run.log(), made: false });
+            return Ok(FullLog::Recorded(run.log()));
         }
-        let folder = run.path().join("restored-log");
-        remove_if_there(&folder)?;
-        print_line("the log has actions only: acting its episodes again");
-        let log = FullLog { folder, made: true };
-        restore(run, &log.folder)?;
-        Ok(log)
+        print_remark("the log has actions only: acting its episodes again");
+        let folder = durable::temporary_folder(&run.path().join("restored-log"))?;
+        restore(run, folder.path())?;
+        Ok(FullLog::Restored(folder))
     }
 
     /// Where it is.
     pub(crate) fn folder(&self) -> &Path {
-        &self.folder
-    }
-}
-
-impl Drop for FullLog {
-    fn drop(&mut self) {
-        if self.made
-            && let Err(error) = remove_if_there(&self.folder)
-        {
-            tracing::error!("{error:#}");
+        match self {
+            FullLog::Recorded(folder) => folder,
+            FullLog::Restored(folder) => folder.path(),
         }
     }
 }
@@ -68,7 +62,7 @@ impl Drop for FullLog {
 /// As [`FullLog::of`].
 pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
     let mut actor = Program::acting_in(&run.config()?.task).command()?;
-    programs::result(
+    programs::result_unless_stopped(
         actor.arg("restore").arg("--run").arg(run.path()).arg("--out").arg(out),
         "restoring",
     )
@@ -83,13 +77,4 @@ pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
     let lost = log.endings().iter().filter(|(_, ending)| ending.lost());
     let lost: Vec<_> = lost.map(|(path, ending)| format!("{}: {ending}", path.display())).collect();
     if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }
-}
-
-fn remove_if_there(folder: &Path) -> Result<()> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("removing {}", folder.display()))
-        }
-        _ => Ok(()),
-    }
 }

@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 
 use crate::headway;
 use crate::supervisor::Signals;
-use terminal::refusal::Refusal;
+use terminal::refusal::{Refusal, stopped};
 use terminal::status_line::StatusLine;
 
 /// How often a program is looked at if no signal says so.
@@ -128,6 +128,20 @@ pub(crate) fn result_for<T: DeserializeOwned>(
     Ok(result)
 }
 
+/// The same for a program that takes long: an end that the user wishes is an error, so that the caller takes
+/// along what it has made.
+///
+/// # Errors
+/// As [`result`], and when the user stops it.
+pub(crate) fn result_unless_stopped<T: DeserializeOwned>(
+    program: &mut Command,
+    doing: &'static str,
+) -> Result<T> {
+    let ended = attended(program, doing, StatusLine::new())?;
+    let (status, printed) = ended.ok_or_else(stopped)?;
+    parse(status, &printed)
+}
+
 /// Runs a program to its end, or to that which the user wishes: then its input ends, and soon it does.
 /// How far it says it is with what it is `doing` is shown on `line`. Gives how it ended; none if the user
 /// has stopped it.
@@ -139,14 +153,23 @@ pub(crate) fn run_unless_stopped(
     doing: &'static str,
     line: StatusLine,
 ) -> Result<Option<ExitStatus>> {
+    Ok(attended(program, doing, line)?.map(|(status, _)| status))
+}
+
+/// How a program ended that nobody stopped, and what it printed.
+fn attended(
+    program: &mut Command,
+    doing: &'static str,
+    line: StatusLine,
+) -> Result<Option<(ExitStatus, Vec<u8>)>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.context("preparing to wait for a program")?.block_on(async {
         let mut signals = Signals::listen()?;
         // In a group of its own: Ctrl-C is for `goalward` alone.
         let mut started = Started::new(program.process_group(0), doing, line)?;
         let stopped = started.attend(&mut signals).await?;
-        let (status, _) = started.end()?;
-        Ok((!stopped).then_some(status))
+        let ended = started.end()?;
+        Ok((!stopped).then_some(ended))
     })
 }
 
@@ -198,8 +221,7 @@ impl Started {
 
     fn result<T: DeserializeOwned>(self) -> Result<T> {
         let (status, printed) = self.end()?;
-        expect_success(status)?;
-        serde_json::from_slice(&printed).context("reading a program's result")
+        parse(status, &printed)
     }
 
     /// How it ended, and what it printed besides how far it was.
@@ -208,6 +230,12 @@ impl Started {
         let printed = self.printed.join().unwrap_or_else(|_| Ok(Vec::new()));
         Ok((status, printed.context("reading from a program")?))
     }
+}
+
+/// The result that a program printed before it `ended`.
+fn parse<T: DeserializeOwned>(ended: ExitStatus, printed: &[u8]) -> Result<T> {
+    expect_success(ended)?;
+    serde_json::from_slice(printed).context("reading a program's result")
 }
 
 /// Checks how a program ended that has said why, had it failed.

@@ -1,8 +1,6 @@
 //! `goalward replay --publish`: an actor puts the recorded trajectories onto the run's bus again.
 
-use std::process::Stdio;
-
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bus::BusAddress;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
@@ -42,22 +40,11 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) 
         actor.args(["--speed", &speed.to_string()]);
     }
     print_remark(&format!("publishing {} when somebody listens", folder.log().display()));
-    let mut actor = actor
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::inherit())
-        .spawn()
-        .context("starting the publisher")?;
-    // The actor ends when its input does, so it does not outlive this process.
-    let input = actor.stdin.take();
-    let ended = actor.wait_with_output().context("publishing")?;
-    drop(input);
+    let published = programs::result_unless_stopped::<Published>(&mut actor, "publishing");
     if !address.is_anyone_alive()? {
         address.remove()?;
     }
-    programs::expect_success(ended.status)?;
-    let published: Published =
-        serde_json::from_slice(&ended.stdout).context("reading the result of the publisher")?;
+    let published = published?;
     figures.print(&published, |Published { trajectories, readers }| {
         format!("published {} trajectories; readers: {readers}", numbers::count(*trajectories))
     })

@@ -50,7 +50,7 @@ pub(super) fn rescore(
     if let Some(model) = &model {
         service.arg("--model").arg(model.path());
     }
-    let comparison: Comparison = programs::result(&mut service, "scoring again")?;
+    let comparison: Comparison = programs::result_unless_stopped(&mut service, "scoring again")?;
     curves::draw(&comparison.curve, &picture)?;
     figures.print(&comparison, |comparison| table(comparison, &out, &picture))
 }
