@@ -1,10 +1,11 @@
 //! The audit: some episodes of hosts are acted again here before they are published.
 
+use std::collections::{BTreeMap, VecDeque};
 use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard};
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
@@ -15,12 +16,15 @@ use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::newest::Newest;
 
 /// Episodes that may wait for the auditor; hosts wait beyond that.
 const WAITING: usize = 16;
+
+/// Episodes whose verdicts are kept for a host that asks again: its patience may be shorter than an audit.
+const KEPT: usize = 1024;
 
 /// Which episodes are audited, and by whom.
 #[derive(Clone, Debug)]
@@ -35,10 +39,32 @@ pub struct Audit {
 pub(super) struct Auditor {
     share: f64,
     random: RandomState,
-    drawn: AtomicU64,
     spec: Spec,
     weights: watch::Receiver<Newest>,
     cases: mpsc::Sender<Case>,
+    judged: Mutex<Judged>,
+}
+
+/// How an episode differs, if it does; none before it is judged.
+type Verdict = Option<Option<String>>;
+
+/// The newest episodes that were given to the auditor, by hash.
+#[derive(Default)]
+struct Judged {
+    verdicts: BTreeMap<u64, watch::Receiver<Verdict>>,
+    order: VecDeque<u64>,
+}
+
+impl Judged {
+    fn keep(&mut self, hash: u64, verdict: watch::Receiver<Verdict>) {
+        self.verdicts.insert(hash, verdict);
+        self.order.push_back(hash);
+        if self.order.len() > KEPT
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.verdicts.remove(&oldest);
+        }
+    }
 }
 
 /// An episode to be judged.
@@ -46,7 +72,7 @@ struct Case {
     version: u64,
     weights: Bytes,
     trajectory: Bytes,
-    verdict: oneshot::Sender<Option<String>>,
+    verdict: watch::Sender<Verdict>,
 }
 
 impl Auditor {
@@ -59,31 +85,41 @@ impl Auditor {
     ) -> Auditor {
         let (cases, waiting) = mpsc::channel(WAITING);
         tokio::spawn(work(audit.program.clone(), folder.clone(), waiting));
-        let (random, drawn) = (RandomState::new(), AtomicU64::new(0));
-        Auditor { share: audit.share, random, drawn, spec, weights, cases }
+        let (random, judged) = (RandomState::new(), Mutex::default());
+        Auditor { share: audit.share, random, spec, weights, cases, judged }
     }
 
     /// How an episode differs from what this machine makes of it, if it is one of the sample and does. An
     /// episode that cannot be acted again here is let pass.
     pub(super) async fn difference(&self, trajectory: &Bytes) -> Option<String> {
-        if !self.draws() {
+        // No host can know which episodes are of the sample, and the same one is or is not each time.
+        let hash = self.random.hash_one(&trajectory[..]);
+        if hash as f64 / u64::MAX as f64 >= self.share {
             return None;
         }
+        let known = self.judged().verdicts.get(&hash).cloned();
+        let mut verdict = match known {
+            Some(verdict) => verdict,
+            None => self.give(hash, trajectory).await?,
+        };
+        verdict.wait_for(Option::is_some).await.ok()?.clone().flatten()
+    }
+
+    /// Gives an episode to the auditor; none that cannot be acted again here.
+    async fn give(&self, hash: u64, trajectory: &Bytes) -> Option<watch::Receiver<Verdict>> {
         // What is no trajectory is refused where it would be published.
         let decoded = Encoded::decode(trajectory.clone(), &self.spec).ok()?.trajectory;
         let version = decoded.policy_version;
         let weights = self.weights.borrow().of_version(version)?;
-        let (verdict, judged) = oneshot::channel();
+        let (verdict, judged) = watch::channel(None);
         let case = Case { version, weights, trajectory: trajectory.clone(), verdict };
         self.cases.send(case).await.ok()?;
-        judged.await.ok()?
+        self.judged().keep(hash, judged.clone());
+        Some(judged)
     }
 
-    /// No host can know which episodes are of the sample.
-    fn draws(&self) -> bool {
-        let number = self.drawn.fetch_add(1, Ordering::Relaxed);
-        let drawn = self.random.hash_one(number) as f64 / u64::MAX as f64;
-        drawn < self.share
+    fn judged(&self) -> MutexGuard<'_, Judged> {
+        self.judged.lock().expect("nothing panics while it holds the verdicts")
     }
 }
 
@@ -105,7 +141,7 @@ async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Cas
             tracing::error!("an episode could not be audited: {error:#}");
             None
         });
-        case.verdict.send(difference).ok();
+        case.verdict.send_replace(Some(difference));
     }
 }
 
@@ -163,6 +199,13 @@ impl Actor {
 mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::PermissionsExt;
+    use std::time::Duration;
+
+    use actor::factory::Factory;
+    use actor::lane::Lane;
+    use protocol::messages::Lease;
+    use run::config::RunConfig;
+    use tokio::time::timeout;
 
     use super::*;
 
@@ -179,13 +222,59 @@ exec sleep 60
         let program = directory.path().join("auditor");
         fs::write(&program, PROGRAM).unwrap();
         fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
-        let (verdict, mut judged) = oneshot::channel();
+        let (verdict, judged) = watch::channel(None);
         let (weights, trajectory) = (Bytes::from_static(b"w"), Bytes::from_static(b"t"));
         let (cases, waiting) = mpsc::channel(1);
         cases.try_send(Case { version: 3, weights, trajectory, verdict }).ok().unwrap();
         drop(cases);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(work(program, RunFolder::new(directory.path()), waiting));
-        assert_eq!(judged.try_recv().unwrap().as_deref(), Some("another observation"));
+        assert_eq!(*judged.borrow(), Some(Some("another observation".to_owned())));
+    }
+
+    fn episode(config: &RunConfig) -> Bytes {
+        let factory = Factory::of_run(actor::BUILT_IN, config).unwrap();
+        let lease = Lease { steps_owed: 1, ..Lease::default() };
+        let mut lane = Lane::begin(lease, &factory, None, config.seed).unwrap();
+        loop {
+            if let Some(trajectory) = lane.step(&[0], Some(0.0)).unwrap() {
+                return Encoded::encode(trajectory).bytes;
+            }
+        }
+    }
+
+    /// Says of every episode, slowly, that it is the same, and counts them.
+    const SLOW: &str = r#"#!/bin/sh
+sleep 0.5
+echo >> "$0.judged"
+echo null
+exec sleep 60
+"#;
+
+    /// The call of a host ends before the verdict; asked again the auditor has the same one in work.
+    #[test]
+    fn an_episode_is_judged_once_however_often_a_host_sends_it() {
+        let directory = tempfile::tempdir().unwrap();
+        let program = directory.path().join("auditor");
+        fs::write(&program, SLOW).unwrap();
+        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+        let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
+        let trajectory = episode(&config);
+        let mut newest = Newest::default();
+        newest.take(0, Bytes::from_static(b"w"));
+        let (_newest, weights) = watch::channel(newest);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let audit = Audit { share: 1.0, program: program.clone() };
+            let folder = RunFolder::new(directory.path());
+            let auditor = Auditor::start(&audit, &folder, config.task.spec(), weights);
+            let impatient = Duration::from_millis(100);
+            let first = timeout(impatient, auditor.difference(&trajectory)).await;
+            assert!(first.is_err(), "the call ended first");
+            assert_eq!(auditor.difference(&trajectory).await, None);
+            assert_eq!(auditor.difference(&trajectory).await, None);
+        });
+        let judged = fs::read_to_string(directory.path().join("auditor.judged")).unwrap();
+        assert_eq!(judged.lines().count(), 1);
     }
 }

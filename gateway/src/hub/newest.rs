@@ -25,7 +25,7 @@ impl Newest {
         found.map(|(_, weights)| weights.clone())
     }
 
-    fn take(&mut self, version: u64, weights: Bytes) {
+    pub(super) fn take(&mut self, version: u64, weights: Bytes) {
         self.0.retain(|(number, _)| *number != version);
         self.0.push((version, weights));
         if self.0.len() > POLICY_VERSIONS {
