@@ -184,20 +184,19 @@ async fn of_run(
     id: String,
     read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<String, Refused> + Send + 'static,
 ) -> Answer {
-    let found = answer_of_run(pages, id, read).await?;
+    let found = pages.read(move |runs| in_run(runs, &id, read)).await??;
     Ok(([(header::CONTENT_TYPE, "application/json")], found).into_response())
 }
 
-async fn answer_of_run<T: Send + 'static>(
-    pages: Arc<Pages>,
-    id: String,
-    read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<T, Refused> + Send + 'static,
+fn in_run<T>(
+    runs: &Runs,
+    id: &str,
+    read: impl FnOnce(&Runs, &str, &RunFolder) -> Result<T, Refused>,
 ) -> Result<T, Refused> {
-    let found = pages.read(move |runs| match runs.folder(&id) {
-        Some(folder) => read(runs, &id, &folder),
+    match runs.folder(id) {
+        Some(folder) => read(runs, id, &folder),
         None => Err(Refused::unknown(format!("no run is called {id}"))),
-    });
-    found.await?
+    }
 }
 
 /// What `read` says of an episode of a run, as JSON.
@@ -224,7 +223,7 @@ async fn answer_of_episode<T: Send + 'static>(
         let unknown = || Refused::unknown(format!("there is no episode {row} in {collection}"));
         read(runs, asked.ok_or_else(unknown)?)
     };
-    answer_of_run(pages, id, ask).await
+    pages.play(move |runs| in_run(runs, &id, ask)).await?
 }
 
 fn json(answer: &impl Serialize) -> Result<String, Refused> {

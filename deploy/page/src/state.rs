@@ -16,6 +16,9 @@ use crate::runs::Runs;
 /// Questions that read files at the same time; the others wait.
 const READERS: usize = 4;
 
+/// Questions of single episodes at the same time: most of them start a program, beside a training.
+const PLAYERS: usize = 2;
+
 /// Browsers that are told of changes at the same time.
 pub(crate) const WATCHERS: usize = 64;
 
@@ -23,7 +26,8 @@ pub(crate) const WATCHERS: usize = 64;
 pub(crate) struct Pages {
     runs: Runs,
     pub(crate) guard: Guard,
-    readers: Semaphore,
+    readers: Arc<Semaphore>,
+    players: Arc<Semaphore>,
     pub(crate) watchers: Arc<Semaphore>,
     pub(crate) newest: watch::Sender<Arc<List>>,
 }
@@ -34,7 +38,8 @@ impl Pages {
         Pages {
             runs,
             guard,
-            readers: Semaphore::new(READERS),
+            readers: Arc::new(Semaphore::new(READERS)),
+            players: Arc::new(Semaphore::new(PLAYERS)),
             watchers: Arc::new(Semaphore::new(WATCHERS)),
             newest: watch::Sender::new(Arc::default()),
         }
@@ -45,9 +50,31 @@ impl Pages {
         self: &Arc<Self>,
         read: impl FnOnce(&Runs) -> T + Send + 'static,
     ) -> Result<T> {
-        let _turn = self.readers.acquire().await?;
+        self.take_turn(&self.readers, read).await
+    }
+
+    /// Plays an episode without holding up those who read.
+    pub(crate) async fn play<T: Send + 'static>(
+        self: &Arc<Self>,
+        play: impl FnOnce(&Runs) -> T + Send + 'static,
+    ) -> Result<T> {
+        self.take_turn(&self.players, play).await
+    }
+
+    /// Does a piece of work when it is its turn, which lasts until it is done: nobody may be waiting for the
+    /// answer any more.
+    async fn take_turn<T: Send + 'static>(
+        self: &Arc<Self>,
+        turns: &Arc<Semaphore>,
+        work: impl FnOnce(&Runs) -> T + Send + 'static,
+    ) -> Result<T> {
+        let turn = Arc::clone(turns).acquire_owned().await?;
         let pages = Arc::clone(self);
-        Ok(tokio::task::spawn_blocking(move || read(&pages.runs)).await?)
+        let work = move || {
+            let _turn = turn;
+            work(&pages.runs)
+        };
+        Ok(tokio::task::spawn_blocking(work).await?)
     }
 }
 
