@@ -157,24 +157,8 @@ impl Scoring {
     fn ask(&self, ask: Ask) -> Result<Answer> {
         let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
         let mut wait = Wait::default();
-        let mut sent = self.client.send(&request);
-        loop {
-            // None where the question is lost.
-            let polled = sent.as_ref().ok().and_then(|pending| pending.poll().ok());
-            let is_lost = polled.is_none();
-            if let Some(bytes) = polled.flatten() {
-                match answer(bytes) {
-                    Some(answer) => return unless_refused(answer),
-                    // Another server's answer may be waiting already.
-                    None => continue,
-                }
-            }
-            self.doorbell.wait(LOOK_AGAIN)?;
-            self.expect_service(&mut wait)?;
-            if is_lost {
-                sent = self.client.send(&request);
-            }
-        }
+        let keep_waiting = || self.expect_service(&mut wait);
+        unless_refused(self.client.ask(&request, &self.doorbell, answer, keep_waiting)?)
     }
 
     /// Goes on waiting for the service, unless it has been gone for too long.

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use bus::{Bus, BusAddress, Role, TrajectoryHeader};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use protocol::Error;
 
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -62,7 +63,9 @@ fn questions(criterion: &mut Criterion) {
             group.throughput(Throughput::Bytes(length as u64));
             group.bench_function(name, |bencher| {
                 bencher.iter(|| {
-                    client.ask(&question, PATIENCE, &doorbell, Some).expect("is answered")
+                    client
+                        .ask(&question, &doorbell, Some, || Ok::<_, Error>(()))
+                        .expect("is answered")
                 });
             });
         }

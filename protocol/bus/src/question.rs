@@ -2,18 +2,18 @@
 //! lost one is noticed by its deadline, and an answer wakes the asker.
 
 use std::rc::Rc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, Config, ZeroCopySend};
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ZeroCopySend};
 use iceoryx2::service::port_factory::request_response::PortFactory;
 use protocol::Error;
 
 use super::{
-    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, Sleeper, clean_up,
-    failed, opened, service_name,
+    Bus, Doorbell, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, Sleeper, failed,
+    opened, service_name,
 };
 
 /// A service of this kind.
@@ -50,11 +50,8 @@ pub(super) const SCORES: Question = Question {
 /// of a server that is busy.
 const MAX_OPEN: usize = 4;
 
-/// How long an asker sleeps before it looks for a server, or for a dead one, again.
+/// How long an asker sleeps before it looks for a server again.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
-
-/// How often an asker that waits cleans away dead servers.
-const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
 /// Whom the answer wakes.
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
@@ -94,7 +91,6 @@ pub struct Client {
     client: iceoryx2::port::client::Client<SharedMemory, [u8], Asker, [u8], ()>,
     bell: Rc<Ringer>,
     asker: Asker,
-    config: Config,
     service: &'static str,
 }
 
@@ -115,7 +111,6 @@ impl Client {
             client,
             bell: bus.ringer(question.server)?,
             asker: Asker { node, role: role as u32 },
-            config: bus.node.config().clone(),
             service: question.service,
         })
     }
@@ -139,47 +134,36 @@ impl Client {
         Ok(Pending { pending, service: self.service })
     }
 
-    /// Asks until there is an answer that can be read: waits for a server to appear and asks again
-    /// when it dies. Every server gets the question, and what one of them answers that `read` makes
-    /// nothing of is dropped. Sleeps on the asker's own `doorbell`, whose rings it takes, so
-    /// afterwards the asker looks at everything it receives.
+    /// Asks until there is an answer that can be read: waits for a server to appear, and asks again when it is
+    /// gone. A dead one is gone when somebody has cleaned it away ([`Bus::clean_up`]). Every server gets the
+    /// question, and what one of them answers that `read` makes nothing of is dropped. Sleeps on the asker's own
+    /// `doorbell`, whose rings it takes, so afterwards the asker looks at everything it receives.
     ///
     /// # Errors
-    /// When there is no answer after `deadline`.
-    pub fn ask<T>(
+    /// When `keep_waiting`, which is called at every look, has one.
+    pub fn ask<T, E: From<Error>>(
         &self,
         bytes: &[u8],
-        deadline: Duration,
         doorbell: &Doorbell,
         read: impl Fn(Bytes) -> Option<T>,
-    ) -> Result<T, Error> {
-        let start = Instant::now();
-        let mut cleaned = Instant::now();
+        mut keep_waiting: impl FnMut() -> Result<(), E>,
+    ) -> Result<T, E> {
         let mut sent = self.send(bytes);
         loop {
-            let result = match &sent {
-                Ok(pending) => pending.poll(),
-                Err(error) => Err(self.error("asking", &error.to_string())),
-            };
-            if let Ok(Some(answer)) = result {
-                match read(answer) {
-                    Some(answer) => return Ok(answer),
-                    // Another server's answer may be waiting already.
-                    None if start.elapsed() < deadline => continue,
-                    None => return Err(self.error("asking", "no answer that can be read")),
-                }
+            // None where the question is lost.
+            let polled = sent.as_ref().ok().and_then(|pending| pending.poll().ok());
+            let is_lost = polled.is_none();
+            let answered = polled.flatten();
+            // Behind an answer that is not the server's another may be waiting already.
+            let looks_at_once = answered.is_some();
+            if let Some(answer) = answered.and_then(&read) {
+                return Ok(answer);
             }
-            let left = deadline.saturating_sub(start.elapsed());
-            if left.is_zero() {
-                let found = result.err().map_or("no answer".to_owned(), |error| error.to_string());
-                return Err(self.error("asking", &format!("after {deadline:?}: {found}")));
+            if !looks_at_once {
+                doorbell.wait(LOOK_AGAIN)?;
             }
-            doorbell.wait(left.min(LOOK_AGAIN))?;
-            if cleaned.elapsed() >= CLEAN_UP_EVERY {
-                clean_up(&self.config)?;
-                cleaned = Instant::now();
-            }
-            if result.is_err() {
+            keep_waiting()?;
+            if is_lost {
                 sent = self.send(bytes);
             }
         }

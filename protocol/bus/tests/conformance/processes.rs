@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use bus::{Bus, BusAddress, Role, TRAJECTORY_BUFFER, TrajectoryHeader};
 
-use super::{LONG, SHORT, WATCHDOG, open, until, watched};
+use super::{LONG, SHORT, WATCHDOG, open, patience, until, watched};
 
 /// Says to a child process what it is, and where its run is.
 const CHILD_ROLE: &str = "GOALWARD_TEST_CHILD";
@@ -215,7 +215,8 @@ fn killed_server_is_noticed_once_cleaned_away() {
                 until(|| server.receive().unwrap()).reply(b"next").unwrap();
                 thread::sleep(Duration::from_millis(200));
             });
-            assert_eq!(client.ask(b"?", LONG, &doorbell, Some).unwrap(), b"next"[..]);
+            let answer = client.ask(b"?", &doorbell, Some, patience(&bus, LONG)).unwrap();
+            assert_eq!(answer, b"next"[..]);
         });
         drop((pending, client, doorbell, bus));
         address.remove().unwrap();
