@@ -147,8 +147,8 @@ impl Order {
     /// # Errors
     /// As [`Order::text`]; when the engine's command is not there, or it refuses.
     pub(crate) fn submit(&self) -> Result<Submitted> {
-        let text = self.text()?;
-        let name = match self.engine {
+        let (engine, text) = (self.engine, self.text()?);
+        let name = match engine {
             Engine::Slurm => {
                 let mut sbatch = Command::new("sbatch");
                 let told = told_by(sbatch.arg("--parsable").arg("--chdir").arg(&self.out), &text)?;
@@ -156,11 +156,16 @@ impl Order {
                 told.trim().split(';').next().unwrap_or_default().to_owned()
             }
             Engine::Kubernetes => {
+                let earlier = Submitted { engine, name: self.name() };
+                // Applied again it would stay over, and may have had another number of tasks.
+                if earlier.is_over() {
+                    told_by(Command::new("kubectl").args(["delete", "job", &earlier.name]), "")?;
+                }
                 told_by(Command::new("kubectl").args(["apply", "--filename", "-"]), &text)?;
-                self.name()
+                earlier.name
             }
         };
-        Ok(Submitted { engine: self.engine, name })
+        Ok(Submitted { engine, name })
     }
 
     fn command(&self, goalward: &Path, plans: Vec<PathBuf>, out: &Path) -> Vec<String> {

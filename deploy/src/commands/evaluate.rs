@@ -5,8 +5,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use run::checkpoint;
 use run::config::ActionChoice;
-use run::folder::RunFolder;
+use run::folder::{POLICY_FILE, RunFolder};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::Figures;
@@ -51,8 +52,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
     let actions = arguments.actions.unwrap_or(config.evaluation.actions);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
-    if let Some((version, _)) = folder.newest_checkpoint() {
-        let file = folder.evaluation_file(version, episodes, actions);
+    // The one that the actor takes: a damaged one is passed over.
+    if let Some(found) = checkpoint::newest(&folder, &[POLICY_FILE])?.newest {
+        let file = folder.evaluation_file(found.iteration, episodes, actions);
         destination::own_file(&file, arguments.force)?;
     }
     let mut actor = Program::acting_in(&config.task).command()?;

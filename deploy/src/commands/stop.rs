@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use bus::BusAddress;
 use run::folder::RunFolder;
+use run::summary::Summary;
 use rustix::process::{Pid, Signal, kill_process};
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
@@ -41,6 +42,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             bail!("the run in {shown} has not ended within {} s", PATIENCE.as_secs());
         }
         std::thread::sleep(LOOK_EVERY);
+    }
+    if matches!(Summary::of_run(&folder), Ok(Some(_))) {
+        print_line("the run had come to its end");
+        return Ok(());
     }
     let goalward = programs::own_command();
     print_line(&format!("stopped; continue it with\n  {goalward} train --resume --run {shown}"));

@@ -189,10 +189,11 @@ fn the_plans_of_the_figures_are_sound() {
     assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
 }
 
-/// They are to be done within an hour on two cores, build and report included.
+/// Those of the figures are to be done within an hour on two cores, build and report included.
 #[test]
 fn all_quick_plans_together_are_small() {
-    let plans = read_all(&figures(), true).unwrap();
+    let of_figures = figures().into_iter().filter(|plan| !plan.ends_with("paper.toml"));
+    let plans = read_all(&of_figures.collect::<Vec<_>>(), true).unwrap();
     let runs = queue(&plans, &mut Archive::open(Path::new("e")));
     assert!((60..=100).contains(&runs.len()), "{} runs", runs.len());
     assert!(runs.iter().all(|run| run.config.steps <= 60_000));

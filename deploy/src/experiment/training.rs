@@ -60,7 +60,9 @@ impl Training {
 
     /// What it prints.
     pub(super) fn output(&self) -> Output {
-        Output::at(self.folder.path().with_extension("txt"))
+        let mut path = self.folder.path().as_os_str().to_owned();
+        path.push(".txt");
+        Output::at(path.into())
     }
 
     /// How far it is, as far as it has said so.

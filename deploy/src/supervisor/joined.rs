@@ -11,7 +11,7 @@ use run::folder::RunFolder;
 use super::actors::{Actors, Source};
 use super::process::Process;
 use super::signals::Signals;
-use super::{Outcome, fleet, remove_from_bus};
+use super::{Outcome, clear_bus, fleet};
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
@@ -44,8 +44,8 @@ pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<
     let wanted = ActorsWanted::here(folder);
     let outcome = watch(&mut gateway, &mut actors, wanted, &mut signals, view).await;
     let processes = actors.processes().chain([&mut gateway]).collect();
-    fleet::end(processes, &mut signals).await?;
-    remove_from_bus(&address).await?;
+    let ended = fleet::end(processes, &mut signals).await;
+    clear_bus(ended, &address, view).await;
     outcome
 }
 

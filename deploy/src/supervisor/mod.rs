@@ -99,18 +99,23 @@ pub(crate) async fn supervise(
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
     watch.end();
+    clear_bus(ended, &address, view).await;
+    outcome
+}
+
+/// Removes what a run left in shared memory after its processes `ended`. What cannot be removed is noted:
+/// how the run came out is what its user is to hear of.
+async fn clear_bus(ended: Result<()>, address: &BusAddress, view: &ProgressView) {
     let removed = match ended {
-        Ok(()) => remove_from_bus(&address).await,
+        Ok(()) => remove_from_bus(address).await,
         Err(error) => Err(error),
     };
     if let Err(error) = removed {
         view.note(&format!("something of the run is left in shared memory: {error:#}"));
     }
-    outcome
 }
 
-/// Removes what a run left in shared memory, once processes that nobody watches over have noticed its
-/// end.
+/// Removes it once processes that nobody watches over have noticed the run's end.
 pub(crate) async fn remove_from_bus(address: &BusAddress) -> Result<()> {
     let deadline = tokio::time::Instant::now() + FAREWELL_PATIENCE;
     while address.is_anyone_alive()? && tokio::time::Instant::now() < deadline {

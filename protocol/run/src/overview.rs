@@ -101,7 +101,7 @@ impl Overview {
         match newest {
             Some(update) => Overview {
                 environment_steps: update.environment_steps,
-                success_rate: Some(update.success_rate),
+                success_rate: Some(update.success_rate).filter(|rate| rate.is_finite()),
                 wall_s: Some(update.wall_s),
                 ..self
             },

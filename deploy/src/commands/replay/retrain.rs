@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mcap_log::{Contents, Record, read_contents};
 use run::config::RunConfig;
 use run::folder::RunFolder;
+use run::summary::Summary;
 use serde::Serialize;
 
 use crate::commands::train::block_on_supervision;
@@ -28,7 +29,7 @@ type Hashes = BTreeMap<(&'static str, u64), String>;
 /// Trains a run again from its log and compares.
 ///
 /// # Errors
-/// For the first update after which the weights differ.
+/// For the first update after which the weights differ, or which a finished run has and this one does not.
 pub(super) fn retrain(
     recorded: &RunFolder,
     until: Option<u64>,
@@ -55,7 +56,16 @@ pub(super) fn retrain(
         print_remark(&format!("stopped; what was trained again is in {shown}"));
         return Err(stopped());
     }
-    figures.print(&compare(&expected, &hashes(&plan.folder)?)?, Same::table)?;
+    let found = hashes(&plan.folder)?;
+    let same = compare(&expected, &found)?;
+    // A finished run's log has all that it takes to train to its end.
+    if until.is_none()
+        && matches!(Summary::of_run(recorded), Ok(Some(_)))
+        && full_log::refuse_loss(recorded).is_ok()
+    {
+        expect_all(&expected, &found)?;
+    }
+    figures.print(&same, Same::table)?;
     drop(lock);
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
@@ -135,6 +145,15 @@ fn compare(expected: &Hashes, found: &Hashes) -> Result<Same> {
     Ok(Same { updates, policy_sha256: last("policy"), ensemble_sha256: last("ensemble") })
 }
 
+fn expect_all(expected: &Hashes, found: &Hashes) -> Result<()> {
+    let missing =
+        expected.keys().filter(|name| !found.contains_key(name)).min_by_key(|(_, version)| version);
+    let Some((kind, version)) = missing else { return Ok(()) };
+    bail!(
+        "expected update {version} of the {kind}, as the log has it, found that the training again ended before"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,5 +177,12 @@ mod tests {
         let error = compare(&recorded, &other).unwrap_err().to_string();
         assert!(error.contains("ensemble differs first after update 2: expected y"), "{error}");
         assert!(compare(&recorded, &Hashes::new()).is_err());
+
+        expect_all(&recorded, &recorded).unwrap();
+        let short = hashes(["a", "b", "c"], ["x", "y"])
+            .into_iter()
+            .filter(|((_, version), _)| *version < 2);
+        let error = expect_all(&recorded, &short.collect()).unwrap_err().to_string();
+        assert!(error.contains("expected update 2 of the"), "{error}");
     }
 }
