@@ -1,7 +1,7 @@
-"""Replays finished runs, evaluates both ways in which their policies can act: `replays.csv`.
+"""Evaluates finished runs both ways in which their policies can act, and replays them: `replays.csv`.
 
-    python docs/results/replays.py GOALWARD RUN...            # trains again from their logs, evaluates
-    python docs/results/replays.py GOALWARD --verify RUN...   # and acts every episode again
+    python docs/results/replays.py GOALWARD RUN...                        # 500 episodes each way
+    python docs/results/replays.py GOALWARD --verify --retrain RUN...     # and replays
 
 Ends at the first run whose replay differs. What a run has in the table already is not done again.
 """
@@ -26,11 +26,12 @@ def said(*command: str | Path) -> dict:
     return json.loads(output.stdout)
 
 
-def fill(row: Row, run: Path, goalward: str, verifies: bool) -> None:
+def fill(row: Row, run: Path, options: argparse.Namespace) -> None:
     """Measures what a run's row lacks: episodes acted again, updates trained again, shares of success."""
-    if verifies and not row["verified"]:
+    goalward = options.goalward
+    if options.verify and not row["verified"]:
         row["verified"] = said(goalward, "replay", run, "--verify")["equal"]
-    if not row["retrained"]:
+    if options.retrain and not row["retrained"]:
         row["retrained"] = said(goalward, "replay", run, "--retrain")["updates"]
     for column, actions in (("sampled", "sample"), ("most_probable", "mode")):
         if not row[column]:
@@ -50,7 +51,8 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("goalward")
-    parser.add_argument("--verify", action="store_true", help="act every episode again, too")
+    parser.add_argument("--verify", action="store_true", help="act every episode again")
+    parser.add_argument("--retrain", action="store_true", help="train again from the log alone")
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     options = parser.parse_args()
     rows = {row["run"]: row for row in read(REPLAYS)}
@@ -61,7 +63,7 @@ def main() -> None:
         kept = known if known.get("policy_sha256") == policy else {}
         row = dict.fromkeys(COLUMNS, "") | {"run": run.name, "policy_sha256": policy} | kept
         rows[run.name] = row
-        fill(row, run, options.goalward, options.verify)
+        fill(row, run, options)
         write(rows)
 
 
