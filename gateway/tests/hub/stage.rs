@@ -34,6 +34,22 @@ pub(crate) struct Stage {
     trajectories: TrajectorySubscriber,
     stop: Stop,
     hub: Option<std::thread::JoinHandle<()>>,
+    _left: Left,
+}
+
+/// What is left of the bus once all that was open of it is closed; the threads of hosts notice the end soon.
+struct Left(BusAddress);
+
+impl Drop for Left {
+    fn drop(&mut self) {
+        let start = Instant::now();
+        let mut removed = self.0.remove();
+        while removed.is_err() && start.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(20));
+            removed = self.0.remove();
+        }
+        assert!(std::thread::panicking() || removed.is_ok(), "{removed:?}");
+    }
 }
 
 impl Stage {
@@ -43,7 +59,8 @@ impl Stage {
         let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
         fs::create_dir(folder.output()).unwrap();
         fs::write(folder.config_file(), config.to_text()).unwrap();
-        let bus = Bus::open(&BusAddress::for_start(folder.path()).unwrap(), "learner").unwrap();
+        let address = BusAddress::for_start(folder.path()).unwrap();
+        let bus = Bus::open(&address, "learner").unwrap();
         let (leases, trajectories) =
             (bus.lease_server().unwrap(), bus.learning_subscriber().unwrap());
         let listen = free_address();
@@ -59,7 +76,7 @@ impl Stage {
             assert!(start.elapsed() < PATIENCE, "expected a hub at {listen}");
             std::thread::sleep(Duration::from_millis(5));
         }
-        Stage { directory, config, key, leases, trajectories, stop, hub }
+        Stage { directory, config, key, leases, trajectories, stop, hub, _left: Left(address) }
     }
 
     pub(crate) fn hello(&self, session: u64) -> Hello {
