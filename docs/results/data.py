@@ -58,6 +58,14 @@ def read(file: Path) -> list[Row]:
         return list(csv.DictReader(lines))
 
 
+def write(file: Path, rows: list[Row]) -> None:
+    """Writes a table."""
+    with file.open("w", newline="") as target:
+        lines = csv.DictWriter(target, rows[0].keys(), lineterminator="\n")
+        lines.writeheader()
+        lines.writerows(rows)
+
+
 @cache
 def plans() -> dict[tuple[str, str], Plan]:
     """All panels by figure and name, in their order."""

@@ -23,25 +23,16 @@ wanted and the authors' numbers.
 """
 
 import argparse
-import csv
 import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from data import HERE, PAGES, RUNS, Row, key, order, read, refuse_strays
+from data import HERE, PAGES, RUNS, Row, key, order, read, refuse_strays, write
 from tables import KINDS
 
 TABLE = re.compile(r"(<!-- table: (.*?) -->\n)(.*?)(<!-- end of table -->)", re.DOTALL)
 POINTS_OF_A_RUN = 20
-
-
-def write(file: Path, rows: list[Row]) -> None:
-    """Writes a table."""
-    with file.open("w", newline="") as target:
-        lines = csv.DictWriter(target, rows[0].keys(), lineterminator="\n")
-        lines.writeheader()
-        lines.writerows(rows)
 
 
 def take(report: Path) -> None:

@@ -7,12 +7,11 @@ Ends at the first run whose replay differs. What a run has in the table already 
 """
 
 import argparse
-import csv
 import json
 import subprocess
 from pathlib import Path
 
-from data import REPLAYS, Row, read
+from data import REPLAYS, Row, read, write
 
 COLUMNS = ["run", "policy_sha256", "verified", "retrained", "sampled", "most_probable"]
 EVALUATION = ["--episodes", "500", "--force"]
@@ -39,14 +38,6 @@ def fill(row: Row, run: Path, options: argparse.Namespace) -> None:
             row[column] = f"{evaluated['success_rate']:.4f}"
 
 
-def write(rows: dict[str, Row]) -> None:
-    """Writes the table."""
-    with REPLAYS.open("w", newline="") as file:
-        lines = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        lines.writeheader()
-        lines.writerows(sorted(rows.values(), key=lambda row: row["run"]))
-
-
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -64,7 +55,7 @@ def main() -> None:
         row = dict.fromkeys(COLUMNS, "") | {"run": run.name, "policy_sha256": policy} | kept
         rows[run.name] = row
         fill(row, run, options)
-        write(rows)
+        write(REPLAYS, sorted(rows.values(), key=lambda row: row["run"]))
 
 
 if __name__ == "__main__":

@@ -15,9 +15,8 @@ def percent(share: float) -> str:
 
 def bounded(shares: list[float]) -> str:
     """A mean with its 95 % interval."""
-    ends = interval(shares)
-    mean = percent(statistics.mean(shares))
-    return mean if ends is None else f"{mean} ({percent(ends[0])} to {percent(ends[1])})"
+    mean, ends = statistics.mean(shares), interval(shares)
+    return percent(mean) if ends is None else within((mean, *ends))
 
 
 def steps_to_90(runs: list[Row]) -> str:
