@@ -216,12 +216,17 @@ echo '"another observation"'
 exec sleep 60
 "#;
 
+    fn auditor(directory: &Path, text: &str) -> PathBuf {
+        let program = directory.join("auditor");
+        fs::write(&program, text).unwrap();
+        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+        program
+    }
+
     #[test]
     fn an_auditor_that_dies_is_started_again_for_the_same_episode() {
         let directory = tempfile::tempdir().unwrap();
-        let program = directory.path().join("auditor");
-        fs::write(&program, PROGRAM).unwrap();
-        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+        let program = auditor(directory.path(), PROGRAM);
         let (verdict, judged) = watch::channel(None);
         let (weights, trajectory) = (Bytes::from_static(b"w"), Bytes::from_static(b"t"));
         let (cases, waiting) = mpsc::channel(1);
@@ -255,9 +260,7 @@ exec sleep 60
     #[test]
     fn an_episode_is_judged_once_however_often_a_host_sends_it() {
         let directory = tempfile::tempdir().unwrap();
-        let program = directory.path().join("auditor");
-        fs::write(&program, SLOW).unwrap();
-        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+        let program = auditor(directory.path(), SLOW);
         let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
         let trajectory = episode(&config);
         let mut newest = Newest::default();

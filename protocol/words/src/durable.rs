@@ -6,7 +6,7 @@
 //! that ending, which nobody reads and [`clear`] removes. A run's log has its own way, see
 //! `mcap_log::FileWriter`.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Permissions, TryLockError};
 use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -40,11 +40,10 @@ pub fn write_private(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
 }
 
 fn write_for(whom: u32, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".");
+    let [prefix, suffix] = affixes(path);
     let mut file = tempfile::Builder::new()
-        .prefix(&name)
-        .suffix(&format!(".{UNFINISHED}"))
+        .prefix(&prefix)
+        .suffix(&suffix)
         .permissions(Permissions::from_mode(whom))
         .tempfile_in(folder_of(path))?;
     // So that nobody takes it for abandoned.
@@ -70,10 +69,15 @@ pub fn write_unsynced(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
 /// # Errors
 /// When the disk refuses.
 pub fn temporary_folder(path: &Path) -> io::Result<TempDir> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".");
-    let ending = format!(".{UNFINISHED}");
-    tempfile::Builder::new().prefix(&name).suffix(&ending).tempdir_in(folder_of(path))
+    let [prefix, suffix] = affixes(path);
+    tempfile::Builder::new().prefix(&prefix).suffix(&suffix).tempdir_in(folder_of(path))
+}
+
+/// What is before and behind the random part of an unfinished name.
+fn affixes(path: &Path) -> [OsString; 2] {
+    let mut prefix = path.file_name().unwrap_or_default().to_owned();
+    prefix.push(".");
+    [prefix, format!(".{UNFINISHED}").into()]
 }
 
 /// Renames a file or folder that is on the disk, in the place of a file that is there.
@@ -182,8 +186,6 @@ pub fn folder_of(path: &Path) -> &Path {
 
 #[cfg(test)]
 mod tests {
-    use std::ffi::OsString;
-
     use super::*;
 
     fn names(folder: &Path) -> Vec<OsString> {

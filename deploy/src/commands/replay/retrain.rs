@@ -58,11 +58,9 @@ pub(super) fn retrain(
     }
     let found = hashes(&plan.folder)?;
     let same = compare(&expected, &found)?;
+    let whole = full_log::refuse_loss(recorded);
     // A finished run's log has all that it takes to train to its end.
-    if until.is_none()
-        && matches!(Summary::of_run(recorded), Ok(Some(_)))
-        && full_log::refuse_loss(recorded).is_ok()
-    {
+    if until.is_none() && whole.is_ok() && matches!(Summary::of_run(recorded), Ok(Some(_))) {
         expect_all(&expected, &found)?;
     }
     figures.print(&same, Same::table)?;
@@ -70,7 +68,7 @@ pub(super) fn retrain(
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
     }
-    full_log::refuse_loss(recorded)
+    whole
 }
 
 /// The configuration of the run that is trained again: the same, with the demonstrations where the
