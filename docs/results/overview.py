@@ -22,10 +22,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 PANELS = [
-    ("figure4", "navigation-25"),
     ("figure3", "navigation-50"),
     ("figure3", "push-noise-2"),
     ("figure3", "pick-50"),
+    ("figure9", "pick-noise-2"),
     ("figure3", "ant-noise-0.05"),
 ]
 # Those of `goalward report` (deploy/report/src/chart.rs), and black.
@@ -37,7 +37,7 @@ SETTINGS = {
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
-# Where a panel's curves are read; a run has a point at or after each twentieth of its steps.
+# Where a curve is read, as shares of its steps; a run has a point at or after each twentieth of its steps.
 GRID = np.linspace(0.05, 1.0, 20)
 # Width of a method's column behind the end of its curve, as a share of the steps.
 COLUMN = 0.04
@@ -54,12 +54,12 @@ def colors(panels: list[Panel]) -> dict[str, str]:
 def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> None:
     """A field: every curve, and behind its end its seeds' evaluations and the authors' success."""
     shown = curves(*panel)
-    last = max(int(run["environment_steps"]) for curve in shown for run in curve.runs) / 1e6
+    last = max(map(length, shown))
     right = (1.06 + COLUMN * len(shown)) * last
     axes.axvspan(1.02 * last, right, color="0.95", linewidth=0)
     for place, curve in enumerate(shown):
         style = {"color": color[curve.name], "clip_on": False}
-        line(axes, trained(curve, points, last), last, style)
+        line(axes, trained(curve, points), length(curve), style)
         ends(axes, curve, (1.04 + COLUMN * place) * last, COLUMN * last, style)
     ticks = MaxNLocator(6, steps=[1, 5, 10]).tick_values(0, last)
     axes.set(title=plans()[panel].title, xlabel="million environment steps")
@@ -76,26 +76,31 @@ def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> No
         axes.plot(left + 0.7 * width, curve.authors, "<", markersize=4.5, markeredgewidth=0, **style)
 
 
-def line(axes: Axes, seeds: list[np.ndarray], last: float, style: dict) -> None:
+def line(axes: Axes, seeds: list[np.ndarray], length: float, style: dict) -> None:
     """The mean over seeds and its interval; nothing of none."""
     if not seeds:
         return
-    axes.plot(GRID * last, np.mean(seeds, axis=0), **style)
+    axes.plot(GRID * length, np.mean(seeds, axis=0), **style)
     band = interval(np.array(seeds))
     if band is not None:
         low, high = band
-        corners = np.append(GRID, GRID[::-1]) * last, np.append(low, high[::-1])
+        corners = np.append(GRID, GRID[::-1]) * length, np.append(low, high[::-1])
         axes.fill(*corners, color=style["color"], alpha=0.2, linewidth=0)
 
 
-def trained(curve: Curve, points: list[Row], last: float) -> list[np.ndarray]:
+def length(curve: Curve) -> float:
+    """Million steps of a curve."""
+    return max(int(run["environment_steps"]) for run in curve.runs) / 1e6
+
+
+def trained(curve: Curve, points: list[Row]) -> list[np.ndarray]:
     """Each seed's success of the last 100 training episodes at the grid's steps, of those that have such."""
     found = []
     for run in curve.runs:
         own = [row for row in points if key(row) == key(run)]
         steps = [int(row["environment_steps"]) / 1e6 for row in own]
         if own:
-            found.append(np.interp(GRID * last, steps, [float(row["success_rate"]) for row in own]))
+            found.append(np.interp(GRID * length(curve), steps, [float(row["success_rate"]) for row in own]))
     return found
 
 
