@@ -16,8 +16,9 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// What of the repository the script reads, and the plans.
-const FILES: [&str; 9] = [
+const FILES: [&str; 10] = [
     "README.md",
+    "docs/guide/src/methods.md",
     "docs/results/README.md",
     "docs/results/rebuild.py",
     "docs/results/tables.py",

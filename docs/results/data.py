@@ -16,7 +16,7 @@ from estimates import standing
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md"]
+PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", REPOSITORY / "docs/guide/src/methods.md"]
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]
