@@ -108,10 +108,13 @@ if [ "${1:-}" = --memory ]; then
 fi
 if [ "${1:-}" = --methods ]; then
     shift
+    goalward=$("$root/deploy/run_local.sh" --only-build)
     for method in $methods; do
         run=$folder/$method
-        "$root/deploy/run_local.sh" "$@" --method "$method" --steps 40000 --run "$run" \
-            --set reward.pretraining_epochs=0 --set evaluation.episodes=1 >"$folder/progress.txt"
+        offline=()
+        case $method in goal-proximity | ranking | proximity-with-actions) offline=(--set reward.pretraining_epochs=0) ;; esac
+        "$goalward" train "$@" --no-page -q --method "$method" --steps 40000 --run "$run" \
+            "${offline[@]}" --set evaluation.episodes=1 >"$folder/progress.txt"
         printf '%-24s %8s steps/s\n' "$method" "$(steps_per_second "$run")"
     done
     exit
