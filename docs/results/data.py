@@ -17,6 +17,14 @@ from estimates import standing
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", REPOSITORY / "docs/guide/src/methods.md"]
+# Panels that the results open with, in a table and a picture.
+OPENING = [
+    ("figure3", "navigation-50"),
+    ("figure3", "push-noise-2"),
+    ("figure3", "pick-50"),
+    ("figure9", "pick-noise-2"),
+    ("figure3", "ant-noise-0.05"),
+]
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]

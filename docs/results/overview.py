@@ -15,19 +15,12 @@ import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 import numpy as np
-from data import HERE, PAGES, Curve, Row, curves, key, plans, read
+from data import HERE, OPENING, PAGES, Curve, Row, curves, key, plans, read
 from estimates import interval
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-PANELS = [
-    ("figure3", "navigation-50"),
-    ("figure3", "push-noise-2"),
-    ("figure3", "pick-50"),
-    ("figure9", "pick-noise-2"),
-    ("figure3", "ant-noise-0.05"),
-]
 # Those of `goalward report` (deploy/report/src/chart.rs), and black.
 COLORS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6e6e6e", "#000000"]
 SETTINGS = {
@@ -59,7 +52,7 @@ def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> 
     axes.axvspan(1.02 * last, right, color="0.95", linewidth=0)
     for place, curve in enumerate(shown):
         style = {"color": color[curve.name], "clip_on": False}
-        line(axes, trained(curve, points), length(curve), style)
+        line(axes, curve, points, style)
         ends(axes, curve, (1.04 + COLUMN * place) * last, COLUMN * last, style)
     ticks = MaxNLocator(6, steps=[1, 5, 10]).tick_values(0, last)
     axes.set(title=plans()[panel].title, xlabel="million environment steps")
@@ -76,15 +69,17 @@ def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> No
         axes.plot(left + 0.7 * width, curve.authors, "<", markersize=4.5, markeredgewidth=0, **style)
 
 
-def line(axes: Axes, seeds: list[np.ndarray], length: float, style: dict) -> None:
+def line(axes: Axes, curve: Curve, points: list[Row], style: dict) -> None:
     """The mean over seeds and its interval; nothing of none."""
+    seeds = trained(curve, points)
     if not seeds:
         return
-    axes.plot(GRID * length, np.mean(seeds, axis=0), **style)
+    steps = GRID * length(curve)
+    axes.plot(steps, np.mean(seeds, axis=0), **style)
     band = interval(np.array(seeds))
     if band is not None:
         low, high = band
-        corners = np.append(GRID, GRID[::-1]) * length, np.append(low, high[::-1])
+        corners = np.append(steps, steps[::-1]), np.append(low, high[::-1])
         axes.fill(*corners, color=style["color"], alpha=0.2, linewidth=0)
 
 
@@ -125,8 +120,8 @@ def save(figure: plt.Figure, name: str) -> None:
 def draw_overview(points: list[Row]) -> None:
     """Draws the picture that opens the results, a field for each panel."""
     figure, fields = plt.subplots(2, 3, figsize=(12, 6.6), sharey=True, layout="constrained")
-    color = colors(PANELS)
-    for axes, panel in zip(fields.flat, PANELS, strict=False):
+    color = colors(OPENING)
+    for axes, panel in zip(fields.flat, OPENING, strict=False):
         draw(axes, panel, color, points)
         axes.tick_params(left=axes in fields[:, 0])
     for axes in fields[:, 0]:

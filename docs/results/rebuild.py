@@ -10,8 +10,8 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 | kind | arguments | what it shows |
 |---|---|---|
 | `panel` | figure, panel | a row for each method, with every seed and the steps to 90 % |
-| `overview` | figure/panel... | methods x panels, means with intervals; "of 3": fewer seeds than planned |
-| `over` | figure/panel... | methods over all panels: interquartile mean and probability of improvement |
+| `overview` | | methods x opening panels, means with intervals; "of 3": fewer seeds than planned |
+| `over` | | methods over the opening panels: interquartile mean and probability of improvement |
 | `replays` | figure, panel | of each curve the seeds that were replayed, and both ways to evaluate |
 | `search` | | how many runs were trained to choose settings, from `settings.csv` |
 | `repeated` | | how many runs have been trained more than once |

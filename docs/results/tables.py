@@ -4,7 +4,7 @@ import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-from data import HERE, REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
+from data import HERE, OPENING, REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
 from estimates import Bounded, improvement, interquartile_mean, interval
 
 # Results are those of lower seeds.
@@ -54,10 +54,10 @@ def panel(figure: str, name: str) -> str:
     return text
 
 
-def overview(*panels: str) -> str:
-    """Methods x panels; those that are ahead of or behind the first are marked."""
-    columns = [{curve.name: cell(curve) for curve in curves(*panel.split("/"))} for panel in panels]
-    text = head(["", *(panel.partition("/")[2] for panel in panels)])
+def overview() -> str:
+    """Methods x opening panels; those that are ahead of or behind the first are marked."""
+    columns = [{curve.name: cell(curve) for curve in curves(*panel)} for panel in OPENING]
+    text = head(["", *(name for _, name in OPENING)])
     for method in dict.fromkeys(name for column in columns for name in column):
         text += line([f"`{method}`", *(column.get(method, "-") for column in columns)])
     return text
@@ -70,9 +70,9 @@ def cell(curve: Curve) -> str:
     return bounded(curve.evaluations) + marks.get(curve.against_the_first, "") + missing
 
 
-def over(*panels: str) -> str:
-    """Methods that all panels have, over all of them; the others are compared with the first."""
-    columns = [{curve.name: curve.evaluations for curve in curves(*panel.split("/"))} for panel in panels]
+def over() -> str:
+    """Methods that all opening panels have, over all of them; the others are compared with the first."""
+    columns = [{curve.name: curve.evaluations for curve in curves(*panel)} for panel in OPENING]
     shared = [name for name in columns[0] if all(name in column for column in columns)]
     scores = {name: [column[name] for column in columns] for name in shared}
     first, *others = shared
