@@ -48,6 +48,15 @@ fn a_method_changes_the_preset_and_a_setting_changes_the_method() {
 }
 
 #[test]
+fn a_method_begins_with_the_changes_of_the_one_it_is_like() {
+    let [gaifo_s, gail] =
+        ["method=gaifo-s", "method=gail"].map(|method| assemble("goalward", &[method]).unwrap());
+    let differences = gaifo_s.result_differences(&gail);
+    let keys: Vec<&str> = differences.iter().map(|(key, _)| key.as_str()).collect();
+    assert_eq!(keys, ["method", "reward.input"]);
+}
+
+#[test]
 fn the_effective_configuration_reads_back_the_same() {
     for preset in ["goalward", "paper", "authors"] {
         let config = assemble(preset, &["demonstrations.file=some/where.mcap"]).unwrap();

@@ -10,6 +10,7 @@ mod estimate;
 mod evaluation;
 mod learner;
 mod learning;
+mod method;
 mod parameters;
 mod remark;
 mod reward;
@@ -174,7 +175,8 @@ pub struct ResourceConfig {
 impl RunConfig {
     /// Puts a configuration together: the defaults, a task's file, a preset of it, what a method
     /// changes, then `key=value` settings. `methods` has a table for each method, and in it under
-    /// `task` what it changes for single tasks only and as `about` what it is.
+    /// `task` what it changes for single tasks only, as `about` what it is, and as `like` the method
+    /// whose changes it begins with, if there is one.
     ///
     /// # Errors
     /// For the first key that is unknown, out of its range, or without effect.
@@ -199,17 +201,9 @@ impl RunConfig {
         let method = settings.get("method").or(table.get("method")).and_then(Value::as_str);
         let method = method.unwrap_or("none").to_owned();
         let methods = parse(methods, "methods")?;
-        let Some(Value::Table(changes)) = methods.get(&method) else {
-            let known = format!("one of {}", names(&methods));
-            return Err(out_of_range("method", &known, &method));
-        };
-        let mut changes = changes.clone();
-        changes.remove("about");
-        let of_tasks = taken(&mut changes, "task");
         let task = table.get("task").and_then(|task| task.get("name")).and_then(Value::as_str);
-        let of_task = of_tasks.get(task.unwrap_or("none")).and_then(Value::as_table).cloned();
+        let changes = method::changes(&methods, &method, task.unwrap_or("none"))?;
         merge(&mut table, changes);
-        merge(&mut table, of_task.unwrap_or_default());
         Self::changed(table, settings)
     }
 
