@@ -25,7 +25,7 @@ documentation() {
 # With what `deploy/test.sh` has installed.
 python_lints() {
     local python=${GOALWARD_PYTHON:-$root/target/python/bin/python}
-    (cd python && "$python" -m ruff check && "$python" -m ruff format --check && "$python" -m mypy)
+    "$python" -m ruff check && "$python" -m ruff format --check && (cd python && "$python" -m mypy)
 }
 
 step "the form of the source (rustfmt)" cargo fmt --all --check

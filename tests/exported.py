@@ -1,16 +1,16 @@
-"""Runs exported models on the observations of a run's log and prints the largest differences to what actors and
-service recorded, as JSON.
+"""Runs exported models on the observations of a run's log and prints the largest differences to what actors
+and service recorded, as JSON.
 
 Usage: exported.py RUN EXPORT. Run by exported.rs; needs requirements.txt beside this file.
 """
 
 import json
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import onnxruntime
+import tomllib
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -22,7 +22,9 @@ def messages(run, contents):
     found = {}
     for path in sorted((run / "log").glob(f"{contents}-*.mcap")):
         with open(path, "rb") as file:
-            for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            for _, channel, _, message in make_reader(
+                file, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages():
                 found.setdefault(channel.topic, []).append(message)
     return found
 
@@ -32,7 +34,7 @@ def session(path):
 
 
 def versions(model, updates, name):
-    """The versions that an exported model has in the log, told by the hash of its weights: several if it learned nothing."""
+    """The log's versions of an exported model, by the hash of its weights; several if it learned nothing."""
     sha256 = model.get_modelmeta().custom_metadata_map["weights_sha256"]
     return {getattr(update, name) for update in updates if update.weights_sha256 == sha256}
 
@@ -81,7 +83,7 @@ def outputs_of(model, inputs):
 
 
 def policy(path, log, updates, squashed):
-    """Steps compared, and the largest difference of their log-probabilities, relative where they are above 1."""
+    """Steps compared, and the largest difference of log-probabilities, relative where they are above 1."""
     model = session(path)
     of = versions(model, updates["/policy/update"], "policy_version")
     own = [trajectory for trajectory in log["/trajectory"] if trajectory.policy_version in of]

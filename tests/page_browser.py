@@ -1,7 +1,7 @@
 """Drives Chromium over a live page, for `page_browser.rs`: what people see and do there.
 
 With `--live` it asks for a live run called run and five others; without it for finished runs called
-navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. Figures that it measures are printed.
+navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. What it measures is printed.
 """
 
 import argparse
@@ -52,7 +52,7 @@ class Browser:
 
     def find(self, selector: str) -> WebElement:
         """Waits for an element that is seen."""
-        seen = lambda: next((e for e in self.all(selector) if e.is_displayed()), None)  # noqa: E731
+        seen = lambda: next((e for e in self.all(selector) if e.is_displayed()), None)
         return self.expect(f"element {selector}", seen)
 
     def all(self, selector: str) -> list[WebElement]:
@@ -145,7 +145,7 @@ def runs_are_listed(page: Browser) -> None:
 def curves_move_while_a_run_trains(page: Browser) -> None:
     """The chart of a live run goes on by itself."""
     page.open("run/run")
-    drawn = lambda: page.script("return document.querySelector('svg.chart > path')?.getAttribute('d');")  # noqa: E731
+    drawn = lambda: page.script("return document.querySelector('svg.chart > path')?.getAttribute('d');")
     first = page.expect("a curve", drawn)
     page.expect("a curve that moves", lambda: drawn() != first)
     page.picture("run")
@@ -154,7 +154,7 @@ def curves_move_while_a_run_trains(page: Browser) -> None:
 def the_authors_curve_is_marked(page: Browser) -> None:
     """The chart of success says where the authors' published curve ends."""
     page.open("run/run")
-    mark = lambda: page.script("return document.querySelector('svg.chart .mark title')?.textContent;")  # noqa: E731
+    mark = lambda: page.script("return document.querySelector('svg.chart .mark title')?.textContent;")
     assert "98" in page.expect("a mark", mark)
     page.says("body", "the authors' published curve")
 
@@ -162,7 +162,7 @@ def the_authors_curve_is_marked(page: Browser) -> None:
 def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
     """The table of processes says that the learner is held; once it is killed there is another one."""
     page.open("run/run")
-    learner = lambda: next((row.split() for row in page.texts("tr") if row.startswith("learner")), None)  # noqa: E731
+    learner = lambda: next((row.split() for row in page.texts("tr") if row.startswith("learner")), None)
     _, process, *_ = page.expect("a learner", learner)
     os.kill(int(process), signal.SIGSTOP)
     page.says("body", "learner is stopped")
@@ -173,7 +173,7 @@ def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
 def an_episode_plays_and_seeks(page: Browser, run: str) -> None:
     """The episode that is shown first moves, stops, and shows any step that is asked for."""
     page.open(f"episodes/{run}")
-    step = lambda: int(page.find(".player input[type=range]").get_property("value"))  # noqa: E731
+    step = lambda: int(page.find(".player input[type=range]").get_property("value"))
     page.expect("an episode that moves", lambda: step() > 2)
     page.expect("a stage with something on it", lambda: colors(page.find(".stage")) > 4)
     if run in ("navigation", "ant-reach"):
@@ -213,7 +213,7 @@ def episodes_are_filtered_and_sorted(page: Browser) -> None:
     page.open("episodes/navigation")
     page.expect("rows", lambda: len(page.all(".long tbody tr")) > 5)
     page.find("#filter").send_keys("failed training")
-    cells = lambda number: page.texts(f".long tbody td:nth-child({number})")  # noqa: E731
+    cells = lambda number: page.texts(f".long tbody td:nth-child({number})")
     page.expect("failures alone", lambda: (found := cells(6)) and all("after" not in text for text in found))
     assert set(cells(2)) == {"training"}
     page.find("#filter").send_keys(Keys.CONTROL, "a", Keys.BACKSPACE)
@@ -266,7 +266,7 @@ def a_phone_and_the_dark_are_enough(page: Browser) -> None:
         beyond = page.script("return document.scrollingElement.scrollWidth - innerWidth;")
         assert beyond <= 0, f"{place}: {beyond} pixels beyond a phone's width"
     page.picture("phone")
-    ground = lambda: page.script("return getComputedStyle(document.body).backgroundColor;")  # noqa: E731
+    ground = lambda: page.script("return getComputedStyle(document.body).backgroundColor;")
     light = ground()
     page.press("Dark or light")
     assert ground() != light

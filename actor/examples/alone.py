@@ -1,4 +1,4 @@
-"""Steps environments of Gymnasium in plain Python, for `transport.rs`: one line on standard input is one round.
+"""Steps environments of Gymnasium in plain Python, for `transport.rs`: a line on standard input is a round.
 
 Usage: alone.py ID COPIES STEPS. Prints the seconds of a round.
 """

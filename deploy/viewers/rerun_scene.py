@@ -3,10 +3,10 @@
     pip install rerun-sdk mcap mcap-protobuf-support
     python deploy/viewers/rerun_scene.py FILE.mcap                    # opens the viewer
     python deploy/viewers/rerun_scene.py FILE.mcap --save FILE.rrd    # writes what it opens
-    python deploy/viewers/rerun_scene.py FILE.mcap --blueprint FILE.rbl    # writes the arrangement of the views only
+    python deploy/viewers/rerun_scene.py FILE.mcap --blueprint FILE.rbl    # writes how views are arranged
 
-FILE is what `goalward log scene` or `goalward evaluate` has written: Foxglove's SceneUpdate messages, of which
-Rerun draws none by itself. Each episode begins with its trajectory; its scenes follow.
+FILE is what `goalward log scene` or `goalward evaluate` has written: Foxglove's SceneUpdate messages, of
+which Rerun draws none by itself. Each episode begins with its trajectory; its scenes follow.
 """
 
 import argparse
@@ -130,7 +130,9 @@ def blueprint(task: str) -> rrb.Blueprint:
     controls = rrb.EyeControls3D(position=eye[0], look_target=eye[1]) if eye else None
     scene = rrb.Spatial3DView(origin="scene", name="Scene", eye_controls=controls)
     curves = [rrb.TimeSeriesView(origin=f"episode/{curve}", name=name) for curve, (name, _) in CURVES.items()]
-    return rrb.Blueprint(rrb.Vertical(scene, rrb.Horizontal(*curves), row_shares=[3, 1]), collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Vertical(scene, rrb.Horizontal(*curves), row_shares=[3, 1]), collapse_panels=True
+    )
 
 
 def main() -> None:
@@ -139,7 +141,9 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     outputs = parser.add_mutually_exclusive_group()
     outputs.add_argument("--save", type=Path, metavar="FILE.rrd", help="write it, open no viewer")
-    outputs.add_argument("--blueprint", type=Path, metavar="FILE.rbl", help="write the views only, open no viewer")
+    outputs.add_argument(
+        "--blueprint", type=Path, metavar="FILE.rbl", help="write the views only, open no viewer"
+    )
     options = parser.parse_args()
     views = blueprint(task_of(options.file))
     if options.blueprint:

@@ -24,8 +24,18 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
-COLUMNS = ["label", "seed", "iteration", "env_steps", "wall_s", "success_rate", "entropy",
-           "approximate_kl", "mean_proximity", "mean_uncertainty"]
+COLUMNS = [
+    "label",
+    "seed",
+    "iteration",
+    "env_steps",
+    "wall_s",
+    "success_rate",
+    "entropy",
+    "approximate_kl",
+    "mean_proximity",
+    "mean_uncertainty",
+]
 PRINTED_STEPS = [0.25e6, 0.5e6, 1e6, 1.5e6, 2e6, 3e6, 4e6, 5e6]
 WINDOW_STEPS = 50_000
 
@@ -56,9 +66,18 @@ def rows_of(label, run):
     first_time, first = recorded[0]
     start = first_time - int(1e9 * (first.rollout_s + first.update_s))
     for time, u in recorded:
-        yield [label, seed, u.iteration, u.environment_steps, f"{(time - start) / 1e9:.1f}",
-               f"{u.success_rate:.2f}", f"{u.entropy:.4f}", f"{u.approximate_kl:.5f}",
-               f"{u.mean_proximity:.4f}", f"{u.mean_uncertainty:.4f}"]
+        yield [
+            label,
+            seed,
+            u.iteration,
+            u.environment_steps,
+            f"{(time - start) / 1e9:.1f}",
+            f"{u.success_rate:.2f}",
+            f"{u.entropy:.4f}",
+            f"{u.approximate_kl:.5f}",
+            f"{u.mean_proximity:.4f}",
+            f"{u.mean_uncertainty:.4f}",
+        ]
 
 
 def read(path):
@@ -93,8 +112,13 @@ def draw(path, title, curves):
     figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 5), sharey=True, layout="constrained")
     labels = sorted({label for label, _ in curves})
     for color, label in zip(matplotlib.color_sequences["tab10"], labels):
-        draw_label(by_steps, by_time, color, label,
-                   {seed: rows for (own, seed), rows in sorted(curves.items()) if own == label})
+        draw_label(
+            by_steps,
+            by_time,
+            color,
+            label,
+            {seed: rows for (own, seed), rows in sorted(curves.items()) if own == label},
+        )
     by_steps.set_xlabel("environment steps, millions")
     by_time.set_xlabel("wall time, minutes")
     by_steps.set_ylabel("success, last 100 training episodes")
@@ -116,8 +140,13 @@ def draw_label(by_steps, by_time, color, label, seeds):
     first = max(column(rows, "env_steps")[0] for rows in seeds.values())
     last = min(column(rows, "env_steps")[-1] for rows in seeds.values())
     common = np.arange(first, last + 1, 10_000)
-    mean = np.mean([np.interp(common, column(rows, "env_steps"), column(rows, "success_rate"))
-                    for rows in seeds.values()], axis=0)
+    mean = np.mean(
+        [
+            np.interp(common, column(rows, "env_steps"), column(rows, "success_rate"))
+            for rows in seeds.values()
+        ],
+        axis=0,
+    )
     only = next(iter(seeds))
     count = only if only.startswith("mean") else f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''}"
     by_steps.plot(common / 1e6, mean, color=color, lw=2, label=f"{label} ({count})")

@@ -4,10 +4,10 @@ Usage: hosts.py scaling    (64 actors of an environment that waits, on up to eig
        hosts.py distance [ROUNDS]    (one actor here, or on a machine 0, 1 and 20 milliseconds away)
 
 Needs requirements.txt beside this file, `goalward` with its gateway in PATH, and the program of
-deploy/examples/reacher. Another machine is a `goalward join` with a folder and a bus of its own. A distance is
-a relay between it and the run that holds back every byte for half of it. The steps per second are those from
-the first policy update to the last. Writes hosts_scaling.csv and hosts_scaling.svg, or hosts_distance.csv,
-beside itself, and prints a table.
+deploy/examples/reacher. Another machine is a `goalward join` with a folder and a bus of its own. A distance
+is a relay between it and the run that holds back every byte for half of it. The steps per second are those
+from the first policy update to the last. Writes hosts_scaling.csv and hosts_scaling.svg, or
+hosts_distance.csv, beside itself, and prints a table.
 """
 
 import asyncio
@@ -26,7 +26,6 @@ import matplotlib
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
-
 from curves import updates
 
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -40,8 +39,14 @@ def settings(pairs):
 
 # Lanes of each actor, an episode of 60 steps in each or more; a learner that is hardly the limit.
 LANES, LANE_STEPS = 16, 60
-SCALING = ["method=environment-reward", f"rollout.lane_steps={LANE_STEPS}", "policy.hidden=[64, 64]",
-           "policy.activation=relu", "ppo.epochs=2", "ppo.minibatches=16"]
+SCALING = [
+    "method=environment-reward",
+    f"rollout.lane_steps={LANE_STEPS}",
+    "policy.hidden=[64, 64]",
+    "policy.activation=relu",
+    "ppo.epochs=2",
+    "ppo.minibatches=16",
+]
 HOSTS_AND_ACTORS = [(1, 1), (1, 8), (2, 8), (4, 8), (8, 8)]
 # Milliseconds a step, and iterations after the first: one takes a second, and ten.
 WAITS = {1: 15, 10: 3}
@@ -51,8 +56,11 @@ DISTANCES = [None, 0, 1, 20]
 # Both with iterations of about two seconds.
 DISTANT = {
     "ant-reach": ["ant-reach", "--set", "steps=48000"],
-    "a millisecond a step": [REACHER, *settings(SCALING), *settings(
-        ["rollout.lanes=32", "environment.step_ms=1", "steps=19200"])],
+    "a millisecond a step": [
+        REACHER,
+        *settings(SCALING),
+        *settings(["rollout.lanes=32", "environment.step_ms=1", "steps=19200"]),
+    ],
 }
 
 
@@ -62,14 +70,15 @@ class Relay:
     def __init__(self, port, milliseconds):
         self.port, self.delay, self.loop = port, milliseconds / 1000, asyncio.new_event_loop()
         self.server = self.loop.run_until_complete(asyncio.start_server(self.connect, "127.0.0.1", 0))
-        self.address = "127.0.0.1:%d" % self.server.sockets[0].getsockname()[1]
+        self.address = f"127.0.0.1:{self.server.sockets[0].getsockname()[1]}"
         threading.Thread(target=self.loop.run_forever, daemon=True).start()
 
     async def connect(self, reader, writer):
         try:
             there = await asyncio.open_connection("127.0.0.1", self.port)
         except OSError:
-            return writer.close()
+            writer.close()
+            return
         await asyncio.gather(self.carry(reader, there[1]), self.carry(there[0], writer))
 
     async def carry(self, reader, writer):
@@ -104,7 +113,8 @@ def gateway_seconds():
 
 def train(arguments, hosts, actors, milliseconds=None):
     """A run with so many actors on each of so many machines, or here if there are none: its steps per second,
-    and of its own gateway and the others what each takes of a core for 10,000 steps a second."""
+    and of its own gateway and the others what each takes of a core for 10,000 steps a second.
+    """
     with tempfile.TemporaryDirectory() as folder:
         run, port = pathlib.Path(folder) / "run", free_port()
         command = ["goalward", "train", *arguments, "--run", run, "--no-page"]
@@ -143,8 +153,12 @@ def scaling():
         for lag in 0, 1:
             for hosts, each in HOSTS_AND_ACTORS:
                 lanes = LANES * hosts * each
-                own = [f"environment.step_ms={wait}", f"rollout.lag={lag}", f"rollout.lanes={lanes}",
-                       f"steps={lanes * LANE_STEPS * (1 + iterations)}"]
+                own = [
+                    f"environment.step_ms={wait}",
+                    f"rollout.lag={lag}",
+                    f"rollout.lanes={lanes}",
+                    f"steps={lanes * LANE_STEPS * (1 + iterations)}",
+                ]
                 rate, hub, others = train([REACHER, *settings(SCALING + own)], hosts, each)
                 rows.append([wait, lag, hosts, hosts * each, round(rate, 1), hub, others])
                 print(*rows[-1], flush=True)
@@ -163,8 +177,12 @@ def draw(rows):
                 print(f"| {wait} ms | {lag} | {actors} | {rate:,.0f} | {part:.0f} % |")
         one = next(row[4] for row in rows if (row[0], row[3]) == (wait, 1))
         axes.plot([1, 64], [one, 64 * one], color="0.7", linewidth=1, zorder=0)
-    axes.set(xscale="log", yscale="log", xlabel="actors, eight on a machine at most",
-             ylabel="environment steps per second")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="actors, eight on a machine at most",
+        ylabel="environment steps per second",
+    )
     axes.set_xticks([1, 8, 16, 32, 64], [1, 8, 16, 32, 64])
     axes.legend()
     figure.tight_layout()

@@ -49,7 +49,8 @@ def demonstrations(path):
 
 class Normalizer:
     """Observations in standard deviations from their mean in the demonstrations; what varies less
-    than `least` there stays as it is."""
+    than `least` there stays as it is.
+    """
 
     def __init__(self, observations, least):
         deviation = np.sqrt(observations.var(0) + 1e-8)
@@ -181,8 +182,10 @@ def main():
     policy = train(options, Episodes(*environment, TRAINING), trajectories)
     seconds = time.monotonic() - begun
     rate = success(policy, Episodes(*environment, EVALUATION), options.episodes)
-    print(f"{options.method} {options.task}: {100 * rate:.1f} % of {options.episodes} episodes, "
-          f"trained in {seconds:.0f} s")
+    print(
+        f"{options.method} {options.task}: {100 * rate:.1f} % of {options.episodes} episodes, "
+        f"trained in {seconds:.0f} s"
+    )
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ import matplotlib
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
-
 from curves import updates
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -58,7 +57,7 @@ def draw(rows):
         counts = sorted({row[1] for row in rows})
         rates = {n: [row[3] for row in rows if row[:2] == [task, n]] for n in counts}
         means = [statistics.mean(rates[n]) for n in counts]
-        line, = axes.plot(counts, means, marker="o", label=task)
+        (line,) = axes.plot(counts, means, marker="o", label=task)
         for n in counts:
             axes.plot([n] * len(rates[n]), rates[n], ".", color=line.get_color(), alpha=0.4)
             speedup = statistics.mean(rates[n]) / means[0]

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy
 import onnxruntime
+
 from goalward import demonstrations
 from goalward.log import Log
 

@@ -1,11 +1,11 @@
 """What is measured of Ant Reach: the passive ant, its answer to torques, and a trained expert."""
 
-import numpy as np
-
 import ant
+import numpy as np
 import table
-from goalward import Goalward
 from play import in_turn, play_both
+
+from goalward import Goalward
 
 AMPLITUDES = [0.1, 0.3, 1.0]
 SEQUENCES = 10

@@ -8,10 +8,9 @@ import datetime
 import pathlib
 import platform
 
-import mujoco
-
 import ant_measures
 import fetch_measures
+import mujoco
 import table
 from policy import ANT_EXPERT, Policy
 from speed import speed
@@ -45,10 +44,7 @@ def sections(arguments):
         "Fetch: gripper, fingers and cube",
         "The start of every episode, with the cube in the middle of its range. An action of 1 asks "
         "for 50 mm. The push has the closed fingers in front of the cube and drives them into it.",
-        fetch_measures.gripper()
-        + fetch_measures.fingers()
-        + fetch_measures.push()
-        + fetch_measures.press(),
+        fetch_measures.gripper() + fetch_measures.fingers() + fetch_measures.push() + fetch_measures.press(),
     )
     rows = fetch_measures.hold(arguments.episodes)
     for task in ["fetch-pick", "fetch-push"]:

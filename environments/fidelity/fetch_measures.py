@@ -1,11 +1,11 @@
 """What is measured of the Fetch tasks: how gripper, fingers and cube answer, and the experts."""
 
-import numpy as np
-
 import fetch
+import numpy as np
 import table
-from goalward import Goalward
 from play import in_turn, play, play_both
+
+from goalward import Goalward
 
 LIFT_M = 0.15
 
@@ -55,9 +55,7 @@ def push():
     both = play_both(mujoco, goalward, 0, in_turn(actions), len(actions))
     moved_mm = [1000 * (o[:, fetch.CUBE] - o[0, fetch.CUBE]) for o in both]
     rows = [
-        table.numbers(
-            f"cube along the push after step {steps}, mm", *(moved[steps, 1] for moved in moved_mm)
-        )
+        table.numbers(f"cube along the push after step {steps}, mm", *(moved[steps, 1] for moved in moved_mm))
         for steps in [2, 3, 4, 5, 6]
     ]
     coast = [moved[12, 1] - moved[6, 1] for moved in moved_mm]

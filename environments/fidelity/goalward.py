@@ -14,9 +14,7 @@ BUILD = "cargo build --release --package environments --example pipe --message-f
 @functools.cache
 def executable():
     """Builds the example and returns where it is."""
-    done = subprocess.run(
-        BUILD.split(), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE, text=True
-    )
+    done = subprocess.run(BUILD.split(), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE, text=True)
     messages = [json.loads(line) for line in done.stdout.splitlines()]
     return next(message["executable"] for message in messages if message.get("executable"))
 

@@ -1,10 +1,11 @@
 """A policy that Goalward has trained, such as the expert of Ant Reach."""
 
+import itertools
 import json
 import pathlib
-import tomllib
 
 import numpy as np
+import tomllib
 
 KINDS = {"F32": np.float32, "F64": np.float64, "U64": np.uint64}
 
@@ -37,7 +38,7 @@ class Policy:
         widths = [observation_len, *config["policy"]["hidden"], action_len]
         self.layers = []
         left = arrays["parameters"]
-        for inputs, outputs in zip(widths, widths[1:]):
+        for inputs, outputs in itertools.pairwise(widths):
             weights, biases, left = np.split(left, [inputs * outputs, (inputs + 1) * outputs])
             self.layers.append((weights.reshape(inputs, outputs), biases))
         self.moments = arrays["moments"].reshape(-1, 3)

@@ -2,13 +2,13 @@
 
 import time
 
+import ant
+import fetch
 import gymnasium
 import mujoco
 import numpy as np
-
-import ant
-import fetch
 import table
+
 from goalward import Goalward
 
 ROUNDS = 7

@@ -70,9 +70,7 @@ class Model:
     def __call__(self, flat, observations):
         parts = flat.split([math.prod(shape) for shape in self.shapes])
         parts = [part.view(shape) for part, shape in zip(parts, self.shapes)]
-        actor, critic = [
-            torch.tanh(observations @ w + b) @ v + c for w, b, v, c in (parts[:4], parts[4:8])
-        ]
+        actor, critic = [torch.tanh(observations @ w + b) @ v + c for w, b, v, c in (parts[:4], parts[4:8])]
         logs = parts[8].expand(len(observations), -1)
         return torch.cat([actor, logs], 1), critic[:, 0]
 

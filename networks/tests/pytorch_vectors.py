@@ -10,8 +10,8 @@ import math
 import pathlib
 
 import torch
-import torch.nn.functional as F
 from safetensors.torch import save_file
+from torch.nn import functional
 
 ROWS, GRID, CLASSES, KERNEL, POOL = 8, 9, 4, 2, 2
 CHANNELS, FEATURES, ACTIONS = [5, 18, 20], 17, 4
@@ -35,14 +35,14 @@ class Flat:
 
     def convolution(self, x, channels):
         weights = self.take(KERNEL, KERNEL, x.shape[1], channels).permute(3, 2, 0, 1)
-        return F.conv2d(x, weights, self.take(channels))
+        return functional.conv2d(x, weights, self.take(channels))
 
     def encoder(self, cells):
-        x = F.one_hot(cells.long(), CLASSES).permute(0, 3, 1, 2).float()
+        x = functional.one_hot(cells.long(), CLASSES).permute(0, 3, 1, 2).float()
         for index, channels in enumerate(CHANNELS):
-            x = F.relu(self.convolution(x, channels))
-            x = F.max_pool2d(x, POOL) if index == 0 else x
-        return F.relu(self.dense(x.permute(0, 2, 3, 1).flatten(1), FEATURES))
+            x = functional.relu(self.convolution(x, channels))
+            x = functional.max_pool2d(x, POOL) if index == 0 else x
+        return functional.relu(self.dense(x.permute(0, 2, 3, 1).flatten(1), FEATURES))
 
     def hidden(self, x):
         for outputs in HIDDEN:

@@ -200,7 +200,13 @@ class Environments:
         """So many answers, and the observations in them, which are to be written."""
         if count not in self.buffers:
             row = self.observations.row()
-            layout = [("slot", "<u2"), ("flags", "u1"), ("", "u1"), ("reward", "<f4"), ("row", row.dtype, row.shape)]
+            layout = [
+                ("slot", "<u2"),
+                ("flags", "u1"),
+                ("", "u1"),
+                ("reward", "<f4"),
+                ("row", row.dtype, row.shape),
+            ]
             buffer = self.np.zeros(count, dtype=layout)
             self.buffers[count] = buffer, list(buffer["row"])
         return self.buffers[count]
@@ -210,7 +216,6 @@ class Environments:
         if slot not in self.acting:
             self.acting[slot] = self.expert(self.slots[slot])
         return self.actions.encode(self.acting[slot](self.seen[slot]))
-
 
     def picture(self, slot):
         """What the environment renders, as a PNG file; empty where that is no picture."""

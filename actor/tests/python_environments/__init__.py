@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from importlib import metadata
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -18,7 +19,7 @@ class Line(gymnasium.Env):
         {"place": spaces.Box(-9.0, 9.0, (1,)), "parity": spaces.Discrete(2), "said": spaces.Text(9)}
     )
     action_space = spaces.Box(np.array([0.0]), np.array([0.5]))
-    metadata = {"render_modes": ["rgb_array"]}
+    metadata: ClassVar = {"render_modes": ["rgb_array"]}
 
     def __init__(self, start=0.0, render_mode=None):
         self.start, self.render_mode = start, render_mode

@@ -16,5 +16,14 @@ with open(sys.argv[1], "rb") as file:
         print(json.dumps({"metadata": record.name, "entries": record.metadata}))
     for schema, channel, message, decoded in reader.iter_decoded_messages():
         fields = MessageToDict(decoded, preserving_proto_field_name=True)
-        print(json.dumps({"topic": channel.topic, "schema": schema.name, "fields": fields,
-                          "sequence": message.sequence, "log_time": message.log_time}))
+        print(
+            json.dumps(
+                {
+                    "topic": channel.topic,
+                    "schema": schema.name,
+                    "fields": fields,
+                    "sequence": message.sequence,
+                    "log_time": message.log_time,
+                }
+            )
+        )
