@@ -23,7 +23,7 @@ def bounded(shares: list[float]) -> str:
 
 
 def steps_to_90(runs: list[Row]) -> str:
-    """Thousands of steps to 90 % success for good, median of the seeds; none where half never get there."""
+    """Thousands of steps to 90 % success, median of the seeds; none where half never get there."""
     taken = [float(run["environment_steps_to_90"] or "inf") / 1000 for run in runs]
     median = statistics.median(taken)
     return f"{median:.0f}" if median < float("inf") else "-"
@@ -99,7 +99,7 @@ def mark(probability: Bounded) -> str:
 def replays(figure: str, panel: str) -> str:
     """Of each curve the seeds that were replayed, and the success of both ways to act."""
     found = {row["run"]: row for row in read(REPLAYS)}
-    text = head(["method", "acted again", "trained again", "sampled", "most probable"])
+    text = head(["method", "seeds acted again", "seeds trained again", "sampled", "most probable"])
     for curve in curves(figure, panel):
         runs = (same for run in curve.runs for same in finished()[identity(run)])
         rows = [(run["seed"], found[run["run"]]) for run in runs if run["run"] in found]
@@ -112,12 +112,17 @@ def replays(figure: str, panel: str) -> str:
 def search() -> str:
     """How many runs of each method were trained to choose settings, by task."""
     runs = [run for run in read(HERE / "settings.csv") if int(run["seed"]) >= FIRST_TUNING_SEED]
-    times = Counter((run["method"], run["task"]) for run in runs)
-    tasks, methods = (sorted({run[name] for run in runs}) for name in ("task", "method"))
+    times = Counter((tuned(run), run["task"]) for run in runs)
+    tasks, methods = sorted({task for _, task in times}), sorted({method for method, _ in times})
     text = head(["runs", *tasks])
     for method in methods:
         text += line([f"`{method}`", *(str(times[method, task] or "-") for task in tasks)])
     return text
+
+
+def tuned(run: Row) -> str:
+    """The method whose settings a run was trained to choose."""
+    return "soft-push-back" if "reward.agent_weight" in run["settings"] else run["method"]
 
 
 def seeds(rows: list[tuple[str, Row]], column: str) -> str:
