@@ -87,8 +87,8 @@ fn a_file_that_lost_its_end_is_no_success() {
     fs::write(file.with_extension("mcap.active"), &whole[..first_chunk.unwrap()]).unwrap();
     fs::remove_file(&file).unwrap();
     let (code, said) = goalward(&run, &home, &["replay", "--verify", shown]);
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("expected episodes to act again, found none"), "{said}");
+    assert_eq!(code, Some(3), "{said}");
+    assert!(said.contains("as summary.json has them, found 0"), "{said}");
 }
 
 #[test]

@@ -76,10 +76,11 @@ fn impossible_numbers() {
         (["--coverage", "0"], ["coverage", "0"]),
         (["--coverage", "-0.5"], ["coverage", "-0.5"]),
         (["--coverage", "1.5"], ["coverage", "1.5"]),
-        (["--coverage", "nan"], ["coverage", "NaN"]),
+        (["--coverage", "nan"], ["coverage", "nan"]),
+        (["--noise", "inf"], ["noise", "inf"]),
         (["--seed", "-1"], ["seed", "-1"]),
         (["--seed", "9223372036854775808"], ["seed", "9223372036854775808"]),
-        (["--set", "ppo.learning_rate=nan"], ["ppo.learning_rate", "NaN"]),
+        (["--set", "ppo.learning_rate=nan"], ["ppo.learning_rate", "nan"]),
         (["--set", "ppo.gamma=1.01"], ["ppo.gamma", "1.01"]),
         (["--set", "rollout.lag=2"], ["rollout.lag", "2"]),
         (["--set", "reward.ensemble=0"], ["reward.ensemble", "0"]),
@@ -104,6 +105,22 @@ fn impossible_numbers() {
             arguments.extend(["--episodes", "1"]);
         }
         refused(&run, 2, &arguments, &[flag.trim_start_matches('-'), number]);
+    }
+}
+
+#[test]
+fn what_would_be_mistaken() {
+    let run = TestRun::new(programs!());
+    run.finish(&[]);
+    refused(&run, 2, &["train", "--seed", "4", "--set", "seed=3"], &["--set seed=3", "seed=4"]);
+    refused(&run, 2, &["train", "--run", "run/log/inner"], &["run/log/inner", "outside of runs"]);
+    refused(&run, 2, &["report", "run", "./run", "--out", "r"], &["each run once", "./run"]);
+    fs::write(run.path("file"), "").unwrap();
+    refused(&run, 2, &["train", "--tensorboard", "file"], &["file"]);
+    let recording = ["demonstrate", "fetch-push", "--episodes", "1", "--out", "d.mcap", "--set"];
+    for other in ["ppo.clip=0.1", "demonstrations.episodes=3"] {
+        let parts = ["environment.KEY=VALUE", other];
+        refused(&run, 2, &[&recording[..], &[other]].concat(), &parts);
     }
 }
 

@@ -65,7 +65,7 @@ mod tasks;
 
 use std::process::ExitCode;
 
-use terminal::print::print_error;
+use terminal::print::{all_is_printed, print_error};
 
 /// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
 /// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
@@ -75,7 +75,8 @@ pub fn main() -> ExitCode {
         return ExitCode::FAILURE;
     }
     match cli::run() {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) if all_is_printed() => ExitCode::SUCCESS,
+        Ok(()) => ExitCode::FAILURE,
         Err(error) => {
             if !terminal::refusal::is_explained(&error) {
                 print_error(&format!("{error:#}"));

@@ -14,6 +14,7 @@ use run::actors_wanted::ActorsWanted;
 use run::config::{DEFAULT_PRESET, RunConfig};
 use run::folder::RunFolder;
 use run::origin::recorded_configs;
+use run::repeat::quoted;
 use run::summary::Summary;
 
 use crate::tasks;
@@ -63,6 +64,7 @@ impl Plan {
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
+        destination::outside_runs(folder.path())?;
         Ok(Plan { folder, config, resumed: false })
     }
 
@@ -262,8 +264,8 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
     let shown = path.display();
     if folder.config_file().exists() {
         return Err(wrong_usage(format!(
-            "{shown} already holds a run: continue it with --resume --run {shown}, or give \
-             another folder"
+            "{shown} already holds a run: continue it with --resume --run {}, or give another folder",
+            quoted(path.display())
         )));
     }
     match fs::read_dir(path) {

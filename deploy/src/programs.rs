@@ -8,9 +8,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use protocol::task::Task;
 use run::process::INPUT_IS_HELD;
+use run::repeat::quoted;
 use serde::de::DeserializeOwned;
 
 use crate::headway;
@@ -238,16 +239,20 @@ fn parse<T: DeserializeOwned>(ended: ExitStatus, printed: &[u8]) -> Result<T> {
     serde_json::from_slice(printed).context("reading a program's result")
 }
 
-/// Checks how a program ended that has said why, had it failed.
+/// Checks how a program ended that has said why, had it failed by itself.
 ///
 /// # Errors
-/// When it has failed, with its exit code; that of a program ended by a signal is 1.
+/// When it has failed, with its exit code, or when a signal ended it.
 pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
     if status.success() {
         return Ok(());
     }
-    let code = status.code().and_then(|code| u8::try_from(code).ok());
-    Err(Refusal::Explained(code.unwrap_or(1)).into())
+    match status.code().and_then(|code| u8::try_from(code).ok()) {
+        Some(code) => Err(Refusal::Explained(code).into()),
+        None => bail!(
+            "expected that nothing ends a program of goalward, found one that ended by {status}"
+        ),
+    }
 }
 
 /// Checks that every program is there.
@@ -262,7 +267,7 @@ pub(crate) fn check_all() -> Result<()> {
 pub(crate) fn own_command() -> String {
     let own = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("goalward"));
     let current = std::env::current_dir().unwrap_or_default();
-    callable_from(&current, &own).display().to_string()
+    quoted(callable_from(&current, &own).display())
 }
 
 /// A program as a shell in the folder `current` takes it, relative where that is shorter.

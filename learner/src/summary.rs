@@ -41,7 +41,7 @@ impl Trainer {
     fn summary(&self, evaluation: &[Encoded]) -> Summary {
         let state = &self.state;
         let reward_update = self.progress.reward_update.clone().unwrap_or_default();
-        let count = evaluation.len().max(1) as f64;
+        let mean = |sum: f64| (!evaluation.is_empty()).then(|| sum / evaluation.len() as f64);
         let reached = evaluation.iter().filter(|encoded| encoded.trajectory.success).count();
         let returns = evaluation.iter().map(|encoded| encoded.trajectory.environment_return());
         let tells_success = self.config.task.tells_success;
@@ -54,11 +54,11 @@ impl Trainer {
             env_steps: state.environment_steps,
             episodes: state.episodes,
             iterations: state.iteration,
-            success_rate: tells_success.then(|| state.success_rate()),
+            success_rate: self.success_rate(),
             evaluation: EvaluationFigures {
                 episodes: evaluation.len() as u64,
-                success_rate: tells_success.then_some(reached as f64 / count),
-                mean_return: Some(returns.sum::<f64>() / count),
+                success_rate: mean(reached as f64).filter(|_| tells_success),
+                mean_return: mean(returns.sum()),
             },
             wall_s: state.wall_s,
             processor_s: state.processor_s,

@@ -18,7 +18,7 @@ use run::summary::Seconds;
 
 use crate::algorithm::{Metrics, PolicyLearner, Schedule};
 use crate::beginning::Beginning;
-use crate::desk::{DeskHandle, Entry, Order, Setup};
+use crate::desk::{DeskHandle, Entry, Order, RolledOut, Setup};
 use crate::ledger::{LanePlan, LeaseLedger};
 use crate::scoring::{Begun, Scoring};
 use crate::state::State;
@@ -42,7 +42,6 @@ pub struct Trainer {
     started: Instant,
     earlier_s: f64,
     clock: ProcessorClock,
-    opened: Instant,
 }
 
 /// Wall time of an iteration's parts, seconds.
@@ -90,7 +89,6 @@ impl Trainer {
             started: Instant::now(),
             earlier_s: state.wall_s,
             clock: ProcessorClock::default(),
-            opened: Instant::now(),
             state,
             config,
         })
@@ -109,8 +107,9 @@ impl Trainer {
             self.open_rollout(self.state.iteration)?;
         }
         while !self.is_over(self.state.iteration) {
+            let begun = Instant::now();
             let Some(trajectories) = self.collect()? else { return Ok(false) };
-            let rollout_s = self.opened.elapsed().as_secs_f64();
+            let rollout_s = begun.elapsed().as_secs_f64();
             self.state.count(&trajectories);
             self.tell(Phase::Training, None, None)?;
             let next = self.state.iteration + 1;
@@ -168,7 +167,6 @@ impl Trainer {
 
     /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
     fn open_rollout(&mut self, iteration: u64) -> Result<()> {
-        self.opened = Instant::now();
         if self.learner.is_offline() {
             return Ok(());
         }
@@ -182,19 +180,19 @@ impl Trainer {
         if self.learner.is_offline() {
             return Ok((!self.stop.is_requested()).then(Vec::new));
         }
-        self.rolled_out()
+        let Some(RolledOut { trajectories, actors }) = self.rolled_out()? else { return Ok(None) };
+        self.seconds.environment += actors.environment;
+        self.seconds.inference += actors.inference;
+        self.seconds.transport += actors.transport;
+        self.state.processor_s += actors.processor;
+        Ok(Some(trajectories))
     }
 
-    /// The complete batch of the open rollout; none if a stop comes first.
-    fn rolled_out(&mut self) -> Result<Option<Vec<Encoded>>> {
+    /// What the open rollout has come to; none if a stop comes first.
+    fn rolled_out(&mut self) -> Result<Option<RolledOut>> {
         while !self.stop.is_requested() {
             if let Some(rolled_out) = self.desk.rolled_out(LOOK_FOR_STOP)? {
-                let actors = rolled_out.actors;
-                self.seconds.environment += actors.environment;
-                self.seconds.inference += actors.inference;
-                self.seconds.transport += actors.transport;
-                self.state.processor_s += actors.processor;
-                return Ok(Some(rolled_out.trajectories));
+                return Ok(Some(rolled_out));
             }
         }
         Ok(None)
@@ -259,6 +257,12 @@ impl Trainer {
         Ok(metrics)
     }
 
+    /// Of the last 100 training episodes; none before the first, or where the task does not tell success.
+    pub(crate) fn success_rate(&self) -> Option<f64> {
+        let tells = self.config.task.tells_success && self.state.episodes > 0;
+        tells.then(|| self.state.success_rate())
+    }
+
     fn policy_update(
         &self,
         trajectories: &[Encoded],
@@ -282,10 +286,7 @@ impl Trainer {
             approximate_kl: metrics.approximate_kl,
             clip_fraction: metrics.clip_fraction,
             gradient_norm: metrics.gradient_norm,
-            success_rate: match self.config.task.tells_success {
-                true => self.state.success_rate(),
-                false => f64::NAN,
-            },
+            success_rate: self.success_rate().unwrap_or(f64::NAN),
             mean_reward: mean(scores, |score| &score.rewards),
             mean_proximity: mean(scores, |score| &score.proximity),
             mean_uncertainty: mean(scores, |score| &score.uncertainty),
@@ -355,7 +356,7 @@ impl Trainer {
         let version = self.state.iteration;
         let rollout = LeaseLedger::open(Source::Evaluation, version, version, plans);
         self.desk.order(Order::Open(rollout))?;
-        self.rolled_out()
+        Ok(self.rolled_out()?.map(|rolled_out| rolled_out.trajectories))
     }
 }
 

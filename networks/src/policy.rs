@@ -1,6 +1,6 @@
 //! Actor and critic for a task (Appendix G.2): what PPO trains and actors sample from.
 //!
-//! Over cells, actor and critic are two heads of one network; over vectors they are two networks. A
+//! Over cells, actor and critic are two heads of one network unless they are to share no trunk; over vectors they are two networks. A
 //! continuous policy has one further parameter for each action number, the logarithm of its standard
 //! deviation, which does not depend on the observation; a squashed one has a head for it instead.
 

@@ -22,9 +22,9 @@ pub(crate) struct Arguments {
     /// Values to begin with: goalward, paper or authors.
     #[arg(long, default_value = DEFAULT_PRESET, value_parser = choices::presets())]
     preset: String,
-    /// The method; `goalward methods` says what each is.
-    #[arg(long, default_value = "goal-proximity", value_parser = choices::methods())]
-    method: String,
+    /// The method, by default goal-proximity; `goalward methods` says what each is.
+    #[arg(long, value_parser = choices::methods())]
+    method: Option<String>,
     #[command(flatten)]
     figures: Figures,
 }
@@ -40,7 +40,8 @@ struct Key {
 /// Prints the keys that `--set` changes, with the values that a run has without it.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { parts, task, preset, method, figures } = arguments;
-    let config = tasks::configuration(task, preset, &[format!("method={method}")])?;
+    let method: Vec<String> = method.iter().map(|method| format!("method={method}")).collect();
+    let config = tasks::configuration(task, preset, &method)?;
     let is_wanted = |key: &String| parts.is_empty() || parts.iter().any(|part| key.contains(part));
     let values = flat(&toml::Table::try_from(&config)?).into_iter();
     // The task, preset and method are chosen by flags of their own.

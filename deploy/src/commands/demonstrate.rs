@@ -12,7 +12,7 @@ use toml::Value;
 use crate::demonstrations::Recording;
 use crate::tasks;
 use crate::{description, destination, machine, programs};
-use terminal::refusal::stopped;
+use terminal::refusal::{stopped, wrong_usage};
 use terminal::status_line::StatusLine;
 
 /// Flags of `goalward demonstrate`.
@@ -38,7 +38,8 @@ pub(crate) struct Arguments {
     /// it gives what makes actions of observations.
     #[arg(long, value_name = "MODULE:FUNCTION", conflicts_with = "policy")]
     expert: Option<String>,
-    /// A value of the environment, such as environment.kwargs.x=3; may be given more than once.
+    /// A value of the environment, such as environment.kwargs.x=3, or of demonstrations.; may be given more than
+    /// once.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Seed of the starts and goals.
@@ -56,6 +57,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let &Arguments { ref task, episodes, ref policy, seed, ref out, force, .. } = arguments;
     destination::file(out, force)?;
+    refuse_others(&arguments.settings)?;
     let config = tasks::configuration(task, DEFAULT_PRESET, &arguments.settings)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
@@ -69,18 +71,77 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+/// Refuses settings that are not of the environment: a recording has no others.
+fn refuse_others(settings: &[String]) -> Result<()> {
+    let is_own = |setting: &&String| {
+        let own =
+            ["demonstrations.", "environment."].iter().any(|table| setting.starts_with(table));
+        let of_runs = ["demonstrations.episodes", "demonstrations.file"];
+        own && !of_runs.iter().any(|key| setting.starts_with(key))
+    };
+    let Some(other) = settings.iter().find(|setting| !is_own(setting)) else { return Ok(()) };
+    Err(wrong_usage(format!(
+        "--set: expected environment.KEY=VALUE or demonstrations.KEY=VALUE, found {other}"
+    )))
+}
+
 /// What the flags make of the setting that a task's demonstrations are recorded in. Coverage and noise of
-/// the task's file are for its runs: without a flag they are the environment's own.
+/// the task's file are for its runs: unless they are given they are the environment's own.
 fn setting(arguments: &Arguments, config: &RunConfig) -> Setting {
-    let Arguments { coverage, noise, expert, .. } = arguments;
+    let Arguments { coverage, noise, expert, settings, .. } = arguments;
+    let tables = [
+        ("demonstrations", &config.demonstrations.environment),
+        ("environment", &config.environment),
+    ];
+    let given = |key: &str| {
+        let is_given = |table: &str| {
+            let name = format!("{table}.{key}");
+            settings
+                .iter()
+                .filter_map(|setting| setting.split_once('='))
+                .any(|(key, _)| key.trim() == name)
+        };
+        let (_, table) = tables.into_iter().find(|(table, _)| is_given(table))?;
+        table.0.get(key).cloned()
+    };
     let mut setting = config.demonstration_setting();
-    for (key, value) in
-        [("coverage", coverage.map(Value::Float)), ("noise", noise.map(Value::Float))]
-    {
+    for (key, flag) in [("coverage", coverage), ("noise", noise)] {
         setting.0.remove(key);
+        let value = flag.map(Value::Float).or_else(|| given(key));
         setting.0.extend(value.map(|value| (key.to_owned(), value)));
     }
     let expert = expert.clone().map(|expert| (EXPERT.to_owned(), Value::String(expert)));
     setting.0.extend(expert);
     setting
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_given_holds_and_what_the_file_has_for_runs_does_not() {
+        let of = |settings: &[&str], noise| {
+            let arguments = Arguments {
+                task: "fetch-push".to_owned(),
+                episodes: 1,
+                coverage: None,
+                noise,
+                policy: None,
+                expert: None,
+                settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
+                seed: 1,
+                out: PathBuf::from("d.mcap"),
+                force: false,
+            };
+            let config =
+                tasks::configuration("fetch-push", DEFAULT_PRESET, &arguments.settings).unwrap();
+            setting(&arguments, &config).0.get("noise").and_then(Value::as_float)
+        };
+        assert_eq!(of(&[], None), None);
+        assert_eq!(of(&["environment.noise=3.0"], None), Some(3.0));
+        let both = ["environment.noise=3.0", "demonstrations.noise=2.0"];
+        assert_eq!(of(&both, None), Some(2.0));
+        assert_eq!(of(&both, Some(1.5)), Some(1.5));
+    }
 }

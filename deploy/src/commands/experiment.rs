@@ -4,6 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use run::repeat::quoted;
 use serde::Serialize;
 
 use crate::cluster::{Engine, Order, Submitted, Wishes};
@@ -53,6 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let planned = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
     let runs = queue(&planned, &mut archive);
+    destination::folder(out, true)?;
     if *dry_run {
         let left = left(&runs, &mut archive);
         if let Some(engine) = arguments.cluster.on {
@@ -64,7 +66,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let next = format!("{finished} of {} runs are finished{words}\n  {line}", runs.len());
         return print_standing(arguments, left, &next);
     }
-    destination::outside_runs(out)?;
     if !other_build {
         refuse_other_builds(&runs, &mut archive)?;
     }
@@ -187,7 +188,7 @@ fn print_standing(arguments: &Arguments, left: Left, next: &str) -> Result<()> {
 
 /// The same command again.
 fn own_line(arguments: &Arguments) -> String {
-    let out = arguments.out.display();
+    let out = quoted(arguments.out.display());
     let jobs = arguments.jobs.map_or(String::new(), |jobs| format!(" --jobs {jobs}"));
     let other_build = if arguments.other_build { " --other-build" } else { "" };
     let (goalward, plans) = (programs::own_command(), plans(arguments));
@@ -196,12 +197,12 @@ fn own_line(arguments: &Arguments) -> String {
 
 /// The command that draws what is there.
 fn report_line(arguments: &Arguments) -> String {
-    let (goalward, out) = (programs::own_command(), arguments.out.display());
+    let (goalward, out) = (programs::own_command(), quoted(arguments.out.display()));
     format!("{goalward} report {} --experiments {out} --out {out}/report --force", plans(arguments))
 }
 
 fn plans(arguments: &Arguments) -> String {
     let quick = arguments.quick.then(|| "--quick".to_owned());
-    let paths = arguments.plans.iter().map(|path| path.display().to_string());
+    let paths = arguments.plans.iter().map(|path| quoted(path.display()));
     paths.chain(quick).collect::<Vec<_>>().join(" ")
 }

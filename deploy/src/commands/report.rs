@@ -1,5 +1,6 @@
 //! `goalward report`: runs, or the figures of plans, as a page with pictures and as tables.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -48,9 +49,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         return Err(wrong_usage("--quick: expected a plan, found runs only"));
     }
     destination::folder(&out, force)?;
-    tensorboard.as_deref().map(destination::outside_runs).transpose()?;
+    tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
     let figure = |plan: &PathBuf| figure_of_plan(plan, &experiments, quick);
     let mut figures = plans.iter().map(figure).collect::<Result<Vec<_>>>()?;
+    refuse_twice(&folders)?;
     if !folders.is_empty() {
         let folders = folders.into_iter().map(RunFolder::new).collect();
         figures.push(report::figure_of_runs(folders)?);
@@ -60,6 +62,21 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     let page = report::write(figures, &out, &OfRuns)?;
     print_line(&format!("{}", page.display()));
+    Ok(())
+}
+
+/// Refuses a run that is given twice: it would count as two seeds.
+fn refuse_twice(folders: &[PathBuf]) -> Result<()> {
+    let mut seen = BTreeSet::new();
+    for folder in folders {
+        let place = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+        if !seen.insert(place) {
+            return Err(wrong_usage(format!(
+                "expected each run once, found {} again",
+                folder.display()
+            )));
+        }
+    }
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use bus::BusAddress;
 use run::folder::RunFolder;
+use run::repeat::quoted;
 use run::summary::Summary;
 use rustix::process::{Pid, Signal, kill_process};
 use terminal::print::print_line;
@@ -48,6 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return Ok(());
     }
     let goalward = programs::own_command();
+    let shown = quoted(shown);
     print_line(&format!("stopped; continue it with\n  {goalward} train --resume --run {shown}"));
     Ok(())
 }

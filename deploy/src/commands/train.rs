@@ -8,9 +8,10 @@ use mcap_log::require_room;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
-use run::repeat::{self, Difference};
+use run::repeat::{self, Difference, quoted};
 use run::summary::Summary;
 use serde::Serialize;
+use toml::Value;
 
 use crate::companion_page::CompanionPage;
 use crate::event_files::EventFiles;
@@ -26,7 +27,7 @@ use crate::supervisor::{Outcome, Source, remove_from_bus, runtime, supervise};
 use crate::{choices, demonstrations, description, destination, limits, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
-use terminal::refusal::{Refusal, stopped};
+use terminal::refusal::{Refusal, stopped, wrong_usage};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -94,22 +95,37 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    fn wishes(self) -> TrainRequest {
+    fn wishes(self) -> Result<TrainRequest> {
         let flags = [
             self.method.map(|method| format!("method={method}")),
             self.seed.map(|seed| format!("seed={seed}")),
             self.steps.map(|steps| format!("steps={steps}")),
-            // The debug form always has a decimal point, as TOML wants it.
-            self.coverage.map(|coverage| format!("demonstrations.coverage={coverage:?}")),
-            self.noise.map(|noise| format!("environment.noise={noise:?}")),
+            self.coverage.map(|share| format!("demonstrations.coverage={}", Value::Float(share))),
+            self.noise.map(|noise| format!("environment.noise={}", Value::Float(noise))),
             self.actors.map(|actors| format!("resources.actors={actors}")),
             self.demonstrations.map(|file| {
                 format!("demonstrations.file={:?}", file.to_string_lossy().into_owned())
             }),
         ];
-        let settings = flags.into_iter().flatten().chain(self.settings).collect();
-        TrainRequest { task: self.task, preset: self.preset, settings, folder: self.run }
+        let flags: Vec<String> = flags.into_iter().flatten().collect();
+        refuse_twice(&flags, &self.settings)?;
+        let settings = [flags, self.settings].concat();
+        Ok(TrainRequest { task: self.task, preset: self.preset, settings, folder: self.run })
     }
+}
+
+/// Refuses a `--set` that says otherwise than the flag of its key.
+fn refuse_twice(flags: &[String], settings: &[String]) -> Result<()> {
+    let key = |setting: &str| setting.split_once('=').map(|(key, _)| key.trim().to_owned());
+    for setting in settings {
+        let flag = flags.iter().find(|flag| key(flag) == key(setting) && *flag != setting);
+        if let Some(flag) = flag {
+            return Err(wrong_usage(format!(
+                "--set {setting}: expected what the flag says, {flag}, or no such flag"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Trains a run to its end, or until the user stops it.
@@ -117,8 +133,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let Arguments { other_build, no_page, dry_run, listening, figures, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
-    tensorboard.as_deref().map(destination::outside_runs).transpose()?;
-    let mut plan = begin(arguments.wishes())?;
+    tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
+    let mut plan = begin(arguments.wishes()?)?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
         print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
@@ -313,7 +329,7 @@ struct Finished {
 fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<()> {
     let finished = Finished { run: folder.path().to_owned(), summary };
     figures.print(&finished, |Finished { run, summary }| {
-        let (goalward, shown) = (programs::own_command(), run.display());
+        let (goalward, shown) = (programs::own_command(), quoted(run.display()));
         format!(
             "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
              next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
@@ -323,7 +339,7 @@ fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<(
 }
 
 fn print_how_to_resume(folder: &RunFolder) {
-    let (goalward, shown) = (programs::own_command(), folder.path().display());
+    let (goalward, shown) = (programs::own_command(), quoted(folder.path().display()));
     print_remark(&format!(
         "stopped; the run is in {shown}. Continue it with either of\n  \
          deploy/run_local.sh --resume --run {shown}\n  {goalward} train --resume --run {shown}"
@@ -356,7 +372,7 @@ mod tests {
             other_build: false,
             figures: Figures::default(),
         };
-        let settings = arguments.wishes().settings;
+        let settings = arguments.wishes().unwrap().settings;
         let config = run::tasks::configuration("navigation", "goalward", &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
         let coverage = config.demonstrations.environment.0["coverage"].as_float();

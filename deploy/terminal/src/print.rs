@@ -1,6 +1,7 @@
 //! Lines for people: results on standard output, everything else on standard error.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anstyle::{AnsiColor, Style};
 
@@ -9,9 +10,24 @@ use crate::voice;
 const ERROR: Style = AnsiColor::Red.on_default().bold();
 const REMARK: Style = Style::new().bold();
 
+/// Whether a result could not be printed.
+static IS_LOST: AtomicBool = AtomicBool::new(false);
+
 /// Prints a result to standard output; nobody listening any more is no reason to end a run.
 pub fn print_line(text: &str) {
-    writeln!(anstream::stdout(), "{text}").ok();
+    let mut output = anstream::stdout();
+    let printed = writeln!(output, "{text}").and_then(|()| output.flush());
+    if let Err(error) = printed
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        print_error(&format!("standard output: {error}"));
+        IS_LOST.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Whether all results could be printed that somebody listened to.
+pub fn all_is_printed() -> bool {
+    !IS_LOST.load(Ordering::Relaxed)
 }
 
 /// Prints a remark to standard error, unless only results and errors are wanted.

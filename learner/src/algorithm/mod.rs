@@ -141,7 +141,8 @@ fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> Ru
 /// Metrics of one update, means over its minibatches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Metrics {
-    /// Loss of the policy: PPO's clipped surrogate, or the mean negative log-likelihood of actions.
+    /// Loss of the policy: PPO's clipped surrogate, the mean negative log-likelihood of actions, or a soft
+    /// actor-critic's mean of `temperature x log-probability - Q`; soft Q-learning has none.
     pub policy_loss: f64,
     /// Loss of values, or of Q-functions.
     pub value_loss: f64,

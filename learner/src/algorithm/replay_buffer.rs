@@ -26,8 +26,8 @@ pub(crate) struct Transition<'a> {
     pub(crate) observations: &'a [u8],
     /// The action taken.
     pub(crate) action: &'a [u8],
-    /// Whether it ended the episode at the goal.
-    pub(crate) terminated: bool,
+    /// How the task ended the episode with it; none where the episode went on, or was cut off by the horizon.
+    pub(crate) ending: Option<Ending>,
 }
 
 impl ReplayBuffer {
@@ -74,10 +74,11 @@ impl ReplayBuffer {
         let (one, action) = (self.spec.observation.bytes(), self.spec.action.bytes());
         let step = step as usize;
         let last = step + 1 == trajectory.steps as usize;
+        let ending = Ending::try_from(trajectory.ending).ok();
         Transition {
             observations: &trajectory.observations()[step * one..(step + 2) * one],
             action: trajectory.actions().get(step * action..(step + 1) * action).unwrap_or(&[]),
-            terminated: last && trajectory.ending != Ending::Truncated as i32,
+            ending: ending.filter(|ending| last && *ending != Ending::Truncated),
         }
     }
 }
@@ -117,13 +118,20 @@ mod tests {
             .map(|position| {
                 let transition = buffer.get(position);
                 let observations = transition.observations;
-                (observations[0], observations[361], transition.action[0], transition.terminated)
+                (observations[0], observations[361], transition.action[0], transition.ending)
             })
             .collect();
+        let goal = Some(Ending::GoalReached);
         assert_eq!(
             found,
-            [(12, 13, 12, true), (20, 21, 20, false), (21, 22, 21, false), (22, 23, 22, true)]
+            [(12, 13, 12, goal), (20, 21, 20, None), (21, 22, 21, None), (22, 23, 22, goal)]
         );
+        let failed = Trajectory { ending: Ending::Failed as i32, ..episode(40, 1) };
+        let cut_off = Trajectory { ending: Ending::Truncated as i32, ..episode(41, 1) };
+        for (other, ending) in [(failed, Some(Ending::Failed)), (cut_off, None)] {
+            buffer.push(&other);
+            assert_eq!(buffer.get(3).ending, ending);
+        }
         buffer.push(&episode(30, 4));
         assert_eq!((buffer.len(), buffer.episodes.len(), buffer.get(0).action[0]), (4, 1, 30));
     }

@@ -139,6 +139,8 @@ struct Desk {
     looked_after: Instant,
     flushed: Instant,
     finished: bool,
+    /// Whether the trainer has failed: the run goes on when the learner is started again.
+    left_alone: bool,
     actors: ActorSeconds,
     log_s: f64,
 }
@@ -174,15 +176,16 @@ impl Desk {
             looked_after: Instant::now(),
             flushed: Instant::now(),
             finished: false,
+            left_alone: false,
             actors: ActorSeconds::default(),
             log_s: 0.0,
             bus,
         })
     }
 
-    /// Works until it is told to finish; returns the seconds that appending to the log took.
+    /// Works until it is told to finish, or nobody is there to tell it; returns the seconds that appending to the log took.
     fn run(&mut self) -> Result<f64> {
-        while !self.finished {
+        while !self.finished && !self.left_alone {
             self.doorbell.wait(TICK)?;
             self.take_orders()?;
             self.take_trajectories()?;
@@ -242,7 +245,7 @@ impl Desk {
                 Ok(order) => self.follow(order)?,
                 Err(TryRecvError::Empty) => return Ok(()),
                 Err(TryRecvError::Disconnected) => {
-                    self.finished = true;
+                    self.left_alone = true;
                     return Ok(());
                 }
             }

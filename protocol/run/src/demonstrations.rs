@@ -162,8 +162,8 @@ fn require_rows(
     config: &RunConfig,
     file: &Path,
 ) -> Result<(), Error> {
-    let RewardConfig { model, batch, .. } = config.reward;
-    let rows = demonstrations.iter().map(|trajectory| model.rows(u64::from(trajectory.steps)));
+    let RewardConfig { model, input, batch, .. } = config.reward;
+    let rows = demonstrations.iter().map(|one| model.rows(input, u64::from(one.steps)));
     let (rows, count) = (rows.sum::<u64>(), demonstrations.len());
     if model.trains && rows < batch as u64 {
         let message = format!(

@@ -1,4 +1,4 @@
-//! The folder of a run: what lies where, and which checkpoint is the newest whole one.
+//! The folder of a run: what lies where, and which checkpoint is the newest.
 
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::MetadataExt;

@@ -69,12 +69,12 @@ impl Overview {
         let begun = Overview {
             run: folder.path().to_owned(),
             state: if folder.is_trained() { State::Live } else { State::Stopped },
+            steps_wanted: config.steps_wanted(),
             task: config.task.name,
             method: config.method,
             preset: config.preset,
             seed: config.seed,
             environment_steps: 0,
-            steps_wanted: config.steps,
             success_rate: None,
             evaluated_success_rate: None,
             wall_s: None,

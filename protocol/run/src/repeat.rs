@@ -1,5 +1,8 @@
 //! How a run is made again: the command line whose configuration is that of the run.
 
+use std::fmt::Display;
+
+use protocol::Error;
 use serde::Serialize;
 
 use crate::config::RunConfig;
@@ -23,15 +26,19 @@ pub struct Difference {
 /// What a run changes in the configuration that its task, preset and method have by themselves; seed and
 /// steps left out.
 pub fn differences(config: &RunConfig) -> Vec<Difference> {
-    let method = format!("method={}", config.method);
-    let usual = tasks::configuration(&config.task.name, &config.preset, &[method]);
     // A preset or method of another version: the run's own configuration says all there is.
-    let Ok(usual) = usual else { return Vec::new() };
+    let Ok(usual) = usual(config) else { return Vec::new() };
     let differences = config.result_differences(&usual).into_iter();
     differences
         .filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str()))
         .map(|(key, [value, default])| Difference { key, value, default })
         .collect()
+}
+
+/// The configuration that a run's task, preset and method have by themselves.
+fn usual(config: &RunConfig) -> Result<RunConfig, Error> {
+    let method = format!("method={}", config.method);
+    tasks::configuration(&config.task.name, &config.preset, &[method])
 }
 
 /// The same as keys and values.
@@ -43,25 +50,26 @@ pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
 /// The command line; a task of the user's own is in the run's own configuration.
 pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     let RunConfig { task, method, preset, seed, steps, .. } = config;
-    if tasks::configuration(&task.name, preset, &[]).is_err() {
-        return format!("goalward train {}", folder.config_file().display());
+    if usual(config).is_err() {
+        return format!("goalward train {}", quoted(folder.config_file().display()));
     }
     let mut line = format!("goalward train {task} --method {method} --preset {preset}");
     line += &format!(" --seed {seed} --steps {steps}");
     for (key, value) in settings(config) {
         line += &match key.as_str() {
-            "demonstrations.file" => format!(" --demonstrations {}", quoted(&value)),
-            _ => format!(" --set {}", quoted(&format!("{key}={value}"))),
+            "demonstrations.file" => format!(" --demonstrations {}", quoted(value)),
+            _ => format!(" --set {}", quoted(format!("{key}={value}"))),
         };
     }
     line
 }
 
 /// A word as a shell takes it.
-fn quoted(word: &str) -> String {
+pub fn quoted(word: impl Display) -> String {
+    let word = word.to_string();
     let is_plain = |letter: char| letter.is_alphanumeric() || "._-=/:,+".contains(letter);
     if word.chars().all(is_plain) {
-        return word.to_owned();
+        return word;
     }
     format!("'{}'", word.replace('\'', r"'\''"))
 }

@@ -31,7 +31,7 @@ pub struct Summary {
     pub episodes: u64,
     /// Iterations finished.
     pub iterations: u64,
-    /// Of the last 100 training episodes, in [0, 1]; none where the task does not tell success.
+    /// Of the last 100 training episodes, in [0, 1]; none where there are none, or the task does not tell success.
     pub success_rate: Option<f64>,
     /// Episodes run after training.
     pub evaluation: EvaluationFigures,
@@ -67,9 +67,10 @@ pub struct Summary {
 pub struct EvaluationFigures {
     /// How many.
     pub episodes: u64,
-    /// Share of them that reached the goal; none where the task does not tell.
+    /// Share of them that reached the goal; none where there are none, or the task does not tell.
     pub success_rate: Option<f64>,
-    /// Mean of the environment's own returns; none in a summary from before this was recorded.
+    /// Mean of the environment's own returns; none where there are no episodes, or in a summary from before
+    /// this was recorded.
     #[serde(default)]
     pub mean_return: Option<f64>,
 }

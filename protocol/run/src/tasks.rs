@@ -138,10 +138,6 @@ mod tests {
         for method in methods.keys().filter(|method| *method != "linear") {
             let config = configuration(path, "goalward", &[format!("method={method}")]).unwrap();
             assert_eq!(config.task.program, Some(folder.path().join("my-actor")), "{method}");
-            let whole = folder.path().join("config.toml");
-            fs::write(&whole, config.to_text()).unwrap();
-            let again = configuration(whole.to_str().unwrap(), "goalward", &[]).unwrap();
-            assert_eq!(again, config, "a run's own configuration is the file of its task, too");
         }
         fs::write(&file, own.replace("80", "\"eighty\"")).unwrap();
         let refusal = configuration(path, "goalward", &[]).unwrap_err().to_string();
@@ -151,5 +147,48 @@ mod tests {
         assert!(refusal.contains(path) && refusal.contains("line 1"), "{refusal}");
         let refusal = configuration("chess", "goalward", &[]).unwrap_err().to_string();
         assert!(refusal.contains("navigation, fetch-pick"), "{refusal}");
+    }
+
+    #[test]
+    fn what_soft_q_learning_reads_depends_on_the_actions_and_not_on_the_observations() {
+        let own = "[task]\nname = \"cart\"\nobservation.vector.len = 4\n\
+                   action.discrete.count = 2\nhorizon_steps = 80\nprogram = \"my-actor\"\n";
+        let judged = |setting: &str| {
+            of_text(own, "cart", "goalward", &["method=sqil", setting].map(str::to_owned))
+        };
+        judged("ppo.max_gradient_norm=0.1").unwrap();
+        for setting in ["sqil.hidden=[8]", "sqil.tune_temperature=false"] {
+            let refusal = judged(setting).unwrap_err().to_string();
+            assert!(refusal.contains("the task's actions are discrete"), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn a_run_s_own_configuration_is_the_file_of_the_same_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("config.toml");
+        let path = file.to_str().unwrap();
+        let changes = ["rollout.lanes=9", "evaluation.episodes=7"].map(str::to_owned);
+        for (method, _) in methods() {
+            let settings = [&changes[..], &[format!("method={method}")]].concat();
+            let config = configuration("fetch-push", "paper", &settings).unwrap();
+            fs::write(&file, config.to_text()).unwrap();
+            for named in [&[], &settings[2..]] {
+                assert_eq!(configuration(path, "goalward", named).unwrap(), config);
+            }
+            let longer = configuration(path, "paper", &["steps=9000000".to_owned()]).unwrap();
+            assert_eq!(longer, RunConfig { steps: 9_000_000, ..config });
+        }
+        let refusal = |preset, settings: &[&str]| {
+            let settings: Vec<String> = settings.iter().map(|&one| one.to_owned()).collect();
+            configuration(path, preset, &settings).unwrap_err().to_string()
+        };
+        let of_method = refusal("goalward", &["method=bc"]);
+        assert!(
+            of_method.contains("`method` must be temporal-distance, as in the run"),
+            "{of_method}"
+        );
+        let of_preset = refusal("authors", &[]);
+        assert!(of_preset.contains("`preset` must be paper, as in the run"), "{of_preset}");
     }
 }

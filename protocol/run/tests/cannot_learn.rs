@@ -99,6 +99,10 @@ fn the_ensemble_gets_what_it_trains_on() {
                 "demonstrations.episodes=1 reward.samples=128 reward.batch=102",
                 &["`reward.batch`", "101", "found 102"],
             ),
+            (
+                "method=proximity-with-actions demonstrations.episodes=1 reward.samples=128 reward.batch=101",
+                &["`reward.batch`", "100", "found 101"],
+            ),
         ],
     );
 }

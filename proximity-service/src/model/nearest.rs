@@ -54,7 +54,7 @@ impl NearestState {
     ) -> NearestState {
         let (observation, segments) = (spec.observation, config.segments);
         let mut demonstrated = vec![Vec::new(); segments];
-        for states in demonstrations.iter().map(Trajectory::observations_to_goal) {
+        for states in demonstrations.iter().map(Trajectory::observations) {
             let steps = states.len() / observation.bytes() - 1;
             for (step, state) in states.chunks_exact(observation.bytes()).enumerate() {
                 demonstrated[segment(step, steps, segments)].extend(state);
@@ -168,6 +168,15 @@ mod tests {
         let distances = model.distances(&stands);
         assert!(distances.is_sorted() && (distances[10] - 0.5_f32.sqrt()).abs() < 1e-6);
         assert_eq!(model.estimate(&stands).unwrap().proximity, [1.0; 11]);
+    }
+
+    #[test]
+    fn a_demonstration_that_does_not_say_when_it_reached_the_goal_is_whole() {
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let shown = Trajectory { steps_to_goal: 0, ..walk(0.0, Source::Demonstration) };
+        assert!(shown.success);
+        let model = NearestState::new(&CORRIDOR, &config(), &[shown], threads);
+        assert_eq!(model.distances(walk(0.0, Source::Training).observations()), [0.0; 11]);
     }
 
     #[test]

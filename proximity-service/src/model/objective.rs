@@ -9,6 +9,7 @@ use run::config::RewardConfig;
 
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use crate::reward::rewards;
 
 /// What a model is trained towards, and what its ensemble then says of a step.
 pub trait Objective: Sync {
@@ -23,11 +24,15 @@ pub trait Objective: Sync {
         input.row_bytes()
     }
 
-    /// Appends the rows of an episode that are trained on.
-    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);
+    /// Appends the rows of an episode that are trained on: by default those that tell how far it has come.
+    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
+        input.append_places(seen.observations, seen.actions, rows);
+    }
 
-    /// Appends the rows of an episode that its rewards are made from.
-    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>);
+    /// Appends the rows of an episode that its rewards are made from: by default one for each observation.
+    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
+        input.append_observations(seen.observations, seen.actions, rows);
+    }
 
     /// The minibatches of offline training, in order.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows>;
@@ -45,8 +50,13 @@ pub trait Objective: Sync {
     /// The losses of one member's outputs on a minibatch, and the gradients of their sum.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;
 
-    /// Rewards of an episode of so many steps.
-    fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32>;
+    /// Rewards of an episode of so many steps: by default those of its proximity (Eq. 5).
+    fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
+        let proximity: Vec<f32> =
+            rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect();
+        let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
+        rewards(&proximity, &uncertainty, config)
+    }
 }
 
 /// An episode as far as a model may see it.

@@ -1,6 +1,6 @@
 //! Goal proximity: an ensemble that regresses how close an observation is to the goal (Eqs. 1, 4, 5).
 
-use networks::{Score as RowScore, Squashing, squared_error};
+use networks::{Squashing, squared_error};
 use protocol::seed::{self, Purpose};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;
@@ -8,8 +8,7 @@ use run::config::RewardConfig;
 
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{EpisodeView, Learning, Objective};
-use crate::reward::rewards;
+use super::objective::{Learning, Objective};
 use crate::target::{AGENT_TARGET, demonstration_target};
 
 /// Regression on proximity labels, and the reward made of it.
@@ -35,14 +34,6 @@ impl Objective for GoalProximity {
             targets: demonstrations.iter().flat_map(labels).collect(),
             agent_weight: config.agent_weight as f32,
         }
-    }
-
-    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        input.append_places(seen.observations, seen.actions, rows);
-    }
-
-    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        input.append_observations(seen.observations, seen.actions, rows);
     }
 
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
@@ -73,12 +64,5 @@ impl Objective for GoalProximity {
             demonstrations: squared_error(own, &targets, weight(own), own_gradients),
             agent: squared_error(others, &agent_targets, agent_weight, other_gradients),
         }
-    }
-
-    fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
-        let proximity: Vec<f32> =
-            rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect();
-        let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
-        rewards(&proximity, &uncertainty, config)
     }
 }

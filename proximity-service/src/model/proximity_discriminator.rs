@@ -52,9 +52,13 @@ fn products(proximity: &[f32], probability: &[f32]) -> Vec<f32> {
 impl RewardModel for ProximityDiscriminator {
     /// A discriminator has nothing to learn yet.
     fn pretrain(&mut self, time: Duration) -> Result<Slice, Final> {
-        match (self.proximity.pretrain(time)?, self.discriminator.pretrain(Duration::MAX)?) {
-            (Slice::Done(own), Slice::Done(others)) => Ok(Slice::Done(self.joined(own, &others))),
-            (under_way, _) => Ok(under_way),
+        let own = match self.proximity.pretrain(time)? {
+            Slice::Done(own) => own,
+            under_way => return Ok(under_way),
+        };
+        match self.discriminator.pretrain(Duration::MAX)? {
+            Slice::Done(others) => Ok(Slice::Done(self.joined(own, &others))),
+            under_way => Ok(under_way),
         }
     }
 

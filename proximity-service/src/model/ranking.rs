@@ -5,7 +5,7 @@
 //! [0, 1], and the same rewards are made from it as from the regressed one. The loss is on the outputs
 //! themselves.
 
-use networks::{Score as RowScore, Squashing, ranking};
+use networks::{Squashing, ranking};
 use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::RngExt;
@@ -13,8 +13,7 @@ use run::config::RewardConfig;
 
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{EpisodeView, Learning, Objective};
-use crate::reward::rewards;
+use super::objective::{Learning, Objective};
 
 /// Ranking of rows within demonstrations, and of the expert's above the agent's.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,14 +60,6 @@ impl Objective for Ranking {
         order
     }
 
-    fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        input.append_places(seen.observations, seen.actions, rows);
-    }
-
-    fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        input.append_observations(seen.observations, seen.actions, rows);
-    }
-
     /// As many pairs an epoch as the demonstrations have rows.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
         learning.drawn(|pairs, stream| self.draw(pairs, stream))
@@ -105,12 +96,6 @@ impl Objective for Ranking {
             demonstrations: loss(&outputs[..within], own_gradients),
             agent: loss(&outputs[within..], agent_gradients),
         }
-    }
-
-    fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
-        let proximity: Vec<f32> = rows.iter().map(|row| row.mean).collect();
-        let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
-        rewards(&proximity, &uncertainty, config)
     }
 }
 

@@ -24,7 +24,7 @@ pub struct TemporalDistance {
     starts: Vec<usize>,
     /// The demonstration of each observation.
     owners: Vec<usize>,
-    /// Distance of so many steps towards the goal, in [0, 1).
+    /// Distance of so many steps towards the goal, in [0, 1].
     distances: Vec<f32>,
 }
 

@@ -16,7 +16,7 @@ use crate::commands::train::block_on_supervision;
 use crate::destination;
 use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
-use crate::plan::Plan;
+use crate::plan::{self, Plan};
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source};
 use terminal::numbers;
@@ -40,7 +40,7 @@ pub(super) fn retrain(
     if let Some(out) = &out {
         destination::folder(out, false)?;
     }
-    let folder = RunFolder::new(out.unwrap_or_else(|| recorded.path().join("retrained")));
+    let folder = out.map_or_else(|| cleared(recorded), |out| Ok(RunFolder::new(out)))?;
     let plan = Plan::copy_of(configuration(recorded)?, folder)?;
     let expected = hashes(recorded)?;
     ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
@@ -69,6 +69,16 @@ pub(super) fn retrain(
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
     }
     whole
+}
+
+/// Where a run is trained again for a while. What an earlier attempt left there goes.
+fn cleared(recorded: &RunFolder) -> Result<RunFolder> {
+    let folder = RunFolder::new(recorded.path().join("retrained"));
+    if folder.is_run() {
+        let _lock = plan::lock(&folder)?;
+        fs::remove_dir_all(folder.path()).context("removing what was trained again before")?;
+    }
+    Ok(folder)
 }
 
 /// The configuration of the run that is trained again: the same, with the demonstrations where the

@@ -35,7 +35,7 @@ impl Status {
         figures["method"] = json!(config.method);
         figures["preset"] = json!(config.preset);
         figures["seed"] = json!(config.seed);
-        figures["steps_wanted"] = json!(config.steps);
+        figures["steps_wanted"] = json!(config.steps_wanted());
         figures
     }
 }

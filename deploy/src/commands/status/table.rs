@@ -44,7 +44,12 @@ impl Status {
 fn headline(processes: &Processes, progress: Option<&Progress>) -> String {
     let silence =
         || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
-    let usual = || progress.map_or_else(silence, |_| "training".to_owned());
+    let usual = || {
+        progress.map_or_else(silence, |progress| match Phase::try_from(progress.phase) {
+            Ok(Phase::DiskFull) => doing(progress),
+            _ => "training".to_owned(),
+        })
+    };
     processes.trouble().unwrap_or_else(usual)
 }
 

@@ -8,6 +8,7 @@ mod soft_q;
 
 use anyhow::Result;
 use networks::RunningNormalizer;
+use protocol::ending::Ending;
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ActionSpec, Spec};
@@ -63,7 +64,7 @@ struct Minibatch {
     next_observations: Vec<u8>,
     /// Rewards, 1 of the expert and 0 of the agent.
     rewards: Vec<f32>,
-    /// What stands for the value of the next observation, where the episode ended at the goal and
+    /// What stands for the value of the next observation, where the task ended the episode there and
     /// something does.
     end_values: Vec<Option<f32>>,
 }
@@ -123,8 +124,11 @@ impl Sqil {
                 minibatch.next_observations.extend(next);
                 minibatch.actions.extend(transition.action);
                 minibatch.rewards.push(reward);
-                let end_value = end.value(gamma).filter(|_| transition.terminated);
-                minibatch.end_values.push(end_value);
+                minibatch.end_values.push(match transition.ending {
+                    Some(Ending::GoalReached) => end.value(gamma),
+                    Some(Ending::Failed) => Some(0.0),
+                    Some(Ending::Truncated) | None => None,
+                });
             }
         }
         self.normalizer.normalize(&mut minibatch.observations);

@@ -126,6 +126,7 @@ impl SoftActorCritic {
             distribution: self.actor.network().distribution(),
             action_len: self.action_len,
             gradients: gradients.copied().collect(),
+            values: first.0.iter().zip(&second.0).map(|(one, other)| one.min(*other)).collect(),
             temperature: self.temperature(),
             weight: 1.0 / minibatch.len() as f32,
             drawn: &drawn,
@@ -188,7 +189,9 @@ struct Improvement<'a> {
     distribution: Distribution,
     action_len: usize,
     drawn: &'a SampledActions,
-    /// Gradients of the smaller Q-function with respect to the drawn actions.
+    /// Of the smaller Q-function.
+    values: Vec<f32>,
+    /// Its gradients with respect to the drawn actions.
     gradients: Vec<f32>,
     temperature: f32,
     /// One over the rows.
@@ -217,7 +220,8 @@ impl RowLoss for Improvement<'_> {
         let log_prob = f64::from(self.drawn.log_probs[row]);
         let weight = f64::from(self.weight);
         let metrics = Metrics {
-            policy_loss: weight * f64::from(self.temperature) * log_prob,
+            policy_loss: weight
+                * (f64::from(self.temperature) * log_prob - f64::from(self.values[row])),
             entropy: -weight * log_prob,
             ..Metrics::default()
         };

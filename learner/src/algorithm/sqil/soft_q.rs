@@ -79,8 +79,9 @@ impl SoftLearner for SoftQ {
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
         self.trainer.restore("q.adam", tensors)?;
-        self.parameters = tensors.f32("q.parameters")?;
-        let count = self.parameters.len();
+        let begun = !tensors.f32("q.parameters")?.is_empty();
+        let count = if begun { self.trainer.network().parameter_count() } else { 0 };
+        self.parameters = tensors.exactly("q.parameters", count, Tensors::f32)?;
         self.targets = tensors.exactly("q.targets", count, Tensors::f32)?;
         Ok(())
     }

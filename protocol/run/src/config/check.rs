@@ -156,8 +156,7 @@ impl RunConfig {
         let actors = self.resources.actors;
         let most = format!("at most {MAX_ACTORS}");
         within("resources.actors", actors <= MAX_ACTORS as u64, &most, actors)?;
-        let (file_mib, timeout_ms) = (self.log.file_mib, self.resources.lease_timeout_ms);
-        within("log.file_mib", file_mib <= 1 << 20, "at most 1048576", file_mib)?;
+        let timeout_ms = self.resources.lease_timeout_ms;
         let expected = "at most a day, 86400000";
         within("resources.lease_timeout_ms", timeout_ms <= 86_400_000, expected, timeout_ms)?;
         let ensemble = self.reward.ensemble;

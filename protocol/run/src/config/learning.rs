@@ -81,7 +81,7 @@ impl RunConfig {
         let trains = online || reward.pretraining_epochs > 0;
         within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;
         let (episodes, horizon) = (self.demonstrations.episodes, self.task.spec().horizon_steps);
-        let most = episodes.saturating_mul(reward.model.rows(u64::from(horizon)));
+        let most = episodes.saturating_mul(reward.model.rows(reward.input, u64::from(horizon)));
         let expected = format!(
             "at most the {most} rows that demonstrations.episodes = {episodes} can have, of at most \
              {horizon} steps"

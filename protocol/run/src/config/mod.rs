@@ -26,7 +26,7 @@ use protocol::dropped::shortened;
 use protocol::error::{MESSAGE_CHARS, out_of_range, within};
 use protocol::setting::Setting;
 use protocol::table::{flat, merge, parse_setting, result_differences};
-use protocol::task::{ObservationSpec, Task};
+use protocol::task::{ActionSpec, ObservationSpec, Task};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -187,8 +187,11 @@ impl RunConfig {
         settings: &[String],
     ) -> Result<Self, Error> {
         let mut file = parse(file, "file")?;
+        if file.get("preset").is_some_and(Value::is_str) {
+            return Self::repeated(file, preset, settings);
+        }
         let presets = taken(&mut file, "preset");
-        let mut table = over_defaults(file)?;
+        let mut table = over_defaults(file, "file")?;
         if preset != DEFAULT_PRESET {
             let Some(Value::Table(changes)) = presets.get(preset) else {
                 let known = format!("one of {DEFAULT_PRESET}, {}", names(&presets));
@@ -207,6 +210,21 @@ impl RunConfig {
         Self::changed(table, settings)
     }
 
+    /// The configuration of a run, which its preset and its method have been laid over already, with
+    /// settings.
+    fn repeated(run: Table, preset: &str, settings: &[String]) -> Result<Self, Error> {
+        let (table, settings) = (over_defaults(run, "file")?, merged(settings)?);
+        let preset = Some(preset).filter(|preset| *preset != DEFAULT_PRESET);
+        let method = settings.get("method").and_then(Value::as_str);
+        for (key, wanted) in [("preset", preset), ("method", method)] {
+            let own = table.get(key).and_then(Value::as_str).unwrap_or("none");
+            let expected = format!("{own}, as in the run whose configuration this is");
+            let wanted = wanted.unwrap_or(own);
+            within(key, wanted == own, &expected, wanted)?;
+        }
+        Self::changed(table, settings)
+    }
+
     /// This configuration with `key=value` settings laid over it.
     ///
     /// # Errors
@@ -222,7 +240,7 @@ impl RunConfig {
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             unread::check_tables(learner, &set)?;
         }
-        let config = Self::from_table(table)?;
+        let config = Self::from_table(table, "values")?;
         config.check_all_is_read(&set, &before)?;
         config.check_learning()?;
         Ok(config)
@@ -242,17 +260,17 @@ impl RunConfig {
     /// # Errors
     /// For the first key that is unknown or out of its range.
     pub fn from_text(text: &str, origin: &str) -> Result<Self, Error> {
-        Self::from_table(over_defaults(parse(text, origin)?)?)
+        Self::from_table(over_defaults(parse(text, origin)?, origin)?, origin)
     }
 
-    fn from_table(mut table: Table) -> Result<Self, Error> {
+    fn from_table(mut table: Table, origin: &str) -> Result<Self, Error> {
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             complete_tables(learner, &mut table)?;
         }
         let config: RunConfig =
             Value::Table(table).try_into().map_err(|error: toml::de::Error| {
                 Error::ConfigurationText {
-                    origin: "values".to_owned(),
+                    origin: origin.to_owned(),
                     message: line_of(&error.to_string()),
                 }
             })?;
@@ -353,6 +371,11 @@ impl RunConfig {
         matches!(self.task.observation, ObservationSpec::Cells { .. })
     }
 
+    /// Whether an action is one of several choices.
+    fn acts_by_choice(&self) -> bool {
+        matches!(self.task.action, ActionSpec::Discrete { .. })
+    }
+
     fn cloning(&self) -> &CloningConfig {
         self.cloning.as_ref().expect(HAS_DEFAULTS)
     }
@@ -374,11 +397,11 @@ fn parse(text: &str, origin: &str) -> Result<Table, Error> {
 }
 
 /// A configuration's table over the defaults of all tasks and those of tasks with such observations.
-fn over_defaults(changes: Table) -> Result<Table, Error> {
+fn over_defaults(changes: Table, origin: &str) -> Result<Table, Error> {
     let mut defaults = parse(DEFAULTS, "defaults")?;
     taken(&mut defaults, "learners");
     let kinds = ["cells", "vector"].map(|kind| (kind, taken(&mut defaults, kind)));
-    let refused = |message| Error::ConfigurationText { origin: "values".to_owned(), message };
+    let refused = |message| Error::ConfigurationText { origin: origin.to_owned(), message };
     match changes.get("task") {
         Some(Value::Table(task)) => {
             let observation = task.get("observation").and_then(Value::as_table);
@@ -450,6 +473,10 @@ fn merged(settings: &[String]) -> Result<Table, Error> {
                 let choice = choice.as_str().unwrap_or("NAME");
                 return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
             }
+        }
+        let infinite = |value: &Value| value.as_float().is_some_and(|number| !number.is_finite());
+        if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| infinite(value)) {
+            return Err(refused(&format!("expected a finite {key}, found {value}")));
         }
         merge(&mut table, change);
     }

@@ -204,9 +204,10 @@ impl RewardModel {
     }
 
     /// Rows of a demonstration of so many steps, those of whichever of its ensembles has fewer: a
-    /// discriminator has one for each step, the others one for each observation.
-    pub fn rows(&self, steps: u64) -> u64 {
-        steps + u64::from(!self.has_discriminator())
+    /// discriminator, and whatever sees actions, has one for each step, the others one for each observation.
+    pub fn rows(&self, input: RewardInput, steps: u64) -> u64 {
+        let of_steps = self.has_discriminator() || input == RewardInput::StateAction;
+        steps + u64::from(!of_steps)
     }
 
     /// Whether it is a single trained ensemble, and so a network that can be exported.

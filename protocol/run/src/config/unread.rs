@@ -59,16 +59,16 @@ impl RunConfig {
 
     /// Why the run reads this key nowhere; none if it does.
     fn unread(&self, table: &str, name: &str) -> Option<String> {
-        let grid = self.is_of_cells();
+        let (grid, discrete) = (self.is_of_cells(), self.acts_by_choice());
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
-            ("policy", "distribution") if grid => DISCRETE,
+            ("policy", "distribution") if discrete => DISCRETE,
             ("policy", "shared_trunk") if !grid => NO_GRID,
             ("policy" | "reward" | "inverse_dynamics", key) if !grid && is_of_encoder(key) => {
                 NO_GRID
             }
             ("inverse_dynamics", "hidden") if grid => NO_HIDDEN,
-            ("sqil", "hidden" | "tune_temperature") if grid => DISCRETE,
+            ("sqil", "hidden" | "tune_temperature") if discrete => DISCRETE,
             ("ppo", "decay_steps") if !self.ppo.learning_rate_decay => NO_DECAY,
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
             ("demonstrations", "file") if !self.imitates() => "the method learns from none",

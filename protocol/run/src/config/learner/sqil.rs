@@ -2,7 +2,6 @@
 
 use protocol::Error;
 use protocol::error::within;
-use protocol::task::ActionSpec;
 use serde::{Deserialize, Serialize};
 
 use super::LearnerRules;
@@ -102,7 +101,7 @@ impl LearnerRules for Sqil {
     /// Soft Q-learning of discrete actions has PPO's optimizer.
     fn reads(&self, config: &RunConfig, table: &str, key: &str) -> bool {
         let optimizer = ["adam_epsilon", "max_gradient_norm"].contains(&key);
-        table == "sqil" || (table == "ppo" && config.is_of_cells() && optimizer)
+        table == "sqil" || (table == "ppo" && config.acts_by_choice() && optimizer)
     }
 
     /// A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
@@ -115,8 +114,7 @@ impl LearnerRules for Sqil {
         let (steps, found) = (config.steps, config.sqil().exploration_steps);
         let expected = format!("below steps = {steps}");
         within("sqil.exploration_steps", found < steps, &expected, found)?;
-        let discrete = matches!(config.task.spec().action, ActionSpec::Discrete { .. });
-        let squashed = discrete || config.policy.is_squashed();
+        let squashed = config.acts_by_choice() || config.policy.is_squashed();
         within("policy.distribution", squashed, "squashed-gaussian for sqil", "gaussian")
     }
 
