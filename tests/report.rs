@@ -62,7 +62,7 @@ fn nothing_to_report_is_said_in_a_line() {
         (&["run", "missing.toml"], None, "missing.toml"),
         (&["run", "--quick"], None, "--quick"),
         (&["plan.toml"], None, "navigation-bc-s1-"),
-        (&["run", "run"], Some("updates-00000.mcap"), "expected files"),
+        (&["run"], Some("updates-00000.mcap"), "expected files"),
     ] {
         if let Some(file) = gone {
             fs::remove_file(log.join(file)).unwrap();
