@@ -139,12 +139,13 @@ fn what_is_missing_is_trained() {
 
 /// Slurm as far as the command speaks to it: it begins every task of an array at once.
 const SBATCH: &str = r#"#!/bin/sh
-[ "$1 $2" = '--parsable --chdir' ] || exit 1
-cd "$3" && cat > script
-tasks=$(sed -n 's/^#SBATCH --array=1-//p' script)
+[ "$1 $2" = '--parsable --output' ] || exit 1
+out=$(dirname "$3")
+cat > "$out/script"
+tasks=$(sed -n 's/^#SBATCH --array=1-//p' "$out/script")
 for task in $(seq "$tasks"); do
-    SLURM_ARRAY_JOB_ID=7 SLURM_ARRAY_TASK_ID=$task bash script > "slurm-7-$task.out" 2>&1 &
-    echo $! >> tasks
+    SLURM_ARRAY_JOB_ID=7 SLURM_ARRAY_TASK_ID=$task bash "$out/script" > "$out/slurm-7_$task.out" 2>&1 &
+    echo $! >> "$out/tasks"
 done
 echo '7;cluster'
 "#;

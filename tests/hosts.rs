@@ -346,6 +346,8 @@ fn what_cannot_be_joined_costs_a_line() {
     };
     let said = refusal(&["join", "--run", "nowhere"]);
     assert!(said.contains("found no nowhere/join.toml"), "{said}");
+    let status = run.program("goalward").args(["join", "--key", "nowhere"]).status().unwrap();
+    assert_eq!(status.code(), Some(2));
     fs::write(run.path("key"), "address = 3").unwrap();
     let said = refusal(&["join", "--key", "key"]);
     assert!(

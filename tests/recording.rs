@@ -25,13 +25,13 @@ struct Recorded {
     policy_updates: Vec<PolicyUpdate>,
     reward_updates: Vec<RewardUpdate>,
     checkpoints: Vec<Checkpoint>,
-    repeated: u64,
+    left_out: u64,
 }
 
 impl Recorded {
     fn of(run: &TestRun) -> Recorded {
         let mut reader = read_run(&run.folder().log()).unwrap();
-        let mut recorded = Recorded { repeated: reader.repeated(), ..Recorded::default() };
+        let mut recorded = Recorded { left_out: reader.left_out(), ..Recorded::default() };
         let decode = |bytes| Encoded::decode(bytes, &spec("navigation")).unwrap();
         for entry in &mut reader {
             match entry.unwrap().record {
@@ -181,7 +181,7 @@ fn the_log_holds_the_whole_run() {
     let summary = run.finish(&[]);
     let recorded = Recorded::of(&run);
     check(&run, &recorded, &summary);
-    assert_eq!(recorded.repeated, 0);
+    assert_eq!(recorded.left_out, 0);
 
     let mut reader = read_run(&run.folder().log()).unwrap();
     assert!(reader.by_ref().all(|entry| entry.is_ok()));

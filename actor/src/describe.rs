@@ -65,6 +65,17 @@ mod tests {
         assert!(found.has_expert);
     }
 
+    /// Otherwise a run's own configuration, which is complete, would differ from its task's.
+    #[test]
+    fn the_files_of_tasks_name_every_key_of_their_environments() {
+        for task in run::tasks::names() {
+            let config = run::tasks::configuration(task, "goalward", &[]).expect("a configuration");
+            let (agents, experts) = (config.environment.clone(), config.demonstration_setting());
+            let found = describe(BUILT_IN, task, agents, experts).expect("a description");
+            assert_eq!(found.environment, config.environment, "{task}");
+        }
+    }
+
     #[test]
     fn a_refusal_names_the_part_and_the_key() {
         let refusal = |environment, demonstrations| {

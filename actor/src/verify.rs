@@ -8,7 +8,7 @@ use mcap_log::{Contents, Entry, FileReader, read_contents};
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::folder::RunFolder;
-use run::summary::Summary;
+use run::loss;
 use serde::Serialize;
 
 use crate::factory::{Factory, Tasks};
@@ -62,24 +62,11 @@ pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verifi
     let resimulator = Resimulator::new(&threads, &factory)?;
     let demonstrations = verification.episodes;
     verify_all(resimulator, &mut reader, &mut verification)?;
-    verification.damaged.extend(missing(folder, verification.episodes - demonstrations));
-    let damaged = reader.endings().iter().filter(|(_, ending)| ending.lost());
-    let damaged = damaged.map(|(path, ending)| format!("{}: {ending}", path.display()));
-    verification.damaged.extend(damaged);
+    let acted = verification.episodes - demonstrations;
+    verification.damaged.extend(loss::of_episodes(folder, acted));
+    verification.damaged.extend(loss::of_files(reader.endings()));
     verification.seconds = begun.elapsed().as_secs_f64();
     Ok(verification)
-}
-
-/// What a finished run's log lacks of the episodes that its summary counts, if it has so many.
-fn missing(folder: &RunFolder, found: u64) -> Option<String> {
-    let expected = Summary::of_run(folder).ok()??.log.trajectories;
-    let log = folder.log();
-    (found < expected).then(|| {
-        format!(
-            "{}: expected {expected} episodes, as summary.json has them, found {found}",
-            log.display()
-        )
-    })
 }
 
 /// Acts the episodes of a log again and notes what came out.

@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use protocol::digest;
+use run::repeat::quoted;
 
 /// What Slurm is given; words between @ are filled in.
 const SCRIPT: &str = include_str!("../cluster/experiment.sh");
@@ -116,7 +117,7 @@ impl Order {
         match self.engine {
             Engine::Slurm => {
                 let words = self.command(&own_path()?, self.plans.clone(), &self.out);
-                let command = words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
+                let command = words.iter().map(quoted).collect::<Vec<_>>().join(" ");
                 let values = [("TASKS", tasks), ("CORES", cores), ("COMMAND", command)];
                 Ok(filled_in(SCRIPT, &values))
             }
@@ -150,8 +151,9 @@ impl Order {
         let (engine, text) = (self.engine, self.text()?);
         let name = match engine {
             Engine::Slurm => {
+                let printed = self.out.join("slurm-%A_%a.out");
                 let mut sbatch = Command::new("sbatch");
-                let told = told_by(sbatch.arg("--parsable").arg("--chdir").arg(&self.out), &text)?;
+                let told = told_by(sbatch.arg("--parsable").arg("--output").arg(printed), &text)?;
                 // Behind a semicolon comes the cluster.
                 told.trim().split(';').next().unwrap_or_default().to_owned()
             }
@@ -193,8 +195,10 @@ impl Submitted {
             // It soon forgets a job that is over, and says so as an error.
             Engine::Slurm => {
                 let mut squeue = Command::new("squeue");
-                let told = told_by(squeue.args(["--noheader", "--jobs", &self.name]), "");
-                told.map_or(true, |told| told.trim().is_empty())
+                match told_by(squeue.args(["--noheader", "--jobs", &self.name]), "") {
+                    Ok(told) => told.trim().is_empty(),
+                    Err(error) => error.to_string().contains("Invalid job id"),
+                }
             }
             Engine::Kubernetes => {
                 let path = "--output=jsonpath={.status.conditions[?(@.status==\"True\")].type}";
@@ -214,15 +218,6 @@ fn filled_in(text: &str, values: &[(&str, String)]) -> String {
     values
         .iter()
         .fold(text.to_owned(), |text, (name, value)| text.replace(&format!("@{name}@"), value))
-}
-
-/// A word of a command for a shell.
-fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=:,+".contains(letter);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 /// The name of a plan in a ConfigMap.
@@ -300,12 +295,5 @@ mod tests {
         assert!(!is_left(&script) && !is_left(&manifests));
         let wrong = place.path().join("my plan.toml");
         assert!(order(Engine::Kubernetes, &wrong).text().is_err());
-    }
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(quoted("/a/b-1.toml"), "/a/b-1.toml");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
-        assert_eq!(quoted(""), "''");
     }
 }

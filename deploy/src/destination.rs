@@ -57,6 +57,24 @@ pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
     }
 }
 
+/// Fills files or folders. What was not there before is gone again where that fails, so that the same
+/// command can be given once more.
+///
+/// # Errors
+/// As `fill`.
+pub(crate) fn filled<T>(places: &[&Path], fill: impl FnOnce() -> Result<T>) -> Result<T> {
+    let new: Vec<&Path> = places.iter().copied().filter(|place| !place.exists()).collect();
+    fill().inspect_err(|_| {
+        for place in new {
+            // The reason why it failed is told, not that of what remains.
+            match place.is_dir() {
+                true => fs::remove_dir_all(place).ok(),
+                false => fs::remove_file(place).ok(),
+            };
+        }
+    })
+}
+
 /// Checks that `path` is neither a run's folder nor inside one.
 ///
 /// # Errors
@@ -136,6 +154,26 @@ mod tests {
         fs::create_dir(at("empty")).unwrap();
         folder(&at("empty"), false).unwrap();
         assert!(folder(&at("taken"), true).is_err());
+    }
+
+    #[test]
+    fn what_cannot_be_filled_is_not_left_behind() {
+        let directory = tempfile::tempdir().unwrap();
+        let [file, folder, old] =
+            ["a.csv", "report", "old.csv"].map(|name| directory.path().join(name));
+        fs::write(&old, "dear").unwrap();
+        let fill = |end: Result<()>| {
+            filled(&[&file, &folder, &old], || {
+                fs::create_dir(&folder)?;
+                fs::write(folder.join("index.html"), "half")?;
+                fs::write(&file, "half")?;
+                end
+            })
+        };
+        assert_eq!(said(fill(Err(wrong_usage("full")))), "full");
+        assert!(!file.exists() && !folder.exists() && old.exists());
+        fill(Ok(())).unwrap();
+        assert!(file.exists() && folder.exists() && old.exists());
     }
 
     #[test]

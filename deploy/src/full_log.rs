@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use mcap_log::read_run;
+use mcap_log::{Record, read_run};
 use protocol::durable;
 use run::folder::RunFolder;
+use run::loss;
 use run::origin::recorded_configs;
 use serde::Deserialize;
 use tempfile::TempDir;
@@ -71,10 +72,13 @@ pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
 /// What was done with a run's log is not all that could be, if not all that was recorded is there.
 ///
 /// # Errors
-/// Of lost data, naming the files; those that are being written have lost nothing.
+/// Of lost data, naming the files, or how many episodes there are to be.
 pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
     let log = read_run(&run.log())?;
-    let lost = log.endings().iter().filter(|(_, ending)| ending.lost());
-    let lost: Vec<_> = lost.map(|(path, ending)| format!("{}: {ending}", path.display())).collect();
+    let mut lost: Vec<String> = loss::of_files(log.endings()).collect();
+    let is_episode =
+        |record: &Record| matches!(record, Record::Trajectory(_) | Record::EvaluationTrajectory(_));
+    let episodes = log.filter(|entry| entry.as_ref().is_ok_and(|entry| is_episode(&entry.record)));
+    lost.extend(loss::of_episodes(run, episodes.count() as u64));
     if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }
 }

@@ -9,9 +9,14 @@
 //! |---|---|
 //! | `cli`, `commands` | the verbs, one file each |
 //! | `plan` | which run is trained: a new folder or one that is continued |
+//! | `settings` | `--set` beside the flags that set keys of their own |
+//! | `description` | what the program that acts in a task says of it |
 //! | `demonstrations` | checks a file of demonstrations, or has one recorded |
 //! | `destination` | where a verb may write |
 //! | `experiment` | plans of many runs |
+//! | `cluster` | the engines of clusters that train them |
+//! | `listening` | a run that lets actors of other machines in |
+//! | `machine` | whether this machine has the memory and disk for a run |
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `processes` | who takes part in a live run, and who is stopped or gone |
 //! | `processor` | whether this machine can execute the build |
@@ -59,6 +64,7 @@ mod programs;
 mod progress;
 mod progress_file;
 mod scenes;
+mod settings;
 mod summary;
 mod supervisor;
 mod tasks;

@@ -1,6 +1,7 @@
 //! A run that lets actors of other machines in.
 
 use std::ffi::OsString;
+use std::fmt;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 
@@ -37,6 +38,15 @@ pub(crate) struct Listening {
     golden: String,
     audit: f64,
     actor: PathBuf,
+}
+
+/// As they are typed, behind a command.
+impl fmt::Display for ListenOptions {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ListenOptions { listen, audit } = self;
+        listen.map_or(Ok(()), |address| write!(formatter, " --listen {address}"))?;
+        audit.map_or(Ok(()), |share| write!(formatter, " --audit {share}"))
+    }
 }
 
 impl ListenOptions {
@@ -92,7 +102,8 @@ pub(crate) fn require_an_actor(actors: u64, can_be_joined: bool) -> Result<()> {
 /// When the task cannot be acted here.
 pub(crate) fn golden(folder: &RunFolder, task: &Task) -> Result<String> {
     let mut actor = Program::acting_in(task).command()?;
-    programs::result(actor.arg("golden").arg("--run").arg(folder.path()), "acting golden episodes")
+    actor.arg("golden").arg("--run").arg(folder.path());
+    programs::result_unless_stopped(&mut actor, "acting golden episodes")
 }
 
 /// What this machine is called.

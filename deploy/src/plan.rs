@@ -3,6 +3,7 @@
 //! Everything is checked before anything is written, so that a refusal leaves no trace.
 
 use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,6 +11,7 @@ use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
 use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
+use protocol::error::within;
 use run::actors_wanted::ActorsWanted;
 use run::config::{DEFAULT_PRESET, RunConfig};
 use run::folder::RunFolder;
@@ -49,6 +51,8 @@ pub(crate) struct Plan {
     pub(crate) config: RunConfig,
     /// Whether the folder holds it already.
     pub(crate) resumed: bool,
+    /// Whether any other folder with a number would do as well.
+    is_numbered: bool,
 }
 
 impl Plan {
@@ -60,12 +64,16 @@ impl Plan {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
         let config = tasks::configuration(task, preset, &wishes.settings)?;
+        // That of a run's own configuration, which is a task, too, is not laid over it again.
+        let expected = format!("{}, as the run has whose configuration this is", config.preset);
+        within("preset", wishes.preset.is_none() || preset == config.preset, &expected, preset)?;
         let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;
+        let is_numbered = wishes.folder.is_none();
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
         destination::outside_runs(folder.path())?;
-        Ok(Plan { folder, config, resumed: false })
+        Ok(Plan { folder, config, resumed: false, is_numbered })
     }
 
     /// A new run with the configuration of another one.
@@ -74,7 +82,7 @@ impl Plan {
     /// When the folder is not free.
     pub(crate) fn copy_of(config: RunConfig, folder: RunFolder) -> Result<Plan> {
         refuse_unless_free(&folder)?;
-        Ok(Plan { folder, config, resumed: false })
+        Ok(Plan { folder, config, resumed: false, is_numbered: false })
     }
 
     /// A run that is continued: its configuration is the one in its folder. Only what changes no
@@ -116,14 +124,18 @@ impl Plan {
         let scaled = ActorsWanted::here(&folder).count().map_err(Refusal::usage)?;
         let scaled = scaled.map(|count| format!("resources.actors={count}"));
         let settings: Vec<String> = scaled.into_iter().chain(wishes.settings).collect();
-        Ok(Plan { config: changed(&old, &settings)?, folder, resumed: true })
+        let config = changed(&old, &settings)?;
+        Ok(Plan { config, folder, resumed: true, is_numbered: false })
     }
 
     /// Makes the folder, takes its lock and writes the configuration into it.
     ///
     /// # Errors
     /// When another `goalward train` has the folder, or the disk does not take the files.
-    pub(crate) fn lay_out(&self) -> Result<File> {
+    pub(crate) fn lay_out(&mut self) -> Result<File> {
+        if self.is_numbered {
+            self.take_number()?;
+        }
         let failed = || format!("laying out the run in {}", self.folder.path().display());
         durable::create_folder(self.folder.path()).with_context(failed)?;
         let lock = lock(&self.folder)?;
@@ -137,6 +149,19 @@ impl Plan {
         fs::create_dir_all(self.folder.output()).with_context(failed)?;
         ActorsWanted::here(&self.folder).forget()?;
         Ok(lock)
+    }
+
+    /// Makes the folder, with the next number if somebody else has made it meanwhile.
+    fn take_number(&mut self) -> Result<()> {
+        let runs = Path::new(RUNS);
+        durable::create_folder(runs).context(RUNS)?;
+        while let Err(error) = fs::create_dir(self.folder.path()) {
+            if error.kind() != ErrorKind::AlreadyExists {
+                return Err(error).with_context(|| self.folder.path().display().to_string());
+            }
+            self.folder = RunFolder::new(next_free(runs, &self.config.task.name));
+        }
+        Ok(())
     }
 
     /// Removes what an earlier start left that was cut off, and a summary that is none.
@@ -275,7 +300,7 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
                 "expected a new or an empty folder for the run, found files in {shown}"
             ))),
         },
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => {
             Err(Refusal::usage(anyhow::Error::from(error).context(format!("run folder {shown}")))
                 .into())
@@ -319,7 +344,7 @@ mod tests {
     #[test]
     fn nothing_is_overwritten() {
         let directory = tempfile::tempdir().unwrap();
-        let plan = Plan::new_run(wishes(directory.path(), &["seed=3"])).unwrap();
+        let mut plan = Plan::new_run(wishes(directory.path(), &["seed=3"])).unwrap();
         plan.lay_out().unwrap();
         assert_eq!(plan.folder.config().unwrap(), plan.config);
         let message = Plan::new_run(wishes(directory.path(), &[])).unwrap_err().to_string();
@@ -356,7 +381,7 @@ mod tests {
             preset: Some("paper".to_owned()),
             ..wishes(directory.path(), &["seed=3", "resources.actors=1"])
         };
-        let first = Plan::new_run(first).unwrap();
+        let mut first = Plan::new_run(first).unwrap();
         first.lay_out().unwrap();
 
         let same = ["seed=3", "resources.actors=4"];
@@ -376,10 +401,10 @@ mod tests {
     fn a_resumed_run_keeps_the_actors_it_was_scaled_to() {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
-        let first = Plan::new_run(wishes(directory.path(), &["resources.actors=1"])).unwrap();
+        let mut first = Plan::new_run(wishes(directory.path(), &["resources.actors=1"])).unwrap();
         drop(first.lay_out().unwrap());
         let resumed_with = |settings: &[&str]| {
-            let resumed = Plan::resumed_run(wishes(directory.path(), settings)).unwrap();
+            let mut resumed = Plan::resumed_run(wishes(directory.path(), settings)).unwrap();
             drop(resumed.lay_out().unwrap());
             (resumed.config.resources.actors, folder.config().unwrap().resources.actors)
         };
@@ -395,8 +420,8 @@ mod tests {
     #[test]
     fn a_run_has_one_trainer() {
         let directory = tempfile::tempdir().unwrap();
-        let plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
-        let rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        let mut plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        let mut rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
         let held = plan.lay_out().unwrap();
         assert!(rival.lay_out().unwrap_err().to_string().contains("being trained"));
         assert!(lock(&plan.folder).unwrap_err().to_string().contains("being trained"));

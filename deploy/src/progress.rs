@@ -25,7 +25,7 @@ pub(crate) struct ProgressView {
 }
 
 impl ProgressView {
-    /// For a terminal if standard output is one, for a pipe otherwise.
+    /// For a terminal if standard error is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
         ProgressView { line: StatusLine::new(), kept: None, pace: Pace::default(), phase: None }
     }

@@ -34,7 +34,7 @@ impl Beginning {
             .restore(&newest.load(LEARNER_FILE)?)
             .map_err(|message| anyhow!(message))
             .with_context(|| format!("checkpoint {}", newest.folder.display()))?;
-        if beginning.learner.remembers() {
+        if config.learner.replays() {
             remember(folder, config, iteration, &mut *beginning.learner)?;
         }
         Ok(beginning)

@@ -107,6 +107,7 @@ mod tests {
         scale.apply(&mut episodes, 0.0);
         assert!((scale.returns.mean - 1.0).abs() < 1e-3);
         assert!(scale.returns.count > 5.0);
+        assert!((scale.returns.variance - 2e-4 / 5.0001).abs() < 1e-7);
         assert!(first.iter().all(|reward| reward.is_finite() && *reward > 0.0));
     }
 

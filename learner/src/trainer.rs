@@ -155,6 +155,8 @@ impl Trainer {
                     self.progress.pretraining = None;
                     self.state.processor_s += update.processor_s;
                     if iteration == 0 {
+                        let taken_s = self.started.elapsed().as_secs_f64();
+                        self.earlier_s = (update.seconds - taken_s).max(0.0);
                         self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
                     }
                     self.tell(Phase::Training, None, Some(update))?;
@@ -167,7 +169,7 @@ impl Trainer {
 
     /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
     fn open_rollout(&mut self, iteration: u64) -> Result<()> {
-        if self.learner.is_offline() {
+        if !self.config.learner.acts() {
             return Ok(());
         }
         let version = iteration.saturating_sub(self.config.rollout.lag);
@@ -177,7 +179,7 @@ impl Trainer {
 
     /// The batch of an iteration, empty for a learner that needs none; none if a stop comes first.
     fn collect(&mut self) -> Result<Option<Vec<Encoded>>> {
-        if self.learner.is_offline() {
+        if !self.config.learner.acts() {
             return Ok((!self.stop.is_requested()).then(Vec::new));
         }
         let Some(RolledOut { trajectories, actors }) = self.rolled_out()? else { return Ok(None) };

@@ -32,7 +32,7 @@ pub use layer::activation::{Activation, tanh};
 pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};
 pub use network::{Network, Prepared, Workspace};
 pub use normalization::{RunningMoments, RunningNormalizer};
-pub use optimizer::{Adam, add, clip_global_norm};
+pub use optimizer::{Adam, clip_global_norm};
 pub use policy::{ActorCritic, Evaluation, PolicyWorkspace, PreparedPolicy};
 pub use shape::{Head, NetworkShape, PolicyArchitecture, RewardArchitecture};
 pub use training::{Shard, ShardedTrainer, Step, Trainable, evaluate};

@@ -103,7 +103,7 @@ fn square_sum(numbers: &[f32]) -> f64 {
 ///
 /// # Panics
 /// If the lengths differ.
-pub fn add(sum: &mut [f32], shard: &[f32]) {
+pub(crate) fn add(sum: &mut [f32], shard: &[f32]) {
     assert_eq!(sum.len(), shard.len(), "gradients of the same parameters");
     sum.iter_mut().zip(shard).for_each(|(sum, derivative)| *sum += derivative);
 }

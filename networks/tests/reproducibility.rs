@@ -1,9 +1,9 @@
-//! The same row gives the same bits in any batch, and the same shards the same gradient on any number
-//! of threads.
+//! The same row gives the same bits in any batch, and a training step gives the same on any number of
+//! threads.
 use nalgebra::DMatrix;
 use networks::{
-    ActorCritic, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture,
-    Workspace, add,
+    ActorCritic, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture, Shard,
+    ShardedTrainer, Workspace,
 };
 use protocol::encoder::CellsArchitecture;
 use protocol::seed::{Purpose, Stream, stream};
@@ -58,47 +58,32 @@ fn a_rows_bits_do_not_depend_on_its_batch() {
     }
 }
 
-/// The gradient of 48 rows in shards of eight, the shards dealt to `threads`.
-fn sharded_gradient(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> Vec<u32> {
-    let parameters = policy.initial_parameters(&mut random());
-    let prepared = policy.prepare(&parameters);
+/// What two steps on 48 rows, in shards of eight, make of the parameters, and the norms of their gradients.
+fn trained(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> (Vec<u32>, [u64; 2]) {
+    let mut parameters = policy.initial_parameters(&mut random());
     let bytes = observations(spec, 48);
-    let shards: Vec<&[u8]> = bytes.chunks(8 * spec.bytes()).collect();
-    let shard_gradient = |shard: &[u8], workspace: &mut PolicyWorkspace| {
-        let batch = Batch::new(shard);
-        let found = policy.forward(&prepared, batch, workspace);
-        let (gradients, value_gradients): (DMatrix<f32>, DMatrix<f32>) =
+    let gradient_of = |shard: Shard<'_, ActorCritic>, gradient: &mut [f32]| {
+        let Shard { network, prepared, batch, workspace, .. } = shard;
+        let found = network.forward(prepared, batch, workspace);
+        let (of_parameters, of_values): (DMatrix<f32>, DMatrix<f32>) =
             (found.parameters.map(|number| number - 0.3), found.values.map(|value| value - 1.0));
-        let mut gradient = vec![0.0; parameters.len()];
-        policy.backward(
-            &prepared,
-            batch,
-            workspace,
-            &gradients,
-            Some(&value_gradients),
-            &mut gradient,
-        );
-        gradient
+        network.backward(prepared, batch, workspace, &of_parameters, Some(&of_values), gradient);
+        0.0
     };
-    let mut gradients = vec![Vec::new(); shards.len()];
-    std::thread::scope(|scope| {
-        let share = shards.len().div_ceil(threads);
-        for (shards, gradients) in shards.chunks(share).zip(gradients.chunks_mut(share)) {
-            scope.spawn(|| {
-                let mut workspace = PolicyWorkspace::default();
-                for (shard, gradient) in shards.iter().zip(gradients) {
-                    *gradient = shard_gradient(shard, &mut workspace);
-                }
-            });
-        }
-    });
-    let mut sum = vec![0.0; parameters.len()];
-    gradients.iter().for_each(|gradient| add(&mut sum, gradient));
-    sum.iter().map(|derivative| derivative.to_bits()).collect()
+    // So large an epsilon keeps Adam's first steps from being the gradient's signs alone.
+    let mut trainer = ShardedTrainer::new(parameters.len(), 1.0, f64::INFINITY);
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut step = || {
+        let batch = Batch::new(&bytes);
+        let step = || trainer.step(policy, &mut parameters, batch, 8, 0.1, gradient_of);
+        threads.install(step).gradient_norm.to_bits()
+    };
+    let norms = [step(), step()];
+    (parameters.iter().map(|parameter| parameter.to_bits()).collect(), norms)
 }
 
 #[test]
-fn a_sharded_gradients_bits_do_not_depend_on_threads() {
+fn a_training_steps_bits_do_not_depend_on_threads() {
     let architecture = PolicyArchitecture {
         cells: CellsArchitecture { channels: vec![7, 9, 20], ..CellsArchitecture::default() },
         ..PolicyArchitecture::default()
@@ -107,9 +92,9 @@ fn a_sharded_gradients_bits_do_not_depend_on_threads() {
         [(CELLS, ActionSpec::Discrete { count: 4 }), (VECTOR, ActionSpec::Continuous { len: 3 })]
     {
         let policy = ActorCritic::new(spec, action, &architecture);
-        let alone = sharded_gradient(&policy, spec, 1);
+        let alone = trained(&policy, spec, 1);
         for threads in [2, 3, 6] {
-            assert_eq!(sharded_gradient(&policy, spec, threads), alone, "{threads} threads");
+            assert!(trained(&policy, spec, threads) == alone, "{threads} threads");
         }
     }
 }
@@ -130,7 +115,9 @@ fn equal_rows_weigh_as_often_as_they_are_there() {
     };
     let together = gradient(&bytes);
     let mut alone = vec![0.0; together.len()];
-    bytes.chunks(CELLS.bytes()).for_each(|row| add(&mut alone, &gradient(row)));
+    for row in bytes.chunks(CELLS.bytes()) {
+        alone.iter_mut().zip(gradient(row)).for_each(|(sum, derivative)| *sum += derivative);
+    }
     let norm = |numbers: &mut dyn Iterator<Item = f32>| {
         numbers.map(|number| f64::from(number).powi(2)).sum::<f64>().sqrt()
     };

@@ -44,7 +44,7 @@ pub fn estimate(
 pub struct PrintedScore {
     /// One for each step (Eq. 5).
     pub rewards: Vec<f32>,
-    /// One for each observation; of models of transitions or actions one for each step.
+    /// One for each observation; of transitions, and of discriminators that see actions, one for each step.
     pub proximity: Vec<f32>,
     /// As many, standard deviations of the ensemble.
     pub uncertainty: Vec<f32>,

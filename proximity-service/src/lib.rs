@@ -13,7 +13,6 @@ pub mod replay_buffer;
 pub mod rescore;
 pub mod reward;
 pub mod service;
-pub mod target;
 #[cfg(test)]
 mod tests;
 

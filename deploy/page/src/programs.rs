@@ -55,7 +55,7 @@ pub trait Programs: Send + Sync {
 pub struct Score {
     /// One for each step.
     pub rewards: Vec<f32>,
-    /// One for each observation; of models of transitions or actions one for each step.
+    /// One for each observation; of transitions, and of discriminators that see actions, one for each step.
     pub proximity: Vec<f32>,
     /// As many, standard deviations of the ensemble.
     pub uncertainty: Vec<f32>,

@@ -7,8 +7,9 @@ use anyhow::{Context, Result};
 use mcap_log::{FileReader, Record};
 use protocol::scene::SceneUpdate;
 use protocol::trajectory::Trajectory;
+use run::checkpoint;
 use run::config::{RewardConfig, RewardInput, RunConfig};
-use run::folder::RunFolder;
+use run::folder::{POLICY_FILE, RunFolder};
 
 use crate::programs::Programs;
 
@@ -66,12 +67,14 @@ pub(crate) fn episodes(
 
 /// The evaluation of the newest policy with the most episodes.
 fn evaluated(folder: &RunFolder) -> Result<Option<PathBuf>> {
+    let Some(newest) = checkpoint::newest(folder, &[POLICY_FILE])?.newest else { return Ok(None) };
     let shown = || folder.path().display().to_string();
     let mut found = Vec::new();
     for entry in fs::read_dir(folder.path()).with_context(shown)? {
         let path = entry.with_context(shown)?.path();
         let numbers = path.file_name().and_then(|name| evaluation_numbers(name.to_str()?));
-        found.extend(numbers.map(|numbers| (numbers, path)));
+        let of_newest = numbers.filter(|(version, _)| *version == newest.iteration);
+        found.extend(of_newest.map(|(_, episodes)| (episodes, path)));
     }
     Ok(found.into_iter().max().map(|(_, path)| path))
 }

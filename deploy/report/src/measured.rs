@@ -153,9 +153,14 @@ impl Measured {
         if self.is_finished() {
             return None;
         }
-        let done = self.points.last().map_or(0, |point| point.environment_steps);
-        let [done, all] = [done, self.config.steps].map(numbers::count);
-        Some(format!("unfinished, {done} of {all} steps"))
+        let last = self.points.last();
+        let (done, all, what) = if self.config.learner.acts() {
+            (last.map(|point| point.environment_steps), self.config.steps, "steps")
+        } else {
+            (last.map(|point| point.iteration + 1), self.config.iterations(), "iterations at most")
+        };
+        let [done, all] = [done.unwrap_or(0), all].map(numbers::count);
+        Some(format!("unfinished, {done} of {all} {what}"))
     }
 }
 

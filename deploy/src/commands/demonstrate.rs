@@ -2,16 +2,18 @@
 //!
 //! The actor does it; this only passes on what the user wants.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
 use protocol::setting::{EXPERT, Setting};
-use run::config::{DEFAULT_PRESET, RunConfig};
+use run::config::{DEFAULT_PRESET, RunConfig, set_by_user};
+use run::folder::RunFolder;
 use toml::Value;
 
 use crate::demonstrations::Recording;
 use crate::tasks;
-use crate::{description, destination, machine, programs};
+use crate::{description, destination, machine, programs, settings};
 use terminal::refusal::{stopped, wrong_usage};
 use terminal::status_line::StatusLine;
 
@@ -57,11 +59,14 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let &Arguments { ref task, episodes, ref policy, seed, ref out, force, .. } = arguments;
     destination::file(out, force)?;
-    refuse_others(&arguments.settings)?;
+    let named = own_settings(arguments)?;
+    if let Some(run) = policy {
+        RunFolder::new(run).config()?;
+    }
     let config = tasks::configuration(task, DEFAULT_PRESET, &arguments.settings)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
-    let setting = setting(arguments, &config);
+    let setting = setting(arguments, &named, &config);
     let setting = description::complete_setting(task, &setting, policy.is_none())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out, force };
@@ -71,38 +76,41 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// Refuses settings that are not of the environment: a recording has no others.
-fn refuse_others(settings: &[String]) -> Result<()> {
-    let is_own = |setting: &&String| {
-        let own =
-            ["demonstrations.", "environment."].iter().any(|table| setting.starts_with(table));
+/// What `--set` names. It is of the environment, since a recording has nothing else, and says nothing
+/// against the flags.
+fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
+    let Arguments { coverage, noise, policy, expert, settings, .. } = arguments;
+    let named = set_by_user(settings)?;
+    let is_own = |key: &String| {
         let of_runs = ["demonstrations.episodes", "demonstrations.file"];
-        own && !of_runs.iter().any(|key| setting.starts_with(key))
+        let own = ["demonstrations.", "environment."].iter().any(|table| key.starts_with(table));
+        own && !of_runs.contains(&key.as_str())
     };
-    let Some(other) = settings.iter().find(|setting| !is_own(setting)) else { return Ok(()) };
-    Err(wrong_usage(format!(
-        "--set: expected environment.KEY=VALUE or demonstrations.KEY=VALUE, found {other}"
-    )))
+    if let Some(other) = named.keys().find(|key| !is_own(key)) {
+        return Err(wrong_usage(format!(
+            "--set: expected environment.KEY=VALUE or demonstrations.KEY=VALUE, found {other}"
+        )));
+    }
+    let of_expert = format!("demonstrations.{EXPERT}");
+    if policy.is_some() && named.contains_key(&of_expert) {
+        return Err(wrong_usage(format!("--set {of_expert}: expected no expert beside --policy")));
+    }
+    let flags = [
+        coverage.map(|share| format!("demonstrations.coverage={}", Value::Float(share))),
+        noise.map(|noise| format!("demonstrations.noise={}", Value::Float(noise))),
+        expert.clone().map(|expert| format!("{of_expert}={}", Value::String(expert))),
+    ];
+    settings::refuse_contradiction(&flags.into_iter().flatten().collect::<Vec<_>>(), settings)?;
+    Ok(named)
 }
 
 /// What the flags make of the setting that a task's demonstrations are recorded in. Coverage and noise of
 /// the task's file are for its runs: unless they are given they are the environment's own.
-fn setting(arguments: &Arguments, config: &RunConfig) -> Setting {
-    let Arguments { coverage, noise, expert, settings, .. } = arguments;
-    let tables = [
-        ("demonstrations", &config.demonstrations.environment),
-        ("environment", &config.environment),
-    ];
+fn setting(arguments: &Arguments, named: &BTreeMap<String, Value>, config: &RunConfig) -> Setting {
+    let Arguments { coverage, noise, expert, .. } = arguments;
     let given = |key: &str| {
-        let is_given = |table: &str| {
-            let name = format!("{table}.{key}");
-            settings
-                .iter()
-                .filter_map(|setting| setting.split_once('='))
-                .any(|(key, _)| key.trim() == name)
-        };
-        let (_, table) = tables.into_iter().find(|(table, _)| is_given(table))?;
-        table.0.get(key).cloned()
+        let of = |table: &str| named.get(&format!("{table}.{key}")).cloned();
+        of("demonstrations").or_else(|| of("environment"))
     };
     let mut setting = config.demonstration_setting();
     for (key, flag) in [("coverage", coverage), ("noise", noise)] {
@@ -136,7 +144,8 @@ mod tests {
             };
             let config =
                 tasks::configuration("fetch-push", DEFAULT_PRESET, &arguments.settings).unwrap();
-            setting(&arguments, &config).0.get("noise").and_then(Value::as_float)
+            let named = set_by_user(&arguments.settings).unwrap();
+            setting(&arguments, &named, &config).0.get("noise").and_then(Value::as_float)
         };
         assert_eq!(of(&[], None), None);
         assert_eq!(of(&["environment.noise=3.0"], None), Some(3.0));

@@ -9,12 +9,12 @@ use serde::Serialize;
 
 use crate::cluster::{Engine, Order, Submitted, Wishes};
 use crate::experiment::{
-    Archive, CurveStanding, Left, PlannedRun, Watched, curves, execute, figure_of_plan, left,
+    Archive, CurveStanding, Left, Plan, PlannedRun, Watched, curves, execute, figure_of, left,
     queue, read_all, refuse_other_builds, table, watch,
 };
 use crate::figures::Figures;
 use crate::{description, destination, programs};
-use terminal::print::{print_line, print_remark};
+use terminal::print::print_remark;
 use terminal::refusal::stopped;
 
 /// Flags of `goalward experiment`.
@@ -48,53 +48,60 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
+/// What plans ask for, and where it lies.
+struct Planned {
+    plans: Vec<Plan>,
+    runs: Vec<PlannedRun>,
+    archive: Archive,
+}
+
+impl Planned {
+    fn left(&mut self) -> Left {
+        left(&self.runs, &mut self.archive)
+    }
+}
+
 /// Trains what is missing of plans.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { plans, quick, out, jobs, other_build, dry_run, .. } = arguments;
-    let planned = read_all(plans, *quick)?;
+    let plans = read_all(plans, *quick)?;
     let mut archive = Archive::open(out);
-    let runs = queue(&planned, &mut archive);
+    let runs = queue(&plans, &mut archive);
     destination::folder(out, true)?;
-    if *dry_run {
-        let left = left(&runs, &mut archive);
-        if let Some(engine) = arguments.cluster.on {
-            print_line(order(arguments, engine, left.runs)?.text()?.trim_end());
-            return Ok(());
-        }
-        let (finished, words) = (runs.len() - left.runs, in_words(&left));
-        let line = own_line(arguments);
-        let next = format!("{finished} of {} runs are finished{words}\n  {line}", runs.len());
-        return print_standing(arguments, left, &next);
-    }
     if !other_build {
         refuse_other_builds(&runs, &mut archive)?;
     }
     programs::check_all()?;
     description::check_all(runs.iter().map(|run| &run.config))?;
+    let mut planned = Planned { plans, runs, archive };
+    if *dry_run {
+        return tell_what_is_missing(arguments, &mut planned);
+    }
+    let Planned { runs, archive, .. } = &mut planned;
     for folder in [archive.runs(), archive.demonstrations()] {
         fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     }
     if arguments.cluster.on.is_some() || arguments.cluster.watch {
-        return by_others(arguments, &runs, &mut archive);
+        return by_others(arguments, &mut planned);
     }
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
-    let ended = execute(&runs, &mut archive, jobs, *other_build)?;
+    let ended = execute(runs, archive, jobs, *other_build)?;
     let next = if ended.is_stopped || !ended.failed.is_empty() {
         String::new()
     } else {
         format!("next:\n  {}", report_line(arguments))
     };
-    print_standing(arguments, left(&runs, &mut archive), &next)?;
+    print_standing(arguments, &mut planned, &next)?;
     if ended.is_stopped {
         print_remark(&format!("stopped; go on with\n  {}", own_line(arguments)));
         return Err(stopped());
     }
     if !ended.failed.is_empty() {
-        let folder = archive.runs();
+        let folder = planned.archive.runs();
         bail!(
             "{} of {} runs failed; what each has printed is in {}/NAME.txt: {}",
             ended.failed.len(),
-            runs.len(),
+            planned.runs.len(),
             folder.display(),
             ended.failed.join(", ")
         );
@@ -106,32 +113,49 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// What would be done: by this machine, or by a cluster.
+fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
+    let left = planned.left();
+    if let Some(engine) = arguments.cluster.on {
+        let text = order(arguments, engine, left.runs)?.text()?;
+        return arguments.figures.print(&text, String::clone);
+    }
+    let all = planned.runs.len();
+    let (finished, words, line) = (all - left.runs, in_words(&left), own_line(arguments));
+    let next = format!("{finished} of {all} runs are finished{words}\n  {line}");
+    print_standing(arguments, planned, &next)
+}
+
 /// Has a cluster train what is missing, if the user wishes, and looks on, likewise.
-fn by_others(arguments: &Arguments, runs: &[PlannedRun], archive: &mut Archive) -> Result<()> {
-    let missing = left(runs, archive).runs;
+fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
+    let missing = planned.left().runs;
+    let look_on = format!("look on with\n  {} --watch", own_line(arguments));
     let mut submitted = None;
     if let Some(engine) = arguments.cluster.on.filter(|_| missing > 0) {
         let order = order(arguments, engine, missing)?;
         let taken = order.submit()?;
-        let (name, tasks, line) = (&taken.name, order.tasks, own_line(arguments));
+        let (name, tasks) = (&taken.name, order.tasks);
         print_remark(&format!("submitted as {name}: runs: {missing}, tasks: {tasks}"));
         if !arguments.cluster.watch {
-            print_remark(&format!("look on with\n  {line} --watch"));
+            print_remark(&look_on);
             return Ok(());
         }
         submitted = Some(taken);
     }
     let is_over = || submitted.as_ref().is_some_and(Submitted::is_over);
-    let watched = watch(runs, archive, is_over)?;
+    let watched = watch(&planned.runs, &mut planned.archive, is_over)?;
     let next = format!("next:\n  {}", report_line(arguments));
     let is_finished = watched == Watched::Finished;
-    print_standing(arguments, left(runs, archive), if is_finished { &next } else { "" })?;
+    print_standing(arguments, planned, if is_finished { &next } else { "" })?;
     match watched {
         Watched::Finished => Ok(()),
-        Watched::Stopped => Err(stopped()),
+        Watched::Stopped => {
+            print_remark(&look_on);
+            Err(stopped())
+        }
         Watched::Over => bail!(
             "nobody trains what is missing any more; what each run has printed is in {}/NAME.txt",
-            archive.runs().display()
+            planned.archive.runs().display()
         ),
     }
 }
@@ -171,9 +195,10 @@ struct Standing {
 }
 
 /// Prints how the plans stand, and for people what is `next`.
-fn print_standing(arguments: &Arguments, left: Left, next: &str) -> Result<()> {
-    let figure = |plan| figure_of_plan(plan, &arguments.out, arguments.quick);
-    let figures = arguments.plans.iter().map(|plan| figure(plan)).collect::<Result<Vec<_>>>()?;
+fn print_standing(arguments: &Arguments, planned: &mut Planned, next: &str) -> Result<()> {
+    let left = planned.left();
+    let figures: Vec<_> =
+        planned.plans.iter().map(|plan| figure_of(plan, &mut planned.archive)).collect();
     let standing = Standing {
         curves: figures.iter().flat_map(curves).collect(),
         runs_left: left.runs,

@@ -5,13 +5,16 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result};
-use run::folder::RunFolder;
+use run::checkpoint;
+use run::config::RunConfig;
+use run::folder::{POLICY_FILE, RunFolder};
 use serde::Serialize;
 
 use crate::destination;
 use crate::figures::Figures;
 use crate::programs::{self, Program};
 use terminal::numbers;
+use terminal::refusal::Refusal;
 
 /// Flags of `goalward export`.
 #[derive(Debug, clap::Args)]
@@ -63,7 +66,15 @@ impl Format {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
+    if let Some(iteration) = arguments.checkpoint {
+        checkpoint::chosen(&folder, Some(iteration), &[POLICY_FILE]).map_err(Refusal::usage)?;
+    }
     destination::folder(&arguments.out, arguments.force)?;
+    let exported = destination::filled(&[&arguments.out], || export_all(&config, arguments))?;
+    arguments.figures.print(&exported, |exported| table(exported))
+}
+
+fn export_all(config: &RunConfig, arguments: &Arguments) -> Result<Vec<Exported>> {
     fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
     let file = |name: &str| arguments.out.join(name).with_extension(arguments.format.extension());
     let mut exported = vec![export("policy", &Program::Actor, arguments, file("policy"))?];
@@ -71,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let service = Program::ProximityService;
         exported.push(export("reward model", &service, arguments, file("ensemble"))?);
     }
-    arguments.figures.print(&exported, |exported| table(exported))
+    Ok(exported)
 }
 
 /// Lets a program write its file.

@@ -3,12 +3,12 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use bus::check_shared_memory_room;
 use protocol::MAX_ACTORS;
 use run::folder::RunFolder;
 use terminal::print::print_remark;
-use terminal::refusal::stopped;
+use terminal::refusal::{stopped, wrong_usage};
 use terminal::status_line::StatusLine;
 
 use crate::limits;
@@ -46,10 +46,11 @@ impl Arguments {
         let of_run = || self.run.as_ref().map(|run| run.join("join.toml"));
         let key = self.key.clone().or_else(of_run).context("a key or a run is required")?;
         let shown = key.display();
-        ensure!(
-            key.is_file(),
-            "expected the key of a run, which `train --listen` writes, found no {shown}"
-        );
+        if !key.is_file() {
+            return Err(wrong_usage(format!(
+                "expected the key of a run, which `train --listen` writes, found no {shown}"
+            )));
+        }
         key.canonicalize().with_context(|| shown.to_string())
     }
 

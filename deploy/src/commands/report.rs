@@ -1,6 +1,6 @@
 //! `goalward report`: runs, or the figures of plans, as a page with pictures and as tables.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -57,10 +57,9 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         let folders = folders.into_iter().map(RunFolder::new).collect();
         figures.push(report::figure_of_runs(folders)?);
     }
-    if let Some(folder) = tensorboard {
-        write_event_files(&figures, &folder)?;
-    }
-    let page = report::write(figures, &out, &OfRuns)?;
+    let event_folders = tensorboard.map(|folder| event_folders(&figures, &folder)).transpose()?;
+    let page = destination::filled(&[&out], || report::write(figures, &out, &OfRuns))?;
+    event_folders.map_or(Ok(()), write_event_files)?;
     print_line(&format!("{}", page.display()));
     Ok(())
 }
@@ -80,10 +79,28 @@ fn refuse_twice(folders: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-fn write_event_files(figures: &[Figure], folder: &Path) -> Result<()> {
+/// The folder within `folder` for the event file of each run, which some figures may share.
+fn event_folders(figures: &[Figure], folder: &Path) -> Result<BTreeMap<PathBuf, RunFolder>> {
+    let mut folders = BTreeMap::new();
     let curves = figures.iter().flat_map(|figure| &figure.panels).flat_map(|panel| &panel.curves);
     for run in curves.flat_map(|curve| &curve.runs).filter(|run| run.is_run()) {
-        let mut file = TensorBoard::of(run.clone(), &event_files::of_run(run, folder)?)?;
+        let place = event_files::of_run(run, folder)?;
+        let same =
+            |other: &RunFolder| other.path().canonicalize().ok() == run.path().canonicalize().ok();
+        if let Some(other) = folders.get(&place).filter(|other| !same(other)) {
+            let [one, other] = [run, other].map(|run| run.path().display());
+            return Err(wrong_usage(format!(
+                "--tensorboard: expected runs of different names, found {other} and {one}"
+            )));
+        }
+        folders.insert(place, run.clone());
+    }
+    Ok(folders)
+}
+
+fn write_event_files(folders: BTreeMap<PathBuf, RunFolder>) -> Result<()> {
+    for (folder, run) in &folders {
+        let mut file = TensorBoard::of(run.clone(), folder)?;
         match Summary::of_finished(run, print_remark) {
             Some(summary) => file.end(&summary)?,
             None => file.go_on()?,

@@ -48,9 +48,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print_line("the run had come to its end");
         return Ok(());
     }
-    let goalward = programs::own_command();
-    let shown = quoted(shown);
-    print_line(&format!("stopped; continue it with\n  {goalward} train --resume --run {shown}"));
+    let (goalward, run) = (programs::own_command(), quoted(shown));
+    print_line(&format!("stopped; continue it with\n  {goalward} train --resume --run {run}"));
     Ok(())
 }
 

@@ -23,11 +23,11 @@ use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
-use crate::supervisor::{Outcome, Source, remove_from_bus, runtime, supervise};
-use crate::{choices, demonstrations, description, destination, limits, summary};
+use crate::supervisor::{Outcome, Source, block_on_supervision, remove_from_bus, runtime};
+use crate::{choices, demonstrations, description, destination, limits, settings, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
-use terminal::refusal::{Refusal, stopped, wrong_usage};
+use terminal::refusal::{Refusal, stopped};
 
 /// What a run's folder can grow by, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
@@ -104,28 +104,15 @@ impl Arguments {
             self.noise.map(|noise| format!("environment.noise={}", Value::Float(noise))),
             self.actors.map(|actors| format!("resources.actors={actors}")),
             self.demonstrations.map(|file| {
-                format!("demonstrations.file={:?}", file.to_string_lossy().into_owned())
+                let file = Value::String(file.to_string_lossy().into_owned());
+                format!("demonstrations.file={file}")
             }),
         ];
         let flags: Vec<String> = flags.into_iter().flatten().collect();
-        refuse_twice(&flags, &self.settings)?;
+        settings::refuse_contradiction(&flags, &self.settings)?;
         let settings = [flags, self.settings].concat();
         Ok(TrainRequest { task: self.task, preset: self.preset, settings, folder: self.run })
     }
-}
-
-/// Refuses a `--set` that says otherwise than the flag of its key.
-fn refuse_twice(flags: &[String], settings: &[String]) -> Result<()> {
-    let key = |setting: &str| setting.split_once('=').map(|(key, _)| key.trim().to_owned());
-    for setting in settings {
-        let flag = flags.iter().find(|flag| key(flag) == key(setting) && *flag != setting);
-        if let Some(flag) = flag {
-            return Err(wrong_usage(format!(
-                "--set {setting}: expected what the flag says, {flag}, or no such flag"
-            )));
-        }
-    }
-    Ok(())
 }
 
 /// Trains a run to its end, or until the user stops it.
@@ -179,7 +166,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             print_end(figures, &plan.folder, summary)
         }
         Outcome::Stopped => {
-            print_how_to_resume(&plan.folder);
+            print_how_to_resume(&plan.folder, listening);
             Err(stopped())
         }
         Outcome::EndOfLog => Ok(()),
@@ -222,15 +209,6 @@ fn prepare_and_supervise(
     }
     let source = Source::Environments { count: config.resources.actors, program, listening };
     block_on_supervision(folder, &source, view)
-}
-
-/// Starts a run's processes and watches over them to its end.
-pub(crate) fn block_on_supervision(
-    folder: &RunFolder,
-    source: &Source,
-    view: &mut ProgressView,
-) -> Result<Outcome> {
-    runtime()?.block_on(supervise(folder, source, view))
 }
 
 /// What a run left in shared memory that ended with its supervisor killed.
@@ -338,11 +316,11 @@ fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<(
     })
 }
 
-fn print_how_to_resume(folder: &RunFolder) {
+fn print_how_to_resume(folder: &RunFolder, listening: ListenOptions) {
     let (goalward, shown) = (programs::own_command(), quoted(folder.path().display()));
     print_remark(&format!(
-        "stopped; the run is in {shown}. Continue it with either of\n  \
-         deploy/run_local.sh --resume --run {shown}\n  {goalward} train --resume --run {shown}"
+        "stopped; the run is in {shown}. Continue it with\n  \
+         {goalward} train --resume --run {shown}{listening}"
     ));
 }
 

@@ -39,11 +39,10 @@ pub(crate) use builds::refuse_other_builds;
 pub(crate) use estimate::{Left, left};
 pub(crate) use execution::execute;
 pub(crate) use overview::{CurveStanding, curves, table};
-pub(crate) use plan::{queue, read_all};
+pub(crate) use plan::{Plan, queue, read_all};
 pub(crate) use planned_run::PlannedRun;
 pub(crate) use watching::{Watched, watch};
 
-use plan::Plan;
 use report::figure::Figure;
 use report::origin::apart;
 
@@ -52,5 +51,10 @@ use report::origin::apart;
 /// # Errors
 /// When the plan is not sound.
 pub(crate) fn figure_of_plan(path: &Path, out: &Path, quick: bool) -> Result<Figure> {
-    Ok(apart(Plan::read(path, quick)?.figure(&mut Archive::open(out))))
+    Ok(figure_of(&Plan::read(path, quick)?, &mut Archive::open(out)))
+}
+
+/// The same of a plan that has been read.
+pub(crate) fn figure_of(plan: &Plan, archive: &mut Archive) -> Figure {
+    apart(plan.figure(archive))
 }

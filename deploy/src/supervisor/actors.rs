@@ -10,7 +10,7 @@ use run::folder::RunFolder;
 use run::process::FINAL_CODE;
 
 use super::process::Process;
-use super::restart::{ActorDeaths, DEATH_WINDOW, MOST_DEATHS};
+use super::restart::{DEATH_WINDOW, Deaths, MOST_DEATHS};
 use crate::limits;
 use crate::listening::{Listening, require_an_actor};
 use crate::machine::Machine;
@@ -55,7 +55,7 @@ pub(super) struct Actors {
 
 struct Actor {
     process: Process,
-    deaths: ActorDeaths,
+    deaths: Deaths,
     /// Whether it has ended without an error.
     ended_well: bool,
     /// When it is started again, if it has ended.
@@ -149,7 +149,7 @@ impl Actors {
             Source::Log { .. } => Program::Actor,
         };
         let process = Process::new(&self.folder, program, &name, self.arguments(&name));
-        let (deaths, start_at) = (ActorDeaths::default(), Some(Instant::now()));
+        let (deaths, start_at) = (Deaths::default(), Some(Instant::now()));
         self.working.push(Actor { process, deaths, ended_well: false, start_at, rests: false });
     }
 

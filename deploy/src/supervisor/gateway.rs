@@ -9,7 +9,7 @@ use run::hosts::{Host, Hosts};
 
 use super::actors::Source;
 use super::process::Process;
-use super::restart::ActorDeaths;
+use super::restart::Deaths;
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
@@ -22,7 +22,7 @@ const LOOK_AT_HOSTS: Duration = Duration::from_millis(500);
 /// The gateway of a run.
 pub(super) struct Gateway {
     pub(super) process: Process,
-    deaths: ActorDeaths,
+    deaths: Deaths,
     /// When it is started again, if it has ended.
     start_at: Option<Instant>,
     told: Told,
@@ -42,7 +42,7 @@ impl Gateway {
         let arguments = listening.as_ref()?.arguments(folder);
         let process = Process::new(folder, Program::Gateway, "gateway", arguments);
         Hosts::clear(folder);
-        let (deaths, told) = (ActorDeaths::default(), Told::default());
+        let (deaths, told) = (Deaths::default(), Told::default());
         Some(Gateway { process, deaths, start_at: None, told })
     }
 

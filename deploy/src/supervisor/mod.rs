@@ -70,12 +70,24 @@ pub(crate) fn runtime() -> Result<tokio::runtime::Runtime> {
     runtime.enable_all().build().context("starting the supervisor")
 }
 
+/// Starts a run's processes and watches over them to its end.
+///
+/// # Errors
+/// As [`supervise`].
+pub(crate) fn block_on_supervision(
+    folder: &RunFolder,
+    source: &Source,
+    view: &mut ProgressView,
+) -> Result<Outcome> {
+    runtime()?.block_on(supervise(folder, source, view))
+}
+
 /// Trains the run in `folder`, which has its configuration and demonstrations, to its end, or to that
 /// of the log it learns from.
 ///
 /// # Errors
 /// When a process cannot start or dies too often, or the bus fails. No process is left behind.
-pub(crate) async fn supervise(
+async fn supervise(
     folder: &RunFolder,
     source: &Source,
     view: &mut ProgressView,

@@ -17,12 +17,12 @@ pub(super) const MOST_RESTARTS: u32 = 3;
 
 /// When one actor died lately, and how often it was left alone because of it.
 #[derive(Debug, Default)]
-pub(super) struct ActorDeaths {
+pub(super) struct Deaths {
     recent: VecDeque<Instant>,
     rests: u32,
 }
 
-impl ActorDeaths {
+impl Deaths {
     /// Notes a death; returns how long the actor is to be left alone if it has died too often, longer
     /// every time. Otherwise it is started again at once.
     pub(super) fn note(&mut self, now: Instant) -> Option<Duration> {
@@ -67,7 +67,7 @@ mod tests {
     fn five_deaths_in_half_a_minute_are_too_many() {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
-        let mut deaths = ActorDeaths::default();
+        let mut deaths = Deaths::default();
         let answers = [0, 10, 20, 29, 31, 32].map(|second| deaths.note(at(second)));
         // At 31 s the first death is forgotten; at 32 s there are five again.
         let rest = Some(Duration::from_secs(30));

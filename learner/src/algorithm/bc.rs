@@ -108,10 +108,6 @@ impl PolicyLearner for Bc {
         Ok(metrics)
     }
 
-    fn is_offline(&self) -> bool {
-        true
-    }
-
     fn is_finished(&self) -> bool {
         self.best.finished
     }

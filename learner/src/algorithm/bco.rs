@@ -124,10 +124,6 @@ impl PolicyLearner for Bco {
         Ok(metrics)
     }
 
-    fn remembers(&self) -> bool {
-        true
-    }
-
     fn remember(&mut self, trajectories: &[Encoded]) {
         trajectories.iter().for_each(|encoded| self.replay_buffer.push(&encoded.trajectory));
     }

@@ -39,22 +39,12 @@ pub trait PolicyLearner: Send {
         schedule: &Schedule,
     ) -> Result<Metrics>;
 
-    /// Whether it learns from demonstrations alone, without environment steps.
-    fn is_offline(&self) -> bool {
-        false
-    }
-
     /// Whether there is nothing more to learn, before the run's last iteration.
     fn is_finished(&self) -> bool {
         false
     }
 
-    /// Whether it learns from batches of earlier iterations, too.
-    fn remembers(&self) -> bool {
-        false
-    }
-
-    /// Takes in the batch of an earlier iteration, when a run is continued.
+    /// Takes in the batch of an earlier iteration, when the run of a learner that replays is continued.
     fn remember(&mut self, _trajectories: &[Encoded]) {}
 
     /// Adds everything carried from one update to the next, but what it remembers.

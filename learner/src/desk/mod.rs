@@ -113,6 +113,16 @@ pub struct Setup {
     pub stop: Stop,
 }
 
+/// Whether the desk has more to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Work {
+    GoesOn,
+    /// The run is over, and actors are told so.
+    IsDone,
+    /// The trainer has failed: the run goes on when the learner is started again.
+    IsLeft,
+}
+
 struct Desk {
     spec: Spec,
     run_seed: u64,
@@ -132,15 +142,14 @@ struct Desk {
     /// Actors that wait for leases; they are answered when there are some.
     waiting: Vec<(LeaseRequest, Request)>,
     dropped_trajectories: Dropped,
+    differing_copies: Dropped,
     dropped_questions: Dropped,
     told: Progress,
     alive: Vec<String>,
     heard: Heard,
     looked_after: Instant,
     flushed: Instant,
-    finished: bool,
-    /// Whether the trainer has failed: the run goes on when the learner is started again.
-    left_alone: bool,
+    work: Work,
     actors: ActorSeconds,
     log_s: f64,
 }
@@ -169,14 +178,14 @@ impl Desk {
             ledger: None,
             waiting: Vec::new(),
             dropped_trajectories: Dropped::new("trajectories from the bus"),
+            differing_copies: Dropped::new("copies that differ"),
             dropped_questions: Dropped::new("questions for leases"),
             told: Progress::default(),
             alive: bus.alive()?,
             heard: Heard::default(),
             looked_after: Instant::now(),
             flushed: Instant::now(),
-            finished: false,
-            left_alone: false,
+            work: Work::GoesOn,
             actors: ActorSeconds::default(),
             log_s: 0.0,
             bus,
@@ -185,7 +194,7 @@ impl Desk {
 
     /// Works until it is told to finish, or nobody is there to tell it; returns the seconds that appending to the log took.
     fn run(&mut self) -> Result<f64> {
-        while !self.finished && !self.left_alone {
+        while self.work == Work::GoesOn {
             self.doorbell.wait(TICK)?;
             self.take_orders()?;
             self.take_trajectories()?;
@@ -245,7 +254,9 @@ impl Desk {
                 Ok(order) => self.follow(order)?,
                 Err(TryRecvError::Empty) => return Ok(()),
                 Err(TryRecvError::Disconnected) => {
-                    self.left_alone = true;
+                    if self.work == Work::GoesOn {
+                        self.work = Work::IsLeft;
+                    }
                     return Ok(());
                 }
             }
@@ -266,7 +277,7 @@ impl Desk {
                 // A trainer that no longer waits has failed and says why itself.
                 done.send(()).ok();
             }
-            Order::Finish => self.finished = true,
+            Order::Finish => self.work = Work::IsDone,
         }
         Ok(())
     }
@@ -293,9 +304,7 @@ impl Desk {
                 Err(why) => {
                     let said = format!("process {process}: {why:#}");
                     match why.downcast_ref() {
-                        Some(Unusable::Differs { .. }) => {
-                            self.dropped_trajectories.note_loudly(said)
-                        }
+                        Some(Unusable::Differs { .. }) => self.differing_copies.note_loudly(said),
                         _ => self.dropped_trajectories.note(said),
                     }
                 }
@@ -342,12 +351,12 @@ impl Desk {
         self.waiting.retain(|(_, question)| question.is_awaited());
         while !self.waiting.is_empty() {
             let open = self.ledger.as_ref().is_some_and(LeaseLedger::has_open_leases);
-            if !open && !self.finished {
+            if !open && self.work != Work::IsDone {
                 break;
             }
             let (request, question) = self.waiting.remove(0);
             let leases = self.grant(&request);
-            let reply = LeaseReply { leases, finished: self.finished };
+            let reply = LeaseReply { leases, finished: self.work == Work::IsDone };
             if let Err(why) = question.reply(&reply.encode_to_vec()) {
                 self.dropped_questions.note(why);
             }

@@ -16,6 +16,7 @@
 //! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
+//! | `undone` | which records a run's going back to a checkpoint has undone |
 //! | [`mod@rewrite`] | a run's log once more, with other trajectories |
 //! | [`mod@info`] | what a file holds, for `goalward log info` |
 //! | [`mod@repair`] | seals a file that a crash or a bad disk left, for `goalward log repair` |
@@ -43,6 +44,7 @@ pub mod run;
 mod scan;
 mod source;
 pub mod topic;
+mod undone;
 pub mod writer;
 
 pub use batches::Batches;

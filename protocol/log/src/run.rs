@@ -1,8 +1,9 @@
 //! [`read_run`]: everything a run recorded, in order, each thing once.
 //!
 //! A run that went back to a checkpoint, because a process died or it was resumed, has recorded
-//! some iterations twice. The later record counts. Which record is the last of its name is known
-//! only at the end, so the files are read twice: for the names, and for the records.
+//! some iterations twice. The later record counts, and where there is none yet, none does: the iteration
+//! was undone. Which record is the last of its name is known only at the end, so the files are read
+//! twice: for the names, and for the records.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use super::metadata::Metadata;
 use super::reader::{Ending, Entry, FileReader, cut_off, decode};
 use super::scan::Message;
 use super::topic::{Contents, Topic};
+use super::undone::{Mark, Return};
 use super::{Kind, read_error};
 
 /// Reads all that a run's log folder holds: trajectories, scores, updates and checkpoints merged
@@ -42,7 +44,7 @@ pub struct RunReader {
     metadata: Metadata,
     streams: Vec<Stream>,
     endings: Vec<(PathBuf, Ending)>,
-    repeated: u64,
+    left_out: u64,
     failed: bool,
 }
 
@@ -51,7 +53,8 @@ impl RunReader {
         let mut metadata: Option<Metadata> = None;
         let mut endings = Vec::new();
         let mut streams = Vec::new();
-        let mut repeated = 0;
+        let mut marks = Vec::new();
+        let mut recorded = 0;
         for &contents in contents {
             let mut last = BTreeMap::new();
             let mut files = VecDeque::new();
@@ -65,7 +68,8 @@ impl RunReader {
                 };
                 let first = metadata.get_or_insert_with(|| reader.metadata().clone());
                 same_run(&path, first, reader.metadata())?;
-                repeated += last_of_each_name(&path, &mut reader, files.len(), &mut last)?;
+                recorded +=
+                    last_of_each_name(&path, &mut reader, files.len(), &mut last, &mut marks)?;
                 let ending = reader.ending().cloned().unwrap_or(Ending::Unsealed);
                 endings.push((path.clone(), ending));
                 files.push_back(path);
@@ -75,7 +79,16 @@ impl RunReader {
         let metadata = metadata.ok_or_else(|| {
             read_error(folder, "expected files such as trajectories-00000.mcap, found none")
         })?;
-        let mut reader = RunReader { metadata, streams, endings, repeated, failed: false };
+        let returns = Return::all(marks);
+        let is_undone = |name: &Name, place: &Place| {
+            returns.iter().any(|back| back.undoes(name, place.log_time_ns))
+        };
+        let names = streams.iter_mut().map(|stream| {
+            stream.last.retain(|name, place| !is_undone(name, place));
+            stream.last.len() as u64
+        });
+        let left_out = recorded - names.sum::<u64>();
+        let mut reader = RunReader { metadata, streams, endings, left_out, failed: false };
         reader.streams.iter_mut().try_for_each(Stream::advance)?;
         Ok(reader)
     }
@@ -90,9 +103,9 @@ impl RunReader {
         &self.endings
     }
 
-    /// Records left out because the same was recorded again later.
-    pub fn repeated(&self) -> u64 {
-        self.repeated
+    /// Records left out because the same was recorded again later, or is to be.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
     }
 
     /// The next message, undecoded, and the file it is from; none at the end.
@@ -125,8 +138,14 @@ impl Iterator for RunReader {
     }
 }
 
-/// Where a record is: number of the file, number of the record in it.
-type Place = (usize, u64);
+/// Where a record is, and since when.
+struct Place {
+    /// Number of the file.
+    file: usize,
+    /// Number of the record in it.
+    record: u64,
+    log_time_ns: u64,
+}
 
 /// The files of one contents, one after another.
 struct Stream {
@@ -154,9 +173,10 @@ impl Stream {
                 self.reader = None;
                 continue;
             };
-            let place = (self.opened - 1, self.read);
+            let (file, record) = (self.opened - 1, self.read);
             self.read += 1;
-            if self.last.get(&name_of(path, &message)?) == Some(&place) {
+            let last = self.last.get(&name_of(path, &message)?);
+            if last.is_some_and(|last| (last.file, last.record) == (file, record)) {
                 self.head = Some((path.clone(), message));
                 return Ok(());
             }
@@ -164,20 +184,23 @@ impl Stream {
     }
 }
 
-/// Notes where each record of a file is; those noted before under the same name count no more.
+/// Notes where each record of a file is, and how many there are; those noted before under the same name
+/// count no more.
 fn last_of_each_name(
     path: &Path,
     reader: &mut FileReader,
-    number: usize,
+    file: usize,
     last: &mut BTreeMap<Name, Place>,
+    marks: &mut Vec<Mark>,
 ) -> Result<u64, Error> {
-    let (mut read, mut repeated) = (0, 0);
+    let mut record = 0;
     while let Some(message) = reader.next_message()? {
-        let before = last.insert(name_of(path, &message)?, (number, read));
-        repeated += u64::from(before.is_some());
-        read += 1;
+        let (name, log_time_ns) = (name_of(path, &message)?, message.log_time_ns);
+        marks.extend(Mark::of(&name, log_time_ns));
+        last.insert(name, Place { file, record, log_time_ns });
+        record += 1;
     }
-    Ok(repeated)
+    Ok(record)
 }
 
 fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Error> {
@@ -213,7 +236,7 @@ fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Er
 
 /// What makes two records the same thing recorded twice: topic, iteration, and what it is about
 /// within the iteration.
-type Name = (Topic, u64, u64, u64);
+pub(super) type Name = (Topic, u64, u64, u64);
 
 fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
     let bytes = message.bytes.as_ref();

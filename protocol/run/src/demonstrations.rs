@@ -8,6 +8,7 @@ use protocol::Error;
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
 use protocol::setting::{ACTION_SCALE, EXPERT, Setting, is_same};
+use protocol::table::ABSENT;
 use protocol::task::{Spec, Task, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use protocol::weights::to_bytes;
@@ -146,7 +147,7 @@ fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Resul
     {
         let expected = own.0.get(key);
         if !expected.is_some_and(|expected| is_same(expected, found)) {
-            let expected = expected.map_or("nothing".to_owned(), Value::to_string);
+            let expected = expected.map_or(ABSENT.to_owned(), Value::to_string);
             let message = format!(
                 "expected demonstrations.{key} = {expected}, found them recorded with {found}"
             );
@@ -171,6 +172,12 @@ fn require_rows(
              demonstrations"
         );
         return Err(failed(file, message));
+    }
+    let ordered = |one: &Trajectory| model.rows(input, u64::from(one.steps)) > 1;
+    if model.pairs && !demonstrations.iter().any(ordered) {
+        let message = "expected a demonstration with two rows to rank, found none in all \
+                       demonstrations";
+        return Err(failed(file, message.to_owned()));
     }
     Ok(())
 }

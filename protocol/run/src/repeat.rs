@@ -3,6 +3,7 @@
 use std::fmt::Display;
 
 use protocol::Error;
+use protocol::table::ABSENT;
 use serde::Serialize;
 
 use crate::config::RunConfig;
@@ -44,7 +45,12 @@ fn usual(config: &RunConfig) -> Result<RunConfig, Error> {
 /// The same as keys and values.
 pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let differences = differences(config).into_iter();
-    differences.map(|it| (it.key, it.value.trim_matches('"').to_owned())).collect()
+    differences.map(|it| (it.key, unquoted(&it.value))).collect()
+}
+
+/// A value as `--set` takes it.
+fn unquoted(value: &str) -> String {
+    value.trim_matches('"').to_owned()
 }
 
 /// The command line; a task of the user's own is in the run's own configuration.
@@ -55,7 +61,11 @@ pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     }
     let mut line = format!("goalward train {task} --method {method} --preset {preset}");
     line += &format!(" --seed {seed} --steps {steps}");
-    for (key, value) in settings(config) {
+    // What a file of demonstrations does not tell is absent; adopting the file leaves it out again.
+    for Difference { key, value, .. } in
+        differences(config).into_iter().filter(|it| it.value != ABSENT)
+    {
+        let value = unquoted(&value);
         line += &match key.as_str() {
             "demonstrations.file" => format!(" --demonstrations {}", quoted(value)),
             _ => format!(" --set {}", quoted(format!("{key}={value}"))),
@@ -68,7 +78,7 @@ pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
 pub fn quoted(word: impl Display) -> String {
     let word = word.to_string();
     let is_plain = |letter: char| letter.is_alphanumeric() || "._-=/:,+".contains(letter);
-    if word.chars().all(is_plain) {
+    if !word.is_empty() && word.chars().all(is_plain) {
         return word;
     }
     format!("'{}'", word.replace('\'', r"'\''"))
@@ -78,6 +88,13 @@ pub fn quoted(word: impl Display) -> String {
 mod tests {
 
     use super::*;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(quoted("/a/b-1.toml"), "/a/b-1.toml");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted(""), "''");
+    }
 
     #[test]
     fn a_command_makes_its_configuration_again() {

@@ -192,3 +192,14 @@ fn too_few_rows_for_a_batch_are_refused() {
     gail(17).load().unwrap();
     assert!(gail(18).refusal().contains("found 17"));
 }
+
+#[test]
+fn demonstrations_that_hold_no_order_are_refused_to_ranking() {
+    let ranking = |steps| {
+        let all = vec![demonstration(steps, steps, Ending::GoalReached); 3];
+        usual(&all).with("method=ranking").with("reward.input=state-action")
+    };
+    ranking(2).load().unwrap();
+    let refusal = ranking(1).refusal();
+    assert!(refusal.contains("a demonstration with two rows"), "{refusal}");
+}

@@ -26,11 +26,6 @@ impl Dropped {
         Dropped { what, count: 0, told: None }
     }
 
-    /// Messages dropped so far.
-    pub fn count(&self) -> u64 {
-        self.count
-    }
-
     /// Counts a message that cannot be used.
     pub fn note(&mut self, why: impl Display) {
         if let Some(line) = self.line(why, Instant::now()) {
@@ -83,7 +78,6 @@ mod tests {
         }
         let second = dropped.line("again", start + QUIET).unwrap();
         assert_eq!(second, "leases dropped so far: 1002; the newest: again");
-        assert_eq!(dropped.count(), 1_002);
     }
 
     #[test]

@@ -22,11 +22,11 @@ pub enum Purpose {
     TrainingEpisode = 3,
     /// Actions sampled in a training episode; major is the lane, minor the episode.
     TrainingActions = 4,
-    /// An evaluation episode; minor is the episode.
+    /// An evaluation episode; major is the lane, minor the episode.
     EvaluationEpisode = 5,
-    /// Actions sampled in an evaluation episode; minor is the episode.
+    /// Actions sampled in an evaluation episode; major is the lane, minor the episode.
     EvaluationActions = 6,
-    /// A demonstration; minor is the episode.
+    /// A demonstration; major is the lane, minor the episode.
     Demonstration = 7,
     /// Which demonstrations of a file a run uses.
     DemonstrationSubset = 8,

@@ -20,6 +20,9 @@ pub fn merge(table: &mut Table, changes: Table) {
     }
 }
 
+/// What a key has in words that a table lacks.
+pub const ABSENT: &str = "nothing";
+
 /// Reads `a.b.c=value`; a value that is no TOML is taken as text.
 ///
 /// # Errors
@@ -27,7 +30,7 @@ pub fn merge(table: &mut Table, changes: Table) {
 pub fn parse_setting(setting: &str) -> Result<Table, String> {
     let (key, value) = setting.split_once('=').ok_or("expected key=value, found no `=`")?;
     let line = format!("{key} = {value}");
-    let quoted = || format!("{key} = {value:?}");
+    let quoted = || format!("{key} = {}", Value::String(value.to_owned()));
     line.parse::<Table>()
         .or_else(|_| quoted().parse::<Table>())
         .map_err(|error| error.message().to_owned())
@@ -58,7 +61,7 @@ pub fn result_differences(expected: &Table, found: &Table) -> Vec<(String, [Stri
     let both = [deciding(expected), deciding(found)];
     let keys: BTreeSet<&String> = both.iter().flat_map(BTreeMap::keys).collect();
     let shown = |key: &String| {
-        both.each_ref().map(|values| values.get(key).map_or("nothing".to_owned(), Value::to_string))
+        both.each_ref().map(|values| values.get(key).map_or(ABSENT.to_owned(), Value::to_string))
     };
     let differing = keys.into_iter().filter(|key| both[0].get(*key) != both[1].get(*key));
     differing.map(|key| (key.clone(), shown(key))).collect()

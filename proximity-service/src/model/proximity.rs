@@ -9,7 +9,6 @@ use run::config::RewardConfig;
 use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{Learning, Objective};
-use crate::target::{AGENT_TARGET, demonstration_target};
 
 /// Regression on proximity labels, and the reward made of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +24,7 @@ impl Objective for GoalProximity {
 
     /// Labels every row (Eq. 1); the last one of a demonstration is at the goal.
     fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self {
-        let label = |steps_to_goal| demonstration_target(steps_to_goal, config);
+        let label = |steps_to_goal| config.label(steps_to_goal) as f32;
         let labels = |trajectory: &Trajectory| {
             let rows = input.places(trajectory.steps as usize) as u32;
             (0..rows).rev().map(label).collect::<Vec<_>>()
@@ -58,7 +57,7 @@ impl Objective for GoalProximity {
         let (own, others) = outputs.split_at(demonstrations.len());
         let (own_gradients, other_gradients) = gradients.split_at_mut(demonstrations.len());
         let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;
-        let agent_targets = vec![AGENT_TARGET; agent.len()];
+        let agent_targets = vec![0.0; agent.len()];
         let agent_weight = self.agent_weight * weight(others);
         Losses {
             demonstrations: squared_error(own, &targets, weight(own), own_gradients),

@@ -15,7 +15,6 @@ use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{EpisodeView, Learning, Objective};
 use crate::reward::step_rewards;
-use crate::target::demonstration_target;
 
 /// Regression on the distance between two observations of a demonstration.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +64,7 @@ impl Objective for TemporalDistance {
             starts.push(owners.len());
         }
         let longest = demonstrations.iter().map(|trajectory| trajectory.steps).max().unwrap_or(0);
-        let distance = |steps| 1.0 - demonstration_target(steps, config);
+        let distance = |steps| 1.0 - config.label(steps) as f32;
         TemporalDistance { starts, owners, distances: (0..=longest).map(distance).collect() }
     }
 

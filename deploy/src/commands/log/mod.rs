@@ -221,8 +221,9 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -
         let Record::Trajectory(bytes) = entry?.record else { continue };
         let trajectory = Trajectory::recorded(bytes, &spec)?;
         let Trajectory { lane, episode, .. } = trajectory;
-        if let Some(place) = named.iter().position(|&name| name == EpisodeName { lane, episode }) {
-            found[place] = Some(trajectory);
+        let name = EpisodeName { lane, episode };
+        for (_, place) in named.iter().zip(&mut found).filter(|(wanted, _)| **wanted == name) {
+            *place = Some(trajectory.clone());
         }
     }
     let found = named.iter().zip(found).map(|(EpisodeName { lane, episode }, found)| {

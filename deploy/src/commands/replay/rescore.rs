@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::curves::{self, Point};
 use crate::destination;
 use crate::figures::Figures;
-use crate::full_log::FullLog;
+use crate::full_log::{self, FullLog};
 use crate::other_reward::OtherReward;
 use crate::programs::{self, Program};
 use terminal::numbers;
@@ -41,18 +41,23 @@ pub(super) fn rescore(
 ) -> Result<()> {
     let OtherReward { config, model } = OtherReward::of(folder, changes)?;
     let [out, configuration, picture] = files(folder, out, force)?;
-    fs::write(&configuration, config.to_text())
-        .with_context(|| configuration.display().to_string())?;
-    let log = FullLog::of(folder)?;
-    let mut service = Program::ProximityService.command()?;
-    service.arg("rescore").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
-    service.arg("--config").arg(&configuration).arg("--out").arg(&out);
-    if let Some(model) = &model {
-        service.arg("--model").arg(model.path());
-    }
-    let comparison: Comparison = programs::result_unless_stopped(&mut service, "scoring again")?;
-    curves::draw(&comparison.curve, &picture)?;
-    figures.print(&comparison, |comparison| table(comparison, &out, &picture))
+    let comparison = destination::filled(&[&out, &configuration, &picture], || {
+        fs::write(&configuration, config.to_text())
+            .with_context(|| configuration.display().to_string())?;
+        let log = FullLog::of(folder)?;
+        let mut service = Program::ProximityService.command()?;
+        service.arg("rescore").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
+        service.arg("--config").arg(&configuration).arg("--out").arg(&out);
+        if let Some(model) = &model {
+            service.arg("--model").arg(model.path());
+        }
+        let comparison: Comparison =
+            programs::result_unless_stopped(&mut service, "scoring again")?;
+        curves::draw(&comparison.curve, &picture)?;
+        Ok(comparison)
+    })?;
+    figures.print(&comparison, |comparison| table(comparison, &out, &picture))?;
+    full_log::refuse_loss(folder)
 }
 
 /// Where the rewards, their configuration and their picture go.

@@ -12,13 +12,12 @@ use run::folder::RunFolder;
 use run::summary::Summary;
 use serde::Serialize;
 
-use crate::commands::train::block_on_supervision;
 use crate::destination;
 use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
 use crate::plan::{self, Plan};
 use crate::progress::ProgressView;
-use crate::supervisor::{Outcome, Source};
+use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{stopped, wrong_usage};
@@ -37,11 +36,9 @@ pub(super) fn retrain(
     figures: Figures,
 ) -> Result<()> {
     let kept = out.is_some();
-    if let Some(out) = &out {
-        destination::folder(out, false)?;
-    }
+    out.as_deref().map(destination::outside_runs).transpose()?;
     let folder = out.map_or_else(|| cleared(recorded), |out| Ok(RunFolder::new(out)))?;
-    let plan = Plan::copy_of(configuration(recorded)?, folder)?;
+    let mut plan = Plan::copy_of(configuration(recorded)?, folder)?;
     let expected = hashes(recorded)?;
     ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
     let full = FullLog::of(recorded)?;

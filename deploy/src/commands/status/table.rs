@@ -97,7 +97,8 @@ fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
     rows.push(("newest checkpoint", place));
     rows.extend(stopped.damaged.iter().map(|error| ("damaged", error.to_string())));
     if let Some(update) = &stopped.update {
-        rows.push(("environment steps", steps(update.environment_steps, config.steps)));
+        let acting = config.learner.acts().then_some(config.steps);
+        rows.extend(acting.map(|all| ("environment steps", steps(update.environment_steps, all))));
         rows.extend(update_rows(update));
         rows.extend(times_to_success(&stopped.times));
     }

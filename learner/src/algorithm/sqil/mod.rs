@@ -161,10 +161,6 @@ impl PolicyLearner for Sqil {
         Ok(metrics.divided_by(owed.max(1) as f64))
     }
 
-    fn remembers(&self) -> bool {
-        true
-    }
-
     fn remember(&mut self, trajectories: &[Encoded]) {
         trajectories.iter().for_each(|encoded| self.agent.push(&encoded.trajectory));
     }

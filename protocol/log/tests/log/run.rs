@@ -66,7 +66,7 @@ fn files_rotate_and_every_sitting_has_its_own() {
         })
         .collect();
     assert_eq!(episodes, (0..=600).collect::<Vec<_>>());
-    assert_eq!((run.repeated(), run.endings().len()), (0, 6));
+    assert_eq!((run.left_out(), run.endings().len()), (0, 6));
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn what_was_recorded_twice_is_read_once() {
     let mut run = read_run(folder.path()).unwrap();
     let records: Vec<Record> = run.by_ref().map(|entry| entry.unwrap().record).collect();
     // Two iterations of four records, the offline training and the checkpoint.
-    assert_eq!(run.repeated(), 2 * 4 + 2);
+    assert_eq!(run.left_out(), 2 * 4 + 2);
     assert_eq!(records.len(), 6 * 4 + 2);
     let updates: Vec<(u64, f64)> = records
         .iter()
@@ -115,6 +115,46 @@ fn what_was_recorded_twice_is_read_once() {
 
     let updates = read_contents(folder.path(), Contents::Updates).unwrap();
     assert_eq!(updates.count(), 6 * 2 + 2);
+}
+
+#[test]
+fn what_going_back_undid_does_not_come_ahead_of_what_is_done_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let writer = || LogWriter::create(folder.path(), &metadata(), LogOptions::default()).unwrap();
+    let iterate = |writer: &mut LogWriter, iteration: u64| {
+        writer.trajectory(&trajectory(iteration, iteration, 100)).unwrap();
+        writer.score(&score(iteration, iteration)).unwrap();
+        writer.policy_update(&PolicyUpdate { iteration, ..PolicyUpdate::default() }).unwrap();
+        writer.reward_update(&RewardUpdate { iteration, ..RewardUpdate::default() }).unwrap();
+    };
+    let mut first = writer();
+    (0..4).for_each(|iteration| iterate(&mut first, iteration));
+    first.checkpoint(&Checkpoint { iteration: 3, ..Checkpoint::default() }).unwrap();
+    first.finish().unwrap();
+    let mut second = writer();
+    iterate(&mut second, 1);
+    second.trajectory(&trajectory(2, 2, 100)).unwrap();
+    second.finish().unwrap();
+
+    let mut run = read_run(folder.path()).unwrap();
+    let read: Vec<(&str, u64)> = run
+        .by_ref()
+        .map(|entry| match entry.unwrap().record {
+            Record::Trajectory(bytes) => ("batch", Trajectory::decode(bytes).unwrap().iteration),
+            Record::Score(score) => ("score", score.iteration),
+            Record::PolicyUpdate(update) => ("policy", update.iteration),
+            Record::RewardUpdate(update) => ("reward", update.iteration),
+            Record::Checkpoint(checkpoint) => ("checkpoint", checkpoint.iteration),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    let whole =
+        |iteration| ["batch", "score", "policy", "reward"].map(|record| (record, iteration));
+    let expected = [&whole(0)[..], &[("checkpoint", 3)], &whole(1), &[("batch", 2)]].concat();
+    assert_eq!(read, expected);
+    assert_eq!(run.left_out(), 3 * 4);
+    let updates = read_contents(folder.path(), Contents::Updates).unwrap();
+    assert_eq!(updates.count(), 2 * 2 + 1, "also told from updates alone");
 }
 
 #[test]

@@ -444,7 +444,7 @@ fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
 ///
 /// # Errors
 /// [`Error::ConfigurationText`] if one is no `key=value`.
-pub(crate) fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
+pub fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
     Ok(flat(&merged(settings)?))
 }
 

@@ -309,3 +309,27 @@ pub enum UpdateOrder {
     /// Update the reward model, then score with it (the authors' code).
     ImproveFirst,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks;
+
+    fn config(delta: f64, discounting: Discounting) -> RewardConfig {
+        let usual = tasks::configuration("navigation", "goalward", &[]).unwrap().reward;
+        RewardConfig { delta, discounting, ..usual }
+    }
+
+    #[test]
+    fn linear_labels_fall_by_delta_per_step_to_zero() {
+        let config = config(0.02, Discounting::Linear);
+        let labels = [0, 1, 10, 50, 60].map(|steps| config.label(steps) as f32);
+        assert_eq!(labels, [1.0, 0.98, 0.8, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn exponential_labels_fall_by_a_factor_per_step() {
+        let config = config(0.5, Discounting::Exponential);
+        assert_eq!([0, 1, 3].map(|steps| config.label(steps)), [1.0, 0.5, 0.125]);
+    }
+}

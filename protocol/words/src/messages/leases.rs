@@ -52,7 +52,7 @@ impl ActorSeconds {
     }
 }
 
-/// The learner's answer; empty when every lane of the iteration is taken.
+/// The learner's answer; it comes when there are leases, or the run is over.
 #[derive(Clone, PartialEq, Message)]
 pub struct LeaseReply {
     /// The leases granted.

@@ -37,7 +37,8 @@ pub struct Score {
     /// One per step (Eq. 5).
     #[prost(float, repeated, tag = "5")]
     pub rewards: Vec<f32>,
-    /// One per observation, in [0, 1]; of a model that sees transitions or actions one per step.
+    /// One per observation, in [0, 1]; of transitions, and of discriminators that see actions, one per
+    /// step; empty of a model that estimates nothing.
     #[prost(float, repeated, tag = "6")]
     pub proximity: Vec<f32>,
     /// As many, standard deviations of the ensemble.
@@ -63,16 +64,17 @@ pub struct PolicyUpdate {
     /// The batch, in order.
     #[prost(message, repeated, tag = "5")]
     pub consumed: Vec<TrajectoryKey>,
-    /// Major number of the minibatch stream.
+    /// Major number of the minibatch stream: the iteration.
     #[prost(uint64, tag = "6")]
     pub minibatch_seed: u64,
     /// Learning rate of the update.
     #[prost(double, tag = "7")]
     pub learning_rate: f64,
-    /// Clipped surrogate loss, mean over the minibatches.
+    /// Loss of the policy, mean over the minibatches: PPO's clipped surrogate, the mean negative
+    /// log-likelihood of actions, or that of a soft actor-critic.
     #[prost(double, tag = "8")]
     pub policy_loss: f64,
-    /// Clipped value loss.
+    /// Loss of values, or of Q-functions.
     #[prost(double, tag = "9")]
     pub value_loss: f64,
     /// Entropy of the policy, nats.
@@ -125,7 +127,7 @@ pub struct PolicyUpdate {
     pub processor_s: f64,
 }
 
-/// One update of the reward model.
+/// One update of the reward model; the first is its offline training.
 #[derive(Clone, PartialEq, Message)]
 pub struct RewardUpdate {
     /// The iteration; offline training has the number of its first one.
@@ -140,7 +142,7 @@ pub struct RewardUpdate {
     /// First term of Eq. 4.
     #[prost(double, tag = "4")]
     pub demonstration_loss: f64,
-    /// Second term of Eq. 4.
+    /// Second term of Eq. 4, times `reward.agent_weight`.
     #[prost(double, tag = "5")]
     pub agent_loss: f64,
     /// Of all members' weights after the update.

@@ -1,0 +1,59 @@
+//! What a run undid: it went back to a checkpoint, and has not come as far again yet.
+//!
+//! Iterations after the checkpoint are recorded again, and until then the old records of them would come
+//! ahead of the iterations that they follow.
+
+use super::run::Name;
+use super::topic::Topic;
+
+/// A training trajectory or a policy update, which tell how far a run is.
+pub(super) struct Mark {
+    log_time_ns: u64,
+    iteration: u64,
+    is_update: bool,
+}
+
+impl Mark {
+    /// None for other records.
+    pub(super) fn of(&(topic, iteration, ..): &Name, log_time_ns: u64) -> Option<Mark> {
+        let is_update = topic == Topic::PolicyUpdate;
+        let tells = is_update || topic == Topic::Trajectory;
+        tells.then_some(Mark { log_time_ns, iteration, is_update })
+    }
+}
+
+/// A run's going back: it did the iterations from this one on again, after this time.
+pub(super) struct Return {
+    log_time_ns: u64,
+    iteration: u64,
+}
+
+impl Return {
+    /// Every one, from the marks of all files.
+    pub(super) fn all(mut marks: Vec<Mark>) -> Vec<Return> {
+        marks.sort_by_key(|mark| mark.log_time_ns);
+        let mut returns = Vec::new();
+        let mut learned = None;
+        for Mark { log_time_ns, iteration, is_update } in marks {
+            if learned.is_some_and(|newest| iteration <= newest) {
+                returns.push(Return { log_time_ns, iteration });
+                learned = iteration.checked_sub(1);
+            }
+            if is_update {
+                learned = Some(iteration);
+            }
+        }
+        returns
+    }
+
+    /// Whether a record of that time counts no more. Checkpoints are there all the same, and what comes
+    /// ahead of the first iteration is recorded again before it.
+    pub(super) fn undoes(&self, &(topic, iteration, ..): &Name, log_time_ns: u64) -> bool {
+        let stays = match topic {
+            Topic::Checkpoint => true,
+            Topic::RewardUpdate => iteration == 0,
+            _ => false,
+        };
+        !stays && iteration >= self.iteration && log_time_ns < self.log_time_ns
+    }
+}
