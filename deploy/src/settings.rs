@@ -13,7 +13,7 @@ pub(crate) fn refuse_contradiction(flags: &[String], settings: &[String]) -> Res
     for (key, value) in set_by_user(flags)? {
         if let Some(other) = set.get(&key).filter(|other| **other != value) {
             return Err(wrong_usage(format!(
-                "--set {key}={other}: expected what the flag says, {value}, or no such flag"
+                "--set {key}={other}: expected what the flag says, {key}={value}, or no such flag"
             )));
         }
     }
@@ -33,7 +33,7 @@ mod tests {
         assert_eq!(refused("steps=5", "steps = 5"), Ok(()));
         assert_eq!(refused("steps=5", "seed=6"), Ok(()));
         let said = refused("steps=5", "steps = 6").unwrap_err();
-        assert!(said.contains("--set steps=6") && said.contains("says, 5"), "{said}");
+        assert!(said.contains("--set steps=6") && said.contains("says, steps=5"), "{said}");
         assert!(refused("steps=5", "steps").is_err());
     }
 }

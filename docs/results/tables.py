@@ -4,7 +4,21 @@ import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-from data import HERE, OPENING, REPLAYS, RUNS, Curve, Row, curves, finished, identity, rates, read, weights
+from data import (
+    HERE,
+    OPENING,
+    REPLAYS,
+    RUNS,
+    Curve,
+    Row,
+    curves,
+    finished,
+    identity,
+    plans,
+    rates,
+    read,
+    weights,
+)
 from estimates import Bounded, improvement, interquartile_mean, interval
 
 # Results are those of lower seeds.
@@ -51,6 +65,17 @@ def panel(figure: str, name: str) -> str:
         authors = "-" if curve.authors is None else f"{100 * curve.authors:.0f}"
         cells = [f"`{curve.name}`", f"**{bounded(curve.evaluations)}**", seeds, last, steps_to_90(curve.runs)]
         text += line([*cells, curve.against_the_first or "-", authors])
+    return text
+
+
+def figure(name: str) -> str:
+    """A row for each panel of a figure, a column for each curve."""
+    panels = {panel: plan for (figure, panel), plan in plans().items() if figure == name}
+    methods = list(dict.fromkeys(method for plan in panels.values() for method in plan.curves))
+    text = head(["", *(f"`{method}`" for method in methods)])
+    for panel, plan in panels.items():
+        cells = {curve.name: cell(curve) for curve in curves(name, panel)}
+        text += line([plan.title, *(cells.get(method, "-") for method in methods)])
     return text
 
 
@@ -148,6 +173,7 @@ def repeated() -> str:
 
 KINDS: dict[str, Callable[..., str]] = {
     "panel": panel,
+    "figure": figure,
     "overview": overview,
     "over": over,
     "replays": replays,

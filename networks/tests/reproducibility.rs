@@ -72,7 +72,8 @@ fn trained(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> (Vec<
     };
     // So large an epsilon keeps Adam's first steps from being the gradient's signs alone.
     let mut trainer = ShardedTrainer::new(parameters.len(), 1.0, f64::INFINITY);
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let threads = threads.expect("threads");
     let mut step = || {
         let batch = Batch::new(&bytes);
         let step = || trainer.step(policy, &mut parameters, batch, 8, 0.1, gradient_of);

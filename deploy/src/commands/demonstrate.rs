@@ -86,9 +86,9 @@ fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
         let own = ["demonstrations.", "environment."].iter().any(|table| key.starts_with(table));
         own && !of_runs.contains(&key.as_str())
     };
-    if let Some(other) = named.keys().find(|key| !is_own(key)) {
+    if let Some((key, value)) = named.iter().find(|(key, _)| !is_own(key)) {
         return Err(wrong_usage(format!(
-            "--set: expected environment.KEY=VALUE or demonstrations.KEY=VALUE, found {other}"
+            "--set: expected environment.KEY=VALUE or demonstrations.KEY=VALUE, found {key}={value}"
         )));
     }
     let of_expert = format!("demonstrations.{EXPERT}");

@@ -16,6 +16,7 @@
 //! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
+//! | `name` | what makes two records the same thing, recorded twice |
 //! | `undone` | which records a run's going back to a checkpoint has undone |
 //! | [`mod@rewrite`] | a run's log once more, with other trajectories |
 //! | [`mod@info`] | what a file holds, for `goalward log info` |
@@ -36,6 +37,7 @@ pub mod file;
 pub mod folder;
 pub mod info;
 pub mod metadata;
+mod name;
 pub mod reader;
 mod record;
 pub mod repair;

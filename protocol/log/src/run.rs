@@ -8,7 +8,6 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 
-use prost::Message as _;
 use protocol::Error;
 use protocol::build::Build;
 use protocol::table::result_differences;
@@ -16,9 +15,10 @@ use toml::Table;
 
 use super::folder::{LogFile, followed, log_files};
 use super::metadata::Metadata;
+use super::name::{Name, name_of};
 use super::reader::{Ending, Entry, FileReader, cut_off, decode};
 use super::scan::Message;
-use super::topic::{Contents, Topic};
+use super::topic::Contents;
 use super::undone::{Mark, Return};
 use super::{Kind, read_error};
 
@@ -232,78 +232,6 @@ fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Er
     let Some((key, [expected, found])) = differing.first() else { return Ok(()) };
     let message = format!("expected {key} = {expected} as in the run's first file, found {found}");
     Err(read_error(path, message))
-}
-
-/// What makes two records the same thing recorded twice: topic, iteration, and what it is about
-/// within the iteration.
-pub(super) type Name = (Topic, u64, u64, u64);
-
-fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
-    let bytes = message.bytes.as_ref();
-    let topic = message.topic;
-    let name = match topic {
-        Topic::Scene | Topic::Picture => {
-            let topic = topic.name();
-            let message = format!("topic {topic}: expected the log of a run, found an evaluation");
-            return Err(read_error(path, message));
-        }
-        Topic::Trajectory | Topic::EvaluationTrajectory => {
-            TrajectoryName::decode(bytes).map(|name| (name.iteration, name.lane, name.episode))
-        }
-        Topic::Score => {
-            ScoreName::decode(bytes).map(|name| (name.iteration, name.lane, name.episode))
-        }
-        Topic::RewardUpdate => {
-            RewardUpdateName::decode(bytes).map(|name| (name.iteration, name.model_version, 0))
-        }
-        Topic::PolicyUpdate | Topic::Checkpoint => {
-            IterationName::decode(bytes).map(|name| (name.iteration, 0, 0))
-        }
-    };
-    let (iteration, second, third) = name.map_err(|cause| {
-        let (name, schema) = (topic.name(), topic.schema());
-        read_error(path, format!("topic {name}: undecodable {schema}: {cause}"))
-    })?;
-    Ok((topic, iteration, second, third))
-}
-
-/// The fields of a trajectory that name it; decoding them leaves the rest alone.
-#[derive(Clone, PartialEq, prost::Message)]
-struct TrajectoryName {
-    #[prost(uint64, tag = "3")]
-    iteration: u64,
-    #[prost(uint64, tag = "4")]
-    lane: u64,
-    #[prost(uint64, tag = "5")]
-    episode: u64,
-}
-
-/// The fields of a score that name it.
-#[derive(Clone, PartialEq, prost::Message)]
-struct ScoreName {
-    #[prost(uint64, tag = "1")]
-    iteration: u64,
-    #[prost(uint64, tag = "2")]
-    lane: u64,
-    #[prost(uint64, tag = "3")]
-    episode: u64,
-}
-
-/// The fields of an update of the reward model that name it. The offline training and the first
-/// online update are of the same iteration.
-#[derive(Clone, PartialEq, prost::Message)]
-struct RewardUpdateName {
-    #[prost(uint64, tag = "1")]
-    iteration: u64,
-    #[prost(uint64, tag = "2")]
-    model_version: u64,
-}
-
-/// The field that names a policy update or a checkpoint.
-#[derive(Clone, PartialEq, prost::Message)]
-struct IterationName {
-    #[prost(uint64, tag = "1")]
-    iteration: u64,
 }
 
 /// What the files of a run's log say of themselves, oldest first, as far as they can be read: a file may

@@ -3,7 +3,7 @@
 //! Iterations after the checkpoint are recorded again, and until then the old records of them would come
 //! ahead of the iterations that they follow.
 
-use super::run::Name;
+use super::name::Name;
 use super::topic::Topic;
 
 /// A training trajectory or a policy update, which tell how far a run is.
