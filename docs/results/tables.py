@@ -10,6 +10,7 @@ from data import (
     REPLAYS,
     RUNS,
     Curve,
+    Plan,
     Row,
     curves,
     finished,
@@ -68,21 +69,11 @@ def panel(figure: str, name: str) -> str:
     return text
 
 
-def figure(name: str) -> str:
-    """A row for each panel of a figure, a column for each curve."""
-    panels = {panel: plan for (figure, panel), plan in plans().items() if figure == name}
-    methods = list(dict.fromkeys(method for plan in panels.values() for method in plan.curves))
-    text = head(["", *(f"`{method}`" for method in methods)])
-    for panel, plan in panels.items():
-        cells = {curve.name: cell(curve) for curve in curves(name, panel)}
-        text += line([plan.title, *(cells.get(method, "-") for method in methods)])
-    return text
-
-
-def overview() -> str:
-    """Methods x opening panels; those that are ahead of or behind the first are marked."""
-    columns = [{curve.name: cell(curve) for curve in curves(*panel)} for panel in OPENING]
-    text = head(["", *(name for _, name in OPENING)])
+def overview(figure: str = "") -> str:
+    """Methods x panels of a figure, or opening ones; those that are ahead of or behind the first are marked."""
+    panels = [panel for panel in plans() if panel[0] == figure] if figure else OPENING
+    columns = [{curve.name: cell(curve) for curve in curves(*panel)} for panel in panels]
+    text = head(["", *(plans()[panel].title for panel in panels)])
     for method in dict.fromkeys(name for column in columns for name in column):
         text += line([f"`{method}`", *(column.get(method, "-") for column in columns)])
     return text
@@ -134,6 +125,23 @@ def replays(figure: str, panel: str) -> str:
     return text
 
 
+def coverage() -> str:
+    """Of each plan how many panels have all of their runs, and how many runs there are."""
+    text = head(["plan", "complete panels", "runs"])
+    for figure in dict.fromkeys(figure for figure, _ in plans()):
+        panels = [coverage_of(plan) for (name, _), plan in plans().items() if name == figure]
+        complete = sum(found == wanted for found, wanted in panels)
+        found, wanted = map(sum, zip(*panels, strict=True))
+        text += line([f"`{figure}`", f"{complete} of {len(panels)}", f"{found} of {wanted}"])
+    return text
+
+
+def coverage_of(plan: Plan) -> tuple[int, int]:
+    """How many runs a panel has, and is to have."""
+    wanted = [(curve.settings, seed) for curve in plan.curves.values() for seed in plan.seeds]
+    return sum(run in finished() for run in wanted), len(wanted)
+
+
 def search() -> str:
     """How many runs of each method were trained to choose settings, by task."""
     runs = [run for run in read(HERE / "settings.csv") if int(run["seed"]) >= FIRST_TUNING_SEED]
@@ -173,10 +181,10 @@ def repeated() -> str:
 
 KINDS: dict[str, Callable[..., str]] = {
     "panel": panel,
-    "figure": figure,
     "overview": overview,
     "over": over,
     "replays": replays,
     "repeated": repeated,
     "search": search,
+    "coverage": coverage,
 }
