@@ -12,7 +12,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Command};
 use std::sync::OnceLock;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use bus::BusAddress;
 use protocol::seed::{Purpose, Stream, stream};
@@ -51,10 +51,11 @@ fn listen_with<'a>(run: &'a TestRun, address: &str, audit: f64, actors: &str) ->
     training
 }
 
-/// What starts another machine's actors, which find the hub at `address`.
+/// What starts another machine's actors, which find the hub at `address`. It has its folder in that of the test.
 fn joining(programs: &TestRun, run: &TestRun, name: &str, address: &str) -> Command {
     let mut command = programs.program("goalward");
     command.args(["join", address, "--actors", "2", "--name", name]);
+    command.env("TMPDIR", programs.path(""));
     command.arg("--run").arg(run.folder().path());
     command
 }
@@ -103,6 +104,14 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
     let said = fs::read_to_string(run.path("second.err")).unwrap();
     assert!(said.ends_with("goalward: the training has ended\n"), "{said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());
+    let left = run.joined_folders();
+    assert_eq!(left.len(), 1, "expected what the first has left alone, found {left:?}");
+    File::open(&left[0]).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+    await_some("a joining that sweeps", PATIENCE, || {
+        let another = joining(&run, &run, "third", &address).output().unwrap();
+        assert!(!another.status.success(), "expected that the run is over");
+        run.joined_folders().is_empty().then_some(())
+    });
 }
 
 #[test]
@@ -358,6 +367,8 @@ fn what_cannot_be_joined_costs_a_line() {
     let taken = taken.local_addr().unwrap().to_string();
     let said = refusal(&["train", "navigation", "--listen", &taken]);
     assert!(said.contains(&format!("listening at {taken}: Address already in use")), "{said}");
+    let said = refusal(&["train", "navigation", "--listen", "0.0.0.0:0"]);
+    assert!(said.contains("--listen: expected a port"), "{said}");
 
     let address = free_address();
     let training = listen(&run, &address, 0.0);

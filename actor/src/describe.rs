@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn the_files_of_tasks_name_every_key_of_their_environments() {
         for task in run::tasks::names() {
-            let config = run::tasks::configuration(task, "goalward", &[]).expect("a configuration");
+            let config = run::tasks::configuration(task, None, &[]).expect("a configuration");
             let (agents, experts) = (config.environment.clone(), config.demonstration_setting());
             let found = describe(BUILT_IN, task, agents, experts).expect("a description");
             assert_eq!(found.environment, config.environment, "{task}");

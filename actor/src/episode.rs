@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
-use environments::Environment;
+use environments::{Environment, EnvironmentError};
 use protocol::ending::Ending;
 use protocol::seed::{self, Stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
@@ -125,7 +125,8 @@ impl Episode {
     /// also in a task that would go on, and has no log-probabilities.
     ///
     /// # Errors
-    /// When the environment refuses the action; names lane, episode and step.
+    /// When the environment refuses the action, gives what its task cannot have, or does not end the episode;
+    /// names lane, episode and step.
     pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
         let start = self.observations.len();
         self.observations.resize(start + self.spec.observation.bytes(), 0);
@@ -140,8 +141,24 @@ impl Episode {
             self.steps_to_goal = self.steps() as u32;
         }
         let at_goal = (demonstration && step.success).then_some(Ending::GoalReached);
-        let ending = step.ending.or(at_goal);
-        Ok(ending.map(|ending| self.trajectory(ending)))
+        let trajectory = step.ending.or(at_goal).map(|ending| self.trajectory(ending));
+        self.check(trajectory.as_ref()).with_context(|| self.place())?;
+        Ok(trajectory)
+    }
+
+    /// Refuses what the learner would not take: the same episode would come out again and again.
+    fn check(&self, trajectory: Option<&Trajectory>) -> Result<(), EnvironmentError> {
+        let raised = |words: String| Err(EnvironmentError::Raised(words));
+        let (steps, horizon) = (self.steps(), self.spec.horizon_steps);
+        match trajectory {
+            Some(trajectory) => {
+                trajectory.check(&self.spec).or_else(|error| raised(error.to_string()))
+            }
+            None if steps < horizon as usize => Ok(()),
+            None => {
+                raised(format!("expected the end of the episode after {horizon} steps at most"))
+            }
+        }
     }
 
     /// Steps taken.
@@ -176,6 +193,87 @@ impl Episode {
             state_hash: self.environment.state_hash(),
             steps_to_goal: self.steps_to_goal,
             full_hash: 0,
+        }
+    }
+}
+
+/// Whether an episode has failed so that it would fail again.
+pub fn has_raised(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(EnvironmentError::Raised(_)))
+}
+
+#[cfg(test)]
+mod tests {
+    use environments::{Setting, Step};
+    use protocol::task::write_floats;
+
+    use super::*;
+
+    /// Gives a number, and reaches the goal at its third step.
+    struct Wrong {
+        number: f32,
+        ends: bool,
+        steps: u32,
+    }
+
+    impl Environment for Wrong {
+        fn spec(&self) -> Spec {
+            Spec {
+                observation: ObservationSpec::Vector { len: 1 },
+                action: ActionSpec::Discrete { count: 2 },
+                horizon_steps: 5,
+            }
+        }
+
+        fn setting(&self) -> Setting {
+            Setting::default()
+        }
+
+        fn reset(&mut self, _: &mut Stream, _: &mut [u8]) -> Result<(), EnvironmentError> {
+            self.steps = 0;
+            Ok(())
+        }
+
+        fn step(&mut self, _: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
+            self.steps += 1;
+            write_floats([self.number], observation);
+            let success = self.ends && self.steps == 3;
+            Ok(Step { reward: 0.0, ending: success.then_some(Ending::GoalReached), success })
+        }
+
+        fn state_hash(&self) -> u64 {
+            0
+        }
+    }
+
+    #[test]
+    fn what_its_task_cannot_have_ends_an_episode_with_words() {
+        let last = |number, ends| {
+            let name = EpisodeName {
+                source: Source::Training,
+                iteration: 0,
+                lane: 4,
+                episode: 9,
+                policy_version: 1,
+                run_seed: 1,
+            };
+            let environment = Box::new(Wrong { number, ends, steps: 0 });
+            let mut episode = Episode::begin(environment, "wrong", name).unwrap();
+            loop {
+                if let Some(trajectory) = episode.step(&[0], Some(0.0)).transpose() {
+                    return trajectory;
+                }
+            }
+        };
+        assert_eq!(last(0.5, true).unwrap().steps, 3);
+        for (number, ends, place, words) in [
+            (f32::NAN, true, "lane 4 episode 9 step 3", "finite numbers, found NaN"),
+            (0.5, false, "lane 4 episode 9 step 5", "the end of the episode after 5 steps at most"),
+        ] {
+            let error = last(number, ends).unwrap_err();
+            let said = format!("{error:#}");
+            assert!(said.contains(place) && said.contains(words), "{said}");
+            assert!(has_raised(&error), "{said}");
         }
     }
 }

@@ -61,7 +61,7 @@ pub(crate) struct Hello {
     pub(crate) versions: BTreeMap<String, String>,
 }
 
-/// Why the process with the environments has ended itself.
+/// Why there is no answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Failure {

@@ -36,5 +36,5 @@ pub mod verify;
 
 pub use cli::main;
 pub use environments::{
-    BUILT_IN, Environment, EnvironmentError, Expert, Registration, Setting, Step,
+    BUILT_IN, Environment, EnvironmentError, Expert, Registration, Setting, Step, check_action,
 };

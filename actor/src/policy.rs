@@ -16,6 +16,7 @@ use run::checkpoint;
 use run::config::{ActionChoice, RunConfig};
 use run::folder::{POLICY_FILE, RunFolder};
 
+use crate::episode::has_raised;
 use crate::lane::Lane;
 
 /// A policy and the memory it acts with.
@@ -138,8 +139,17 @@ impl Policy {
             lane.episode.announce(action)?;
         }
         let mut trajectories = Vec::new();
+        let mut failure = None;
         for ((lane, action), log_prob) in lanes.iter_mut().zip(actions).zip(&self.log_probs) {
-            trajectories.extend(lane.step(action, Some(*log_prob))?);
+            match lane.step(action, Some(*log_prob)) {
+                Ok(trajectory) => trajectories.extend(trajectory),
+                Err(error) if has_raised(&error) => return Err(error),
+                // Lanes whose environments share a process fail together: which one raised is to be said.
+                Err(error) => failure = failure.or(Some(error)),
+            }
+        }
+        if let Some(error) = failure {
+            return Err(error);
         }
         self.seconds.inference += (chosen - begun).as_secs_f64();
         self.seconds.environment += chosen.elapsed().as_secs_f64();

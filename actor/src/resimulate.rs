@@ -1,7 +1,7 @@
 //! Recorded episodes acted again, from their seeds and actions, many at a time.
 
 use anyhow::{Result, bail, ensure};
-use protocol::task::Spec;
+use protocol::task::{Spec, floats};
 use protocol::trajectory::{Source, Trajectory};
 use rayon::prelude::*;
 
@@ -74,10 +74,11 @@ impl Actor {
         };
         let episode = self.factory.begin(name, self.episode.take())?;
         let episode = self.episode.insert(episode);
+        // What the policy thought of its actions is no business of the environment.
+        let mut log_probs = floats(&recorded.log_probs);
         for action in recorded.actions().chunks_exact(self.spec.action.bytes()) {
-            if let Some(trajectory) = episode.step(action, None)? {
-                // What the policy thought of its actions is no business of the environment.
-                return Ok(Trajectory { log_probs: recorded.log_probs.clone(), ..trajectory });
+            if let Some(trajectory) = episode.step(action, log_probs.next())? {
+                return Ok(trajectory);
             }
         }
         ensure!(!recorded.actions().is_empty(), "expected actions to act again, found none");

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use bus::{NewestSubscriber, POLICY_VERSIONS};
 use bytes::Bytes;
-use environments::EnvironmentError;
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::Lease;
@@ -19,7 +18,7 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::process::{Final, Stop};
 
-use crate::episode::Episode;
+use crate::episode::{Episode, has_raised};
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::pace::{LANES_AT_ONCE, Pace};
@@ -76,10 +75,7 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
 
 /// An error that ends the run, if the same lease would come to it again.
 fn unless_again(error: anyhow::Error) -> anyhow::Error {
-    match error.downcast_ref() {
-        Some(EnvironmentError::Raised(_)) => Final(format!("{error:#}")).into(),
-        _ => error,
-    }
+    if has_raised(&error) { Final(format!("{error:#}")).into() } else { error }
 }
 
 impl Actor {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Write};
 
 use anyhow::{Context, Result};
-use environments::Environment;
+use environments::{Environment, EnvironmentError};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
 use protocol::task::Spec;
@@ -13,7 +13,8 @@ use protocol::task::Spec;
 use crate::factory::Factory;
 use crate::frame::{self, Answer, Failure, Hello, Kind, Request};
 
-/// Serves until the input ends. An environment that fails is told of in a frame, and ends it, too.
+/// Serves until the input ends. What an environment refuses is told of in a frame, and changes nothing;
+/// slots ahead of it in a turn have acted. An environment that fails is told of, too, and ends it.
 ///
 /// # Errors
 /// When the task does not have such a setting, or the other end is gone.
@@ -31,7 +32,12 @@ pub(crate) fn serve(
         };
         match server.answer(kind, &body) {
             Ok(answer) => send(output, kind, &answer)?,
-            Err(failure) => return send(output, Kind::Failed, &serde_json::to_vec(&failure)?),
+            Err(NoAnswer { failure, ends }) => {
+                send(output, Kind::Failed, &serde_json::to_vec(&failure)?)?;
+                if ends {
+                    return Ok(());
+                }
+            }
         }
     }
 }
@@ -39,6 +45,31 @@ pub(crate) fn serve(
 fn send(output: &mut impl Write, kind: Kind, body: &[u8]) -> Result<()> {
     frame::write(output, kind, body)?;
     Ok(output.flush()?)
+}
+
+/// Why there is no answer, and whether there will be none any more.
+struct NoAnswer {
+    failure: Failure,
+    ends: bool,
+}
+
+impl NoAnswer {
+    fn new(slot: u16, during: &str, error: &anyhow::Error) -> NoAnswer {
+        let failure = Failure {
+            slot,
+            during: during.to_owned(),
+            error: format!("{error:#}"),
+            traceback: String::new(),
+        };
+        NoAnswer { failure, ends: has_failed(error) }
+    }
+}
+
+/// Whether an environment failed, or was only asked for what it refuses.
+fn has_failed(error: &anyhow::Error) -> bool {
+    use EnvironmentError::{Other, Raised, StateNotFinite};
+    let error = error.downcast_ref::<EnvironmentError>();
+    matches!(error, Some(StateNotFinite { .. } | Raised(_) | Other(_)))
 }
 
 /// The environments by slot, made when a slot is first used.
@@ -67,30 +98,25 @@ impl Server<'_> {
         })
     }
 
-    fn answer(&mut self, kind: Kind, body: &[u8]) -> Result<Vec<u8>, Failure> {
-        let failed = |slot, during: &str, error: anyhow::Error| Failure {
-            slot,
-            during: during.to_owned(),
-            error: format!("{error:#}"),
-            traceback: String::new(),
-        };
+    fn answer(&mut self, kind: Kind, body: &[u8]) -> Result<Vec<u8>, NoAnswer> {
         let mut answers = Vec::new();
         match (kind, body) {
             (Kind::Turn, body) => {
                 for (slot, request) in frame::requests(body, self.spec.action.bytes()) {
                     let during = if let Request::Step(_) = request { "step" } else { "reset" };
                     let answer = self.act(slot, request);
-                    let answer = answer.map_err(|error| failed(slot, during, error))?;
+                    let answer = answer.map_err(|error| NoAnswer::new(slot, during, &error))?;
                     frame::append_answer(slot, &answer, &mut answers);
                 }
             }
             (Kind::Expert, &[low, high]) => {
                 let slot = u16::from_le_bytes([low, high]);
-                answers = self.demonstrate(slot).map_err(|error| failed(slot, "expert", error))?;
+                let action = self.demonstrate(slot);
+                answers = action.map_err(|error| NoAnswer::new(slot, "expert", &error))?;
             }
             _ => {
                 let error = anyhow::anyhow!("expected a turn, or a slot's expert, found {kind:?}");
-                return Err(failed(0, "step", error));
+                return Err(NoAnswer::new(0, "step", &error));
             }
         }
         Ok(answers)
@@ -128,5 +154,57 @@ impl Server<'_> {
         let scripted = self.slot(slot)?.expert_action(&mut action)?;
         anyhow::ensure!(scripted, "expected a scripted expert and an episode, found none");
         Ok(action)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::iter;
+
+    use environments::{BUILT_IN, Setting};
+
+    use super::*;
+
+    /// The kinds of the frames that are answered to these of slot 0 in NAVIGATION.
+    fn answered(asked: &[(Kind, Option<Request<'_>>)]) -> Vec<Kind> {
+        let factory = Factory::new(BUILT_IN, "navigation", Setting::default()).unwrap();
+        let (mut input, mut output) = (Vec::new(), Vec::new());
+        for (kind, request) in asked {
+            let mut body = Vec::new();
+            match request {
+                Some(request) => frame::append(0, *request, 1, &mut body),
+                None => body.extend([0, 0]),
+            }
+            frame::write(&mut input, *kind, &body).unwrap();
+        }
+        serve(&factory, &mut &*input, &mut output).unwrap();
+        let mut frames = &*output;
+        iter::from_fn(|| frame::read(&mut frames).ok()).map(|(kind, _)| kind).collect()
+    }
+
+    #[test]
+    fn serving_goes_on_after_what_is_refused() {
+        let turn = |request| (Kind::Turn, Some(request));
+        let (expert, reset) = ((Kind::Expert, None), Request::Reset { seed: 1, rebuild: false });
+        let (known, unknown) = (turn(Request::Step(&[0])), turn(Request::Step(&[9])));
+        assert_eq!(
+            answered(&[known, expert, turn(reset), unknown, known, expert]),
+            [
+                Kind::Hello,
+                Kind::Failed,
+                Kind::Failed,
+                Kind::Turn,
+                Kind::Failed,
+                Kind::Turn,
+                Kind::Expert,
+            ]
+        );
+    }
+
+    #[test]
+    fn only_an_environment_that_fails_ends_it() {
+        assert!(has_failed(&EnvironmentError::Raised("by nothing".to_owned()).into()));
+        assert!(!has_failed(&EnvironmentError::NotRunning.into()));
+        assert!(!has_failed(&anyhow::anyhow!("expected a scripted expert, found none")));
     }
 }

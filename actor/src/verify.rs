@@ -60,11 +60,8 @@ pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verifi
 
     let mut reader = read_contents(&folder.log(), Contents::Trajectories)?;
     let resimulator = Resimulator::new(&threads, &factory)?;
-    let demonstrations = verification.episodes;
     verify_all(resimulator, &mut reader, &mut verification)?;
-    let acted = verification.episodes - demonstrations;
-    verification.damaged.extend(loss::of_episodes(folder, acted));
-    verification.damaged.extend(loss::of_files(reader.endings()));
+    verification.damaged.extend(loss::of_log(folder, &reader));
     verification.seconds = begun.elapsed().as_secs_f64();
     Ok(verification)
 }

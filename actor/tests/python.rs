@@ -190,6 +190,32 @@ fn what_an_environment_raises_is_said_and_would_be_raised_again() {
 }
 
 #[test]
+fn the_environment_that_raises_is_told_from_those_beside_it() {
+    if !has_python() {
+        return;
+    }
+    let [mut first, mut other] = [(); 2].map(|()| bad("raises beside"));
+    reset(&mut *first, 0);
+    reset(&mut *other, 1);
+    let action = 1.0_f32.to_le_bytes();
+    for _ in 0..2 {
+        step(&mut *other, &action).unwrap();
+    }
+    first.announce(&action).unwrap();
+    other.announce(&action).unwrap();
+    let said = step(&mut *first, &action).unwrap_err();
+    assert!(
+        matches!(&said, EnvironmentError::Other(words) if words.contains("beside an environment")),
+        "{said}"
+    );
+    let said = step(&mut *other, &action).unwrap_err();
+    assert!(
+        matches!(&said, EnvironmentError::Raised(words) if words.contains("by nothing")),
+        "{said}"
+    );
+}
+
+#[test]
 fn success_is_told_as_the_setting_says() {
     if !has_python() {
         return;
@@ -313,5 +339,6 @@ fn an_environment_that_is_not_pure_is_found_and_rebuilding_tried() {
     assert_eq!(purity("line"), (None, true));
     assert_eq!(purity("traced"), (Some(true), true));
     assert_eq!(purity("chance"), (None, false));
+    assert_eq!(purity("shared_chance"), (None, false), "episodes side by side differ");
     assert_eq!(purified(setting("noise = 2")).unwrap(), (setting("noise = 2"), true));
 }

@@ -129,7 +129,6 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
-    use run::config::DEFAULT_PRESET;
     use run::tasks;
 
     fn said(result: Result<()>) -> String {
@@ -183,7 +182,7 @@ mod tests {
         let run = RunFolder::new(at("run"));
         fs::create_dir_all(run.log()).unwrap();
         folder(run.path(), true).unwrap();
-        let config = tasks::configuration("navigation", DEFAULT_PRESET, &[]).unwrap();
+        let config = tasks::configuration("navigation", None, &[]).unwrap();
         fs::write(run.config_file(), config.to_text()).unwrap();
         symlink(run.path(), at("link")).unwrap();
         symlink(run.config_file(), at("file.csv")).unwrap();

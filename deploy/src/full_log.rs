@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use mcap_log::{Record, read_run};
+use mcap_log::read_run;
 use protocol::durable;
 use run::folder::RunFolder;
 use run::loss;
@@ -74,11 +74,6 @@ pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
 /// # Errors
 /// Of lost data, naming the files, or how many episodes there are to be.
 pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
-    let log = read_run(&run.log())?;
-    let mut lost: Vec<String> = loss::of_files(log.endings()).collect();
-    let is_episode =
-        |record: &Record| matches!(record, Record::Trajectory(_) | Record::EvaluationTrajectory(_));
-    let episodes = log.filter(|entry| entry.as_ref().is_ok_and(|entry| is_episode(&entry.record)));
-    lost.extend(loss::of_episodes(run, episodes.count() as u64));
+    let lost = loss::of_log(run, &read_run(&run.log())?);
     if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }
 }

@@ -19,6 +19,9 @@ use terminal::refusal::wrong_usage;
 /// What is acted again of what others deliver, where nothing else is wished.
 const AUDITED: f64 = 0.01;
 
+/// Longest name that a hub takes of a host, characters.
+const NAME_CHARS: usize = 40;
+
 /// How a run lets other machines in.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct ListenOptions {
@@ -53,11 +56,13 @@ impl ListenOptions {
     /// Checks that a run of the task can let others in as is wished.
     ///
     /// # Errors
-    /// Without the gateway's program, when the system does not let it listen, or the task's episodes cannot be
-    /// acted again.
+    /// Without the gateway's program, when others could not find it or the system does not let it listen, or
+    /// when the task's episodes cannot be acted again.
     pub(crate) fn check(self, config: &RunConfig) -> Result<()> {
         let RunConfig { task, resources, .. } = config;
         let Some(listen) = self.listen else { return require_an_actor(resources.actors, false) };
+        let words = "--listen: expected a port that other machines can be told, found 0";
+        ensure!(listen.port() != 0, wrong_usage(words));
         // All of them may be of other machines.
         limits::check(MAX_ACTORS as u64)?;
         Program::Gateway.check()?;
@@ -106,8 +111,20 @@ pub(crate) fn golden(folder: &RunFolder, task: &Task) -> Result<String> {
     programs::result_unless_stopped(&mut actor, "acting golden episodes")
 }
 
-/// What this machine is called.
+/// What this machine is called among the hosts of a run: its name without its domain, as far as a hub takes it.
 pub(crate) fn host_name() -> String {
+    host_name_of(&node_name())
+}
+
+fn host_name_of(node: &str) -> String {
+    let fits = |letter: &char| letter.is_ascii_alphanumeric() || "-_".contains(*letter);
+    let label = node.split('.').next().unwrap_or_default();
+    let name: String = label.chars().filter(fits).take(NAME_CHARS).collect();
+    if name.is_empty() { "localhost".to_owned() } else { name }
+}
+
+/// Where other machines find this one.
+fn node_name() -> String {
     let system = rustix::system::uname();
     system.nodename().to_str().unwrap_or("localhost").to_owned()
 }
@@ -141,8 +158,26 @@ impl Listening {
     /// Where other machines find it.
     fn address(&self) -> String {
         match self.listen.ip() {
-            ip if ip.is_unspecified() => format!("{}:{}", host_name(), self.listen.port()),
+            ip if ip.is_unspecified() => format!("{}:{}", node_name(), self.listen.port()),
             _ => self.listen.to_string(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hub_takes_every_machine_by_its_name() {
+        for (node, name) in [
+            ("node-7", "node-7"),
+            ("ip-10-0-0-7.eu-central-1.compute.internal", "ip-10-0-0-7"),
+            ("Ünser Rechner_2", "nserRechner_2"),
+            ("", "localhost"),
+        ] {
+            assert_eq!(host_name_of(node), name);
+        }
+        assert_eq!(host_name_of(&"x".repeat(64)), "x".repeat(40));
     }
 }

@@ -146,7 +146,7 @@ mod tests {
 
     fn judged(task: &str, settings: &str) -> Result<Option<String>, String> {
         let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
-        let config = configuration(task, "goalward", &settings).unwrap();
+        let config = configuration(task, None, &settings).unwrap();
         SMALL.require_room_for(&config).map_err(|error| error.to_string())
     }
 
@@ -162,7 +162,8 @@ mod tests {
     /// The README has 481 MiB, measured with four actors.
     #[test]
     fn the_default_run_takes_about_what_was_measured() {
-        let config = configuration("navigation", "authors", &["resources.actors=4".to_owned()]);
+        let config =
+            configuration("navigation", Some("authors"), &["resources.actors=4".to_owned()]);
         let mib = config.unwrap().estimate(2).bytes() / f64::from(1 << 20);
         assert!((350.0..650.0).contains(&mib), "{mib} MiB");
     }

@@ -11,9 +11,8 @@ use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
 use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
-use protocol::error::within;
 use run::actors_wanted::ActorsWanted;
-use run::config::{DEFAULT_PRESET, RunConfig};
+use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::origin::recorded_configs;
 use run::repeat::quoted;
@@ -62,11 +61,7 @@ impl Plan {
     /// When the configuration is not sound, or the folder is not free.
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
-        let preset = wishes.preset.as_deref().unwrap_or(DEFAULT_PRESET);
-        let config = tasks::configuration(task, preset, &wishes.settings)?;
-        // That of a run's own configuration, which is a task, too, is not laid over it again.
-        let expected = format!("{}, as the run has whose configuration this is", config.preset);
-        within("preset", wishes.preset.is_none() || preset == config.preset, &expected, preset)?;
+        let config = tasks::configuration(task, wishes.preset.as_deref(), &wishes.settings)?;
         let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;
         let is_numbered = wishes.folder.is_none();
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));
@@ -107,7 +102,7 @@ impl Plan {
         };
         if let Some(task) = &wishes.task {
             let same = *task == old.task.name
-                || tasks::configuration(task, &old.preset, &[])?.task.name == old.task.name;
+                || tasks::configuration(task, None, &[])?.task.name == old.task.name;
             if !same {
                 return Err(refuse("another task"));
             }

@@ -15,7 +15,7 @@ use run::repeat::quoted;
 use serde::de::DeserializeOwned;
 
 use crate::headway;
-use crate::supervisor::Signals;
+use crate::supervisor::{Signals, runtime};
 use terminal::refusal::{Refusal, stopped};
 use terminal::status_line::StatusLine;
 
@@ -163,8 +163,7 @@ fn attended(
     doing: &'static str,
     line: StatusLine,
 ) -> Result<Option<(ExitStatus, Vec<u8>)>> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    runtime.context("preparing to wait for a program")?.block_on(async {
+    runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         // In a group of its own: Ctrl-C is for `goalward` alone.
         let mut started = Started::new(program.process_group(0), doing, line)?;

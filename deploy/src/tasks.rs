@@ -39,7 +39,11 @@ struct Reward {
 ///
 /// # Errors
 /// Of wrong usage, when there is no such task, or its configuration is not sound.
-pub(crate) fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<RunConfig> {
+pub(crate) fn configuration(
+    task: &str,
+    preset: Option<&str>,
+    settings: &[String],
+) -> Result<RunConfig> {
     if !is_of_python(task) {
         return Ok(tasks::configuration(task, preset, settings)?);
     }

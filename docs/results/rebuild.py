@@ -10,7 +10,7 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 | kind | arguments | what it shows |
 |---|---|---|
 | `panel` | figure, panel | a row for each method, with every seed and the steps to 90 % |
-| `overview` | figure, or none | methods x its panels, or the opening ones, means with intervals; "of 3": fewer seeds than planned |
+| `overview` | figure, or none | methods x its panels, or the opening ones; "of 3": fewer seeds than planned |
 | `over` | | methods over the opening panels: interquartile mean and probability of improvement |
 | `replays` | figure, panel | of each curve the seeds that were replayed, and both ways to evaluate |
 | `search` | | how many runs were trained to choose settings, from `settings.csv` |

@@ -7,7 +7,7 @@ use protocol::messages::{LeaseReply, LeaseRequest};
 /// Number of this protocol; gateways of two numbers refuse each other.
 pub const PROTOCOL: u32 = 3;
 
-/// Most bytes of one message: a trajectory that is larger does not travel.
+/// Most bytes of one message: a host that has a trajectory which is larger takes no part any more.
 pub const MOST_BYTES: usize = 32 << 20;
 
 /// Most bytes of trajectories in one message, unless it is one alone.

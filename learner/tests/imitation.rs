@@ -16,7 +16,7 @@ use run::config::RunConfig;
 
 fn config(task: &str, settings: &[&str]) -> RunConfig {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
-    run::tasks::configuration(task, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, None, &settings).unwrap()
 }
 
 /// A corridor of a grid: places 1 to 17 of row 1, goals at both ends. Action 0 goes right, 2 left.
@@ -256,6 +256,33 @@ fn a_soft_actor_critic_follows_the_expert() {
         let wanted = expert(place);
         assert!((found - wanted).abs() < 0.3, "at {place}: expected {wanted}, found {found}");
     }
+}
+
+#[test]
+fn a_soft_actor_critic_sees_a_small_grid_by_the_encoder_of_the_policy() {
+    let task = "[task]\nname = \"sliding\"\naction.continuous.len = 2\nhorizon_steps = 20\n\
+                observation.cells = { height = 5, width = 5, classes = 3 }\n";
+    let settings = [
+        "method=sqil",
+        "policy.convolution_channels=[4]",
+        "policy.pool=1",
+        "policy.features=8",
+        "sqil.hidden=[8]",
+        "sqil.batch=4",
+        "sqil.exploration_steps=0",
+    ];
+    let config = run::tasks::of_text(task, "sliding", None, &settings.map(str::to_owned)).unwrap();
+    let episode = Trajectory {
+        steps: 10,
+        cells: vec![1; 11 * 25].into(),
+        continuous_actions: vec![0; 10 * 8].into(),
+        ..Trajectory::default()
+    };
+    let (mut learner, mut policy) = algorithm::create(&config, std::slice::from_ref(&episode));
+    let before = policy.parameters.clone();
+    let batch = [Encoded::encode(episode)];
+    let metrics = learner.update(&mut policy, &batch, &[], &schedule(&config, 0)).unwrap();
+    assert!(metrics.value_loss > 0.0 && policy.parameters != before, "{metrics:?}");
 }
 
 /// An expert on a line, who goes to the middle.

@@ -71,21 +71,23 @@ impl RunningNormalizer {
         Self { moments: vec![RunningMoments::default(); len] }
     }
 
-    /// A normalizer by the moments that observations of `len` numbers have in demonstrations; what
-    /// hardly varies there stays as it is.
+    /// A normalizer by the moments that observations of `len` numbers have in demonstrations. What
+    /// hardly varies there stays as it is: scaled up, the first one that differs would outweigh all
+    /// others. Where that would be cut off it is centered, so that a difference shows.
     pub fn of_demonstrations(len: usize, observations: &[u8]) -> Self {
         let mut normalizer = Self::new(len);
         normalizer.update(observations);
-        normalizer.leave_constant(LEAST_STANDARD_DEVIATION);
-        normalizer
-    }
-
-    /// Leaves numbers with a smaller standard deviation as they are from now on: scaled up, the
-    /// first one that differs would outweigh all others.
-    pub fn leave_constant(&mut self, least: f64) {
-        for moments in self.moments.iter_mut().filter(|one| one.standard_deviation() < least) {
-            *moments = RunningMoments::default();
+        // With the weight of the beginning what is constant far from 0 would seem to vary.
+        let alone = RunningMoments { count: 0.0, ..RunningMoments::default() };
+        let mut own = Self { moments: vec![alone; len] };
+        own.update(observations);
+        for (moments, own) in normalizer.moments.iter_mut().zip(own.moments) {
+            if own.standard_deviation() < LEAST_STANDARD_DEVIATION {
+                let mean = if own.mean.abs() < Self::CLIP { 0.0 } else { own.mean };
+                *moments = RunningMoments { mean, ..RunningMoments::default() };
+            }
         }
+        normalizer
     }
 
     /// Mean, variance and count of each number, one after another: all there is to keep.
@@ -183,14 +185,15 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_hardly_vary_can_be_left_alone() {
-        let bytes = |numbers: [f32; 2]| numbers.map(f32::to_le_bytes).concat();
-        let mut normalizer = RunningNormalizer::new(2);
-        normalizer.update(&[bytes([1.0, 5.0]), bytes([3.0, 5.002])].concat().repeat(500));
-        normalizer.leave_constant(0.01);
-        let mut normalized = bytes([3.0, 7.0]);
+    fn numbers_that_hardly_vary_are_left_alone_or_centered() {
+        let bytes = |numbers: [f32; 4]| numbers.map(f32::to_le_bytes).concat();
+        let shown = [bytes([1.0, 5.0, 20.0, 100.0]), bytes([3.0, 5.002, 20.0, 100.0])].concat();
+        let normalizer = RunningNormalizer::of_demonstrations(4, &shown.repeat(500));
+        let mut normalized = bytes([3.0, 7.0, 20.5, 99.0]);
         normalizer.normalize(&mut normalized);
         let numbers: Vec<f32> = floats(&normalized).collect();
-        assert!((numbers[0] - 1.0).abs() < 1e-3 && (numbers[1] - 7.0).abs() < 1e-3, "{numbers:?}");
+        for (number, expected) in numbers.iter().zip([1.0, 7.0, 0.5, -1.0]) {
+            assert!((number - expected).abs() < 1e-3, "{numbers:?}");
+        }
     }
 }

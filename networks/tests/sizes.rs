@@ -5,13 +5,12 @@ use networks::{
     Activation, ActorCritic, Head, Initialization, Network, NetworkShape, PolicyArchitecture,
     RewardArchitecture,
 };
-use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, Task};
 use run::config::{RewardInput, RunConfig};
 
 fn config(task: &str, settings: &str) -> RunConfig {
     let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
-    run::tasks::configuration(task, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, None, &settings).unwrap()
 }
 
 fn action_numbers(task: &Task) -> usize {
@@ -43,8 +42,10 @@ fn assert_foreseen(config: &RunConfig) {
         ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
     let what = (&config.task.name, &config.method);
     assert_eq!(config.policy_size().parameters, policy.parameter_count() as f64, "{what:?} policy");
-    let member = member(config).parameter_count();
-    assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
+    if config.reward.model.trains {
+        let member = member(config).parameter_count();
+        assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
+    }
     if let (Some(size), Some(own)) = (config.inverse_dynamics_size(), &config.inverse_dynamics) {
         let architecture = PolicyArchitecture {
             cells: own.encoder(),
@@ -60,7 +61,7 @@ fn assert_foreseen(config: &RunConfig) {
             observation: spec.observation,
             frames: 1,
             extra_inputs: action_numbers(&config.task),
-            cells: CellsArchitecture::default(),
+            cells: config.policy.encoder(),
             hidden: own.hidden.clone(),
             activation: Activation::Relu,
             hidden_initialization: Initialization::FanIn,
@@ -96,4 +97,14 @@ fn parameters_are_foreseen() {
     }
     assert!(config("fetch-push", "method=sqil").q_function_size().is_some());
     assert!(config("navigation", "method=bco").inverse_dynamics_size().is_some());
+}
+
+#[test]
+fn q_functions_over_a_grid_have_the_encoder_of_the_policy() {
+    let task = "[task]\nname = \"sliding\"\naction.continuous.len = 2\nhorizon_steps = 20\n\
+                observation.cells = { height = 5, width = 5, classes = 3 }\n";
+    let settings = ["method=sqil", "policy.convolution_channels=[6]", "policy.pool=1"];
+    let config = run::tasks::of_text(task, "sliding", None, &settings.map(str::to_owned)).unwrap();
+    assert!(config.q_function_size().is_some());
+    assert_foreseen(&config);
 }

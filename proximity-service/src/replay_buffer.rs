@@ -30,10 +30,12 @@ impl ReplayBuffer {
     /// Takes in rows, one after another; the oldest make room.
     pub fn push(&mut self, rows: &[u8]) {
         assert_eq!(rows.len() % self.row_bytes, 0, "whole rows");
-        self.bytes.extend(rows);
         let room = self.capacity * self.row_bytes;
-        let excess = self.bytes.len().saturating_sub(room);
+        let newest = &rows[rows.len().saturating_sub(room)..];
+        // Before they come: a buffer that has grown beyond its room stays so large.
+        let excess = (self.bytes.len() + newest.len()).saturating_sub(room);
         self.bytes.drain(..excess);
+        self.bytes.extend(newest);
     }
 
     /// The row at `position`, 0 being the oldest, appended to `rows`.
@@ -61,5 +63,9 @@ mod tests {
         let mut row = Vec::new();
         buffer.append_to(1, &mut row);
         assert_eq!((buffer.len(), row), (3, vec![3, 3]));
+        let room = buffer.bytes.capacity();
+        buffer.push(&[5, 5, 6, 6, 7, 7, 8, 8]);
+        assert_eq!(buffer.to_bytes(), [6, 6, 7, 7, 8, 8]);
+        assert_eq!(buffer.bytes.capacity(), room);
     }
 }

@@ -38,8 +38,10 @@ def trajectory(iteration: int, lane: int, episode: int, steps: int, **changes: A
     return schema.Trajectory(**{**values, **changes})
 
 
-def write(path: Path, messages: Iterable[tuple[str, Any]], task: Task = REACH, seed: int = 3) -> None:
-    """Write a file of a log with these topics and messages."""
+def write(
+    path: Path, messages: Iterable[tuple[str, Any]], task: Task = REACH, seed: int = 3, since: int = 0
+) -> None:
+    """Write a file of a log with these topics and messages, a nanosecond apart."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=2048)
@@ -50,6 +52,6 @@ def write(path: Path, messages: Iterable[tuple[str, Any]], task: Task = REACH, s
         for topic, name in TOPICS.items():
             kind = writer.register_schema(f"{schema.PACKAGE}.{name}", "protobuf", schema.DESCRIPTORS)
             channels[topic] = writer.register_channel(topic, "protobuf", kind)
-        for time, (topic, message) in enumerate(messages):
+        for time, (topic, message) in enumerate(messages, since):
             writer.add_message(channels[topic], time, message.SerializeToString(), time)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -89,8 +91,82 @@ def test_keywords_are_the_environments_setting() -> None:
         Environment("flying")
 
 
-def test_steps_out_of_turn_are_refused_in_words() -> None:
+def test_what_is_refused_changes_nothing() -> None:
+    with Environment("navigation") as environment:
+        with pytest.raises(goalward.Error, match="no episode is running"):
+            environment.step(0)
+        with pytest.raises(goalward.Error, match="expected a scripted expert and an episode"):
+            environment.expert_action()
+        played = play(environment, 1)
+        with pytest.raises(goalward.Error, match="no episode is running"):
+            environment.step(0)
+        assert play(environment, 1) == played
+
+
+def test_an_episode_goes_on_after_an_action_that_is_refused() -> None:
+    with Environment("fetch-push") as environment:
+        environment.reset(seed=1)
+        with pytest.raises(goalward.Error, match="expected finite numbers .* found NaN at index 1"):
+            environment.step([0.0, np.nan, 0.0])
+        environment.step([0.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("task", "action", "words"),
+    [
+        ("navigation", -1, r"expected one of Discrete\(4\), found -1"),
+        ("navigation", 4, r"expected one of Discrete\(4\), found 4"),
+        ("navigation", 256, r"expected one of Discrete\(4\), found 256"),
+        ("navigation", 1.5, r"expected one of Discrete\(4\), found 'float' object"),
+        ("navigation", [1, 2], r"expected one of Discrete\(4\), found 'list' object"),
+        ("fetch-push", [0.0, 0.0], r"expected shape \(3,\), found \(2,\)"),
+        ("fetch-push", np.zeros((2, 3)), r"expected shape \(3,\), found \(2, 3\)"),
+        ("fetch-push", 0.0, r"expected shape \(3,\), found \(\)"),
+        ("fetch-push", [[0.0], [0.0, 0.0], 0.0], r"expected shape \(3,\), found setting an array element"),
+        ("fetch-push", "push", r"expected shape \(3,\), found could not convert"),
+    ],
+)
+def test_an_action_that_is_none_of_the_tasks_is_refused(task: str, action: Any, words: str) -> None:
+    with Environment(task) as environment:
+        environment.reset(seed=1)
+        with pytest.raises(goalward.Error, match=f"^action: {words}"):
+            environment.step(action)
+        environment.step(environment.action_space.sample())
+
+
+ENDING = '''
+"""Says that it is a task of a choice, fails at the first request, and ends."""
+import json, os, struct, sys
+
+def send(kind, body):
+    text = json.dumps(body).encode()
+    os.write(1, struct.pack("<IB", len(text), kind) + text)
+
+shapes = {"observation": {"vector": {"len": 1}}, "action": {"discrete": {"count": 4}}}
+send(1, {**shapes, "horizon_steps": 9, "labels": [str(os.getpid())]})
+os.read(0, 999)
+os.close(0)
+send(3, {"error": "a fall from the edge"})
+sys.exit("a last word")
+'''
+
+
+def test_a_program_that_has_ended_is_told_of_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "ending"
+    program.write_text(f"#!{sys.executable}{ENDING}")
+    program.chmod(0o755)
+    monkeypatch.setenv("GOALWARD_ACTOR", str(program))
     environment = Environment("navigation")
-    with pytest.raises(goalward.Error, match="no episode is running"):
-        environment.step(0)
+    with pytest.raises(goalward.Error, match="a fall from the edge"):
+        environment.reset(seed=1)
+    for _ in range(2):
+        with pytest.raises(goalward.Error, match="goalward-actor ended: a last word"):
+            environment.reset(seed=1)
     environment.close()
+    environment.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(environment.labels[0]), 0)
+    with pytest.raises(goalward.Error, match="found one that was closed"):
+        environment.reset(seed=1)

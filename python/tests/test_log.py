@@ -33,7 +33,7 @@ def run(tmp_path: Path) -> Path:
         ("/evaluation/trajectory", trajectory(1, 0, 7, steps=1, source=schema.EVALUATION)),
     ]
     write(tmp_path / FIRST, before)
-    write(tmp_path / SECOND, after)
+    write(tmp_path / SECOND, after, since=10)
     consumed = [{"lane": 1}]
     updates = [
         ("/policy/update", schema.PolicyUpdate(iteration=0, policy_loss=0.5, consumed=consumed)),
@@ -41,8 +41,26 @@ def run(tmp_path: Path) -> Path:
         ("/proximity/update", schema.RewardUpdate(iteration=0, model_version=1, seconds=2.5)),
         ("/proximity/update", schema.RewardUpdate(iteration=0, model_version=2, seconds=1.5)),
     ]
-    write(tmp_path / UPDATES, updates)
+    write(tmp_path / UPDATES, updates, since=20)
     return tmp_path
+
+
+def sit(run: Path, number: int, batches: list[int], updates: list[int]) -> None:
+    """Record iterations as one sitting of a run does; its first update trains the reward model offline."""
+    recorded, learned = [], [("/proximity/update", schema.RewardUpdate())]
+    for iteration in batches:
+        recorded += [
+            ("/trajectory", trajectory(iteration, 0, iteration, steps=2)),
+            ("/evaluation/trajectory", trajectory(iteration, 0, 7, steps=1, source=schema.EVALUATION)),
+            ("/proximity/score", schema.Score(iteration=iteration, rewards=[0.5])),
+        ]
+    for iteration in updates:
+        learned += [
+            ("/policy/update", schema.PolicyUpdate(iteration=iteration)),
+            ("/proximity/update", schema.RewardUpdate(iteration=iteration, model_version=iteration + 1)),
+        ]
+    write(run / f"log/trajectories-0000{number}.mcap", recorded, since=100 * number)
+    write(run / f"log/updates-0000{number}.mcap", learned, since=100 * number + 50)
 
 
 def test_a_log_tells_task_and_configuration(run: Path) -> None:
@@ -76,6 +94,37 @@ def test_what_was_recorded_again_counts_once(run: Path) -> None:
     found = [(one.iteration, one.lane, one.episode, one.steps) for one in Log(run).trajectories()]
     assert found == [(0, 0, 0, 3), (0, 1, 0, 2), (1, 0, 1, 4)]
     assert Log(run).episodes()["policy_version"].tolist() == [0, 0, 9]
+
+
+def test_what_going_back_undid_does_not_count_until_it_is_done_again(tmp_path: Path) -> None:
+    sit(tmp_path, 0, batches=[0, 1, 2, 3], updates=[0, 1, 2, 3])
+    sit(tmp_path, 1, batches=[1, 2], updates=[1])
+    log = Log(tmp_path)
+    assert log.episodes()["iteration"].tolist() == [0, 1, 2]
+    assert [one.iteration for one in log.trajectories("evaluation")] == [0, 1, 2]
+    assert log.scores()["iteration"].tolist() == [0, 0, 1, 1, 2, 2]
+    assert log.updates()["iteration"].tolist() == [0, 1]
+    assert log.reward_updates()["iteration"].tolist() == [0, 0, 1]
+
+
+def test_the_training_ahead_of_the_first_iteration_is_there_when_all_was_undone(tmp_path: Path) -> None:
+    sit(tmp_path, 0, batches=[0, 1], updates=[0, 1])
+    sit(tmp_path, 1, batches=[0], updates=[0])
+    assert Log(tmp_path).reward_updates()["model_version"].tolist() == [0, 1]
+    assert Log(tmp_path).updates()["iteration"].tolist() == [0]
+
+
+def test_files_that_are_sealed_while_they_are_read_are_followed(tmp_path: Path) -> None:
+    for name, number in ((FIRST, 0), (SECOND, 1)):
+        write(tmp_path / f"{name}.active", [("/trajectory", trajectory(number, 0, number, steps=3))])
+    log = Log(tmp_path)
+    reading = log.trajectories()
+    found = [next(reading).iteration]
+    for name in (FIRST, SECOND):
+        (tmp_path / f"{name}.active").rename(tmp_path / name)
+    found += [one.iteration for one in reading]
+    assert found == [0, 1]
+    assert log.endings[tmp_path / SECOND].complete
 
 
 def test_evaluation_episodes_are_asked_for(run: Path) -> None:

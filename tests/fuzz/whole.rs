@@ -21,7 +21,7 @@ const STEPS: usize = 3;
 pub(crate) fn config(task: &str) -> RunConfig {
     let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS[..] };
     let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
-    run::tasks::configuration(task, "goalward", &settings).unwrap()
+    run::tasks::configuration(task, None, &settings).unwrap()
 }
 
 /// A trajectory that its task takes.

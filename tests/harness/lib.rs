@@ -94,7 +94,8 @@ pub const SMALL_PHYSICS: [&str; 16] = [
 /// The settings that a method reads: others are refused.
 pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
     let unread: &[&str] = match method {
-        "bc" | "bco" | "sqil" => &["ppo.", "reward."],
+        "bc" => &["ppo.", "reward.", "rollout.lane_steps"],
+        "bco" | "sqil" => &["ppo.", "reward."],
         "environment-reward" | "nearest-state" | "segment-matching" => &["reward."],
         "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" => &["reward.pretraining_epochs"],
         "temporal-distance" => &["reward.samples", "reward.experience"],
@@ -269,6 +270,13 @@ impl TestRun {
         await_some(&format!("process {name}"), PATIENCE, found)
     }
 
+    /// Folders of machines that have joined a run from the test's folder.
+    pub fn joined_folders(&self) -> Vec<PathBuf> {
+        let entries = fs::read_dir(&self.home).into_iter().flatten().flatten();
+        let is_one = |name: &OsStr| name.as_encoded_bytes().starts_with(b"goalward-join-");
+        entries.filter(|entry| is_one(&entry.file_name())).map(|entry| entry.path()).collect()
+    }
+
     /// Names of what the run has in shared memory.
     pub fn shared_memory(&self) -> Vec<String> {
         let Some(address) = BusAddress::if_started(self.folder().path()).unwrap() else {
@@ -321,7 +329,8 @@ impl Drop for TestRun {
         for process in process::living(&self.path("bin")) {
             process.signal(Signal::Kill);
         }
-        if let Ok(Some(address)) = BusAddress::if_started(self.folder().path()) {
+        for folder in self.joined_folders().into_iter().chain([self.path("run")]) {
+            let Ok(Some(address)) = BusAddress::if_started(&folder) else { continue };
             let removed = || address.remove().is_ok();
             let deadline = Instant::now() + Duration::from_secs(5);
             while !removed() && Instant::now() < deadline {

@@ -55,11 +55,13 @@ impl Namespace {
         ip(&["link", "set", &near, if is_cut { "down" } else { "up" }]).unwrap();
     }
 
-    /// The same command on another machine; what becomes of its input and outputs is to be said again.
+    /// The same command on another machine; what becomes of its input and outputs is to be said again, and
+    /// what it is not to have of our environment.
     pub fn enter(&self, command: &Command) -> Command {
         let mut entered = Command::new("ip");
         entered.args(["netns", "exec", &self.name]).arg(command.get_program());
         entered.args(command.get_args()).stdin(Stdio::null());
+        entered.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
         if let Some(folder) = command.get_current_dir() {
             entered.current_dir(folder);
         }

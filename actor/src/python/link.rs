@@ -50,6 +50,8 @@ struct Python {
     child: Child,
     stream: UnixStream,
     patience: Duration,
+    /// The slot whose environment has failed, and its words: the process ends with it.
+    raised: Option<(u16, String)>,
     /// Whether it has failed, or is gone.
     has_ended: bool,
 }
@@ -117,10 +119,16 @@ impl Link {
     /// What a slot did; takes a turn if it has not been taken.
     ///
     /// # Errors
-    /// When the environment has failed, or the process is gone or silent.
+    /// When the environment has failed, or the process is gone or silent. An environment beside the one that
+    /// failed has raised nothing.
     pub(super) fn answer(&mut self, slot: u16) -> Result<Answer, EnvironmentError> {
         if !self.answers.contains_key(&slot) {
-            self.turn()?;
+            self.turn().map_err(|error| match (&self.python.raised, error) {
+                (Some((raised, _)), EnvironmentError::Raised(words)) if *raised != slot => {
+                    EnvironmentError::Other(format!("beside an environment that failed: {words}"))
+                }
+                (_, error) => error,
+            })?;
         }
         let answer = self.answers.remove(&slot);
         answer.ok_or_else(|| EnvironmentError::Other(format!("slot {slot}: no answer of Python")))
@@ -146,6 +154,9 @@ impl Link {
     }
 
     fn turn(&mut self) -> Result<(), EnvironmentError> {
+        if let Some((_, words)) = &self.python.raised {
+            return Err(EnvironmentError::Raised(words.clone()));
+        }
         let body = std::mem::take(&mut self.pending);
         self.announced.clear();
         if frame::write(&mut self.python.stream, Kind::Turn, &body).is_err() {
@@ -175,7 +186,7 @@ impl Python {
                 "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
             ))
         })?;
-        Ok(Python { child, stream, patience, has_ended: false })
+        Ok(Python { child, stream, patience, raised: None, has_ended: false })
     }
 
     fn receive(&mut self, expected: Kind) -> Result<Vec<u8>, EnvironmentError> {
@@ -183,12 +194,29 @@ impl Python {
         self.has_ended = !matches!(&read, Ok((kind, _)) if *kind == expected);
         match read {
             Ok((kind, body)) if kind == expected => Ok(body),
-            Ok((Kind::Failed, body)) => Err(EnvironmentError::Raised(failed(&body))),
+            Ok((Kind::Failed, body)) => Err(self.failed(&body)),
             Ok((kind, _)) => Err(EnvironmentError::Other(format!(
                 "expected a frame of kind {expected:?} of Python, found {kind:?}"
             ))),
             Err(error) => Err(EnvironmentError::Other(self.gone(&error))),
         }
+    }
+
+    /// Why an environment failed, with the traceback on standard error.
+    fn failed(&mut self, body: &[u8]) -> EnvironmentError {
+        let Failure { slot, during, error, traceback } = match serde_json::from_slice(body) {
+            Ok(failure) => failure,
+            Err(error) => {
+                let words = format!("Python failed and could not say why: {error}");
+                return EnvironmentError::Other(words);
+            }
+        };
+        if during != "start" {
+            tracing::error!("{}", traceback.trim_end());
+        }
+        let words = format!("{during} in Python: {error}");
+        self.raised = Some((slot, words.clone()));
+        EnvironmentError::Raised(words)
     }
 
     /// Why nothing comes any more.
@@ -236,19 +264,6 @@ impl Drop for Python {
         self.stream.shutdown(std::net::Shutdown::Both).ok();
         self.child.kill().ok();
         self.child.wait().ok();
-    }
-}
-
-/// Why an environment failed, with the traceback on standard error.
-fn failed(body: &[u8]) -> String {
-    match serde_json::from_slice::<Failure>(body) {
-        Ok(Failure { during, error, traceback, .. }) => {
-            if during != "start" {
-                tracing::error!("{}", traceback.trim_end());
-            }
-            format!("{during} in Python: {error}")
-        }
-        Err(error) => format!("Python failed and could not say why: {error}"),
     }
 }
 

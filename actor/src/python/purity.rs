@@ -1,8 +1,8 @@
 //! Whether an environment of Python is a pure function of its seed and its actions, found out by acting:
-//! the same episode again, after another one, and in another process.
+//! the same episode again, after another one, beside another one, and in another process.
 
 use environments::{Environment, EnvironmentError, Setting};
-use protocol::seed::{Purpose, stream};
+use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 
@@ -69,27 +69,60 @@ fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
     if play(&mut slot, 0)? != first || play(&mut slot, 1)? != other {
         return Ok(false);
     }
+    // Lanes share a process, and with it generators of chance that are the process's own.
+    let mut beside = Slot::new(setting.clone())?;
+    if play_beside(&mut slot, &mut beside)? != [first, other] {
+        return Ok(false);
+    }
     let mut elsewhere = Slot::on(Link::start(&setting.options(), PATIENCE)?, setting.clone())?;
     Ok(play(&mut elsewhere, 1)? == other && play(&mut elsewhere, 0)? == first)
 }
 
-/// The hash of an episode with actions of chance.
+/// The hash of an episode.
 fn play(slot: &mut Slot, episode: u64) -> Result<u64, EnvironmentError> {
-    let spec = slot.spec();
-    let mut observation = vec![0; spec.observation.bytes()];
-    let mut action = vec![0; spec.action.bytes()];
-    let mut chance = stream(1, Purpose::TrainingActions, 0, episode);
-    slot.reset(&mut stream(1, Purpose::TrainingEpisode, 0, episode), &mut observation)?;
-    for _ in 0..STEPS {
+    let mut acted = Acted::begin(slot, episode)?;
+    while acted.step()? {}
+    Ok(acted.slot.state_hash())
+}
+
+/// The hashes of the episodes 0 and 1, whose steps are taken in turn.
+fn play_beside(slot: &mut Slot, beside: &mut Slot) -> Result<[u64; 2], EnvironmentError> {
+    let mut acted = [Acted::begin(slot, 0)?, Acted::begin(beside, 1)?];
+    while acted[0].step()? | acted[1].step()? {}
+    Ok(acted.map(|acted| acted.slot.state_hash()))
+}
+
+/// An episode with actions of chance.
+struct Acted<'slot> {
+    slot: &'slot mut Slot,
+    chance: Stream,
+    steps_left: u32,
+}
+
+impl Acted<'_> {
+    fn begin(slot: &mut Slot, episode: u64) -> Result<Acted<'_>, EnvironmentError> {
+        let mut observation = vec![0; slot.spec().observation.bytes()];
+        slot.reset(&mut stream(1, Purpose::TrainingEpisode, 0, episode), &mut observation)?;
+        let chance = stream(1, Purpose::TrainingActions, 0, episode);
+        Ok(Acted { slot, chance, steps_left: STEPS })
+    }
+
+    /// Takes a step, if there is one to take; returns whether there is another one.
+    fn step(&mut self) -> Result<bool, EnvironmentError> {
+        if self.steps_left == 0 {
+            return Ok(false);
+        }
+        let spec = self.slot.spec();
+        let mut action = vec![0; spec.action.bytes()];
         match spec.action {
-            ActionSpec::Discrete { count } => action[0] = chance.random_range(0..count) as u8,
+            ActionSpec::Discrete { count } => action[0] = self.chance.random_range(0..count) as u8,
             ActionSpec::Continuous { len } => {
-                write_floats((0..len).map(|_| chance.random_range(-1.0..1.0)), &mut action);
+                write_floats((0..len).map(|_| self.chance.random_range(-1.0..1.0)), &mut action);
             }
         }
-        if slot.step(&action, &mut observation)?.ending.is_some() {
-            break;
-        }
+        let mut observation = vec![0; spec.observation.bytes()];
+        let ended = self.slot.step(&action, &mut observation)?.ending.is_some();
+        self.steps_left = if ended { 0 } else { self.steps_left - 1 };
+        Ok(self.steps_left > 0)
     }
-    Ok(slot.state_hash())
 }

@@ -171,8 +171,10 @@ class Numbered:
 
     def decode(self, raw):
         """Actions of the environment, of rows of bytes."""
-        numbers = (raw.view("<f4") * self.half + self.middle).astype(self.space.dtype)
-        numbers = numbers.reshape(-1, *self.space.shape)
+        numbers = raw.view("<f4") * self.half + self.middle
+        if np.issubdtype(self.space.dtype, np.integer):
+            numbers = np.rint(numbers)  # single precision may have left one just below
+        numbers = numbers.astype(self.space.dtype).reshape(-1, *self.space.shape)
         return np.minimum(np.maximum(numbers, self.space.low), self.space.high)
 
     def encode(self, action):
@@ -190,9 +192,10 @@ class Chosen:
     bytes = 1
 
     def __init__(self, space):
-        self.space, self.start = space, 0
+        self.space = space
+        self.starts = np.asarray(getattr(space, "start", 0), dtype=np.int64).reshape(-1)
         if isinstance(space, spaces.Discrete):
-            self.sizes, self.start = [int(space.n)], int(space.start)
+            self.sizes = [int(space.n)]
         elif isinstance(space, spaces.MultiBinary):
             self.sizes = [2] * int(np.prod(space.shape, dtype=np.int64))
         else:
@@ -205,19 +208,20 @@ class Chosen:
     def decode(self, raw):
         """Actions of the environment, of rows of bytes."""
         if isinstance(self.space, spaces.Discrete):
-            return [self.start + int(choice) for choice in raw[:, 0]]
-        digits = np.stack(np.unravel_index(raw[:, 0], self.sizes), axis=1).astype(self.space.dtype)
-        return list(digits.reshape(-1, *self.space.shape))
+            return (raw[:, 0] + self.starts).tolist()
+        digits = np.stack(np.unravel_index(raw[:, 0], self.sizes), axis=1) + self.starts
+        return list(digits.astype(self.space.dtype).reshape(-1, *self.space.shape))
 
     def encode(self, action):
         """The byte of an action of the environment."""
-        digits = np.asarray(action).reshape(-1) - self.start
-        within = len(digits) == len(self.sizes) and all(
-            0 <= digit < size for digit, size in zip(digits, self.sizes)
+        choices = np.asarray(action).reshape(-1)
+        within = len(choices) == len(self.sizes) and all(
+            0 <= digit < size for digit, size in zip(choices - self.starts, self.sizes)
         )
         if not within:
             raise ValueError(f"action: expected one of {self.space}, found {action!r}")
-        return bytes([int(np.ravel_multi_index(tuple(int(digit) for digit in digits), self.sizes))])
+        digits = (choices - self.starts).astype(np.int64)
+        return bytes([int(np.ravel_multi_index(tuple(digits), self.sizes))])
 
 
 def actions_of(space: Any) -> Any:

@@ -95,7 +95,7 @@ class Bad(Line):
             raise ZeroDivisionError("by nothing")
         if self.steps < 3:
             return seen, reward, terminated, truncated, info
-        if self.how == "raises":
+        if self.how in ("raises", "raises beside"):
             raise ZeroDivisionError("by nothing")
         if self.how == "no number":
             seen["place"][0] = np.nan
@@ -148,6 +148,18 @@ class Chance(Line):
 
 def chance():
     return gymnasium.wrappers.TimeLimit(Chance(), 20)
+
+
+class SharedChance(Line):
+    """Draws from the source of chance that all environments of a process share."""
+
+    def step(self, action):
+        self.place += np.random.uniform(-0.1, 0.1)
+        return super().step(action)
+
+
+def shared_chance():
+    return gymnasium.wrappers.TimeLimit(SharedChance(), 20)
 
 
 def conflicting():

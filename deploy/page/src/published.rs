@@ -71,7 +71,7 @@ mod tests {
     fn the_curve_is_that_of_task_method_and_setting() {
         let of = |task, settings: &[&str]| {
             let settings: Vec<String> = settings.iter().map(|&text| text.to_owned()).collect();
-            success_rate(&tasks::configuration(task, "goalward", &settings).unwrap())
+            success_rate(&tasks::configuration(task, None, &settings).unwrap())
         };
         assert_eq!(of("navigation", &["demonstrations.coverage=0.5"]), Some(0.98));
         assert_eq!(of("navigation", &["demonstrations.coverage=0.25", "method=bc"]), Some(0.56));

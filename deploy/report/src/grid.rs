@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn classes_are_known_by_their_labels() {
-        let mut task = run::tasks::configuration("navigation", "goalward", &[]).unwrap().task;
+        let mut task = run::tasks::configuration("navigation", None, &[]).unwrap().task;
         let found = Classes::of(&task).unwrap();
         assert_eq!((found.width, found.wall, found.agent), (19, 1, 3));
         task.labels.clear();

@@ -150,7 +150,7 @@ mod tests {
     /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
     fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
         let steps = ["steps=1000".to_owned()];
-        let config = tasks::configuration("navigation", "goalward", &steps).unwrap();
+        let config = tasks::configuration("navigation", None, &steps).unwrap();
         let summary = |evaluation: f64| -> Summary {
             let steps = points.last().unwrap().0;
             serde_json::from_value(serde_json::json!({
@@ -205,7 +205,7 @@ mod tests {
         let panel = MeasuredPanel {
             name: "navigation".to_owned(),
             title: "NAVIGATION".to_owned(),
-            task: tasks::configuration("navigation", "goalward", &[]).unwrap().task,
+            task: tasks::configuration("navigation", None, &[]).unwrap().task,
             curves: vec![cloning],
         };
         let chart = chart(&panel, &Palette::of(&[vec!["curve"]]), Against::Steps);

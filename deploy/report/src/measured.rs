@@ -196,7 +196,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path().join("begun"));
         std::fs::create_dir_all(folder.log()).unwrap();
-        let config = tasks::configuration("navigation", "goalward", &[]).unwrap();
+        let config = tasks::configuration("navigation", None, &[]).unwrap();
         std::fs::write(folder.config_file(), config.to_text()).unwrap();
         let metadata = Metadata::new(Kind::Run, &config.task.name, config.seed);
         let log = folder.log().join("updates-00000.mcap");

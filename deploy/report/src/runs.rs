@@ -88,7 +88,7 @@ mod tests {
             (RunFolder::new(name), "goal-proximity".to_owned(), phrases)
         };
         let panel = panel(
-            configuration("fetch-push", "goalward", &[]).unwrap().task,
+            configuration("fetch-push", None, &[]).unwrap().task,
             vec![
                 run("a", &["preset goalward"]),
                 run("b", &["preset goalward", "reward.uncertainty=0.1"]),

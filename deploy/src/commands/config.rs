@@ -2,7 +2,6 @@
 
 use anyhow::Result;
 use protocol::table::flat;
-use run::config::DEFAULT_PRESET;
 use run::tasks::{self, DEFAULT_TASK};
 use serde::Serialize;
 use terminal::numbers;
@@ -19,9 +18,9 @@ pub(crate) struct Arguments {
     /// The task: a name, or the path of a task's file.
     #[arg(long, default_value = DEFAULT_TASK)]
     task: String,
-    /// Values to begin with: goalward, paper or authors.
-    #[arg(long, default_value = DEFAULT_PRESET, value_parser = choices::presets())]
-    preset: String,
+    /// Values to begin with: goalward, paper or authors; by default goalward.
+    #[arg(long, value_parser = choices::presets())]
+    preset: Option<String>,
     /// The method, by default goal-proximity; `goalward methods` says what each is.
     #[arg(long, value_parser = choices::methods())]
     method: Option<String>,
@@ -41,7 +40,7 @@ struct Key {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { parts, task, preset, method, figures } = arguments;
     let method: Vec<String> = method.iter().map(|method| format!("method={method}")).collect();
-    let config = tasks::configuration(task, preset, &method)?;
+    let config = tasks::configuration(task, preset.as_deref(), &method)?;
     let is_wanted = |key: &String| parts.is_empty() || parts.iter().any(|part| key.contains(part));
     let values = flat(&toml::Table::try_from(&config)?).into_iter();
     // The task, preset and method are chosen by flags of their own.

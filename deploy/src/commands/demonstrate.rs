@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use protocol::setting::{EXPERT, Setting};
-use run::config::{DEFAULT_PRESET, RunConfig, set_by_user};
+use run::config::{RunConfig, set_by_user};
 use run::folder::RunFolder;
 use toml::Value;
 
@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(run) = policy {
         RunFolder::new(run).config()?;
     }
-    let config = tasks::configuration(task, DEFAULT_PRESET, &arguments.settings)?;
+    let config = tasks::configuration(task, None, &arguments.settings)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
     let setting = setting(arguments, &named, &config);
@@ -142,8 +142,7 @@ mod tests {
                 out: PathBuf::from("d.mcap"),
                 force: false,
             };
-            let config =
-                tasks::configuration("fetch-push", DEFAULT_PRESET, &arguments.settings).unwrap();
+            let config = tasks::configuration("fetch-push", None, &arguments.settings).unwrap();
             let named = set_by_user(&arguments.settings).unwrap();
             setting(&arguments, &named, &config).0.get("noise").and_then(Value::as_float)
         };

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result};
-use run::config::DEFAULT_PRESET;
 
 use crate::figures::Figures;
 use crate::{destination, programs, tasks};
@@ -94,7 +93,7 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
 fn import(arguments: &Import) -> Result<()> {
     let Import { source, task, settings, out, force, .. } = arguments;
     destination::file(out, *force)?;
-    let config = tasks::configuration(task, DEFAULT_PRESET, settings)?;
+    let config = tasks::configuration(task, None, settings)?;
     let spec = serde_json::to_string(&config.task).context("a task as JSON")?;
     package("import", |package| {
         package.arg(source).args(["--task-json", &spec, "--task-argument", task]);

@@ -91,7 +91,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     } else {
         format!("next:\n  {}", report_line(arguments))
     };
-    print_standing(arguments, &mut planned, &next)?;
+    let left = planned.left();
+    print_standing(arguments, &mut planned, left, &next)?;
     if ended.is_stopped {
         print_remark(&format!("stopped; go on with\n  {}", own_line(arguments)));
         return Err(stopped());
@@ -123,7 +124,7 @@ fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<
     let all = planned.runs.len();
     let (finished, words, line) = (all - left.runs, in_words(&left), own_line(arguments));
     let next = format!("{finished} of {all} runs are finished{words}\n  {line}");
-    print_standing(arguments, planned, &next)
+    print_standing(arguments, planned, left, &next)
 }
 
 /// Has a cluster train what is missing, if the user wishes, and looks on, likewise.
@@ -145,8 +146,9 @@ fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
     let is_over = || submitted.as_ref().is_some_and(Submitted::is_over);
     let watched = watch(&planned.runs, &mut planned.archive, is_over)?;
     let next = format!("next:\n  {}", report_line(arguments));
-    let is_finished = watched == Watched::Finished;
-    print_standing(arguments, planned, if is_finished { &next } else { "" })?;
+    let next = if watched == Watched::Finished { next.as_str() } else { "" };
+    let left = planned.left();
+    print_standing(arguments, planned, left, next)?;
     match watched {
         Watched::Finished => Ok(()),
         Watched::Stopped => {
@@ -195,8 +197,12 @@ struct Standing {
 }
 
 /// Prints how the plans stand, and for people what is `next`.
-fn print_standing(arguments: &Arguments, planned: &mut Planned, next: &str) -> Result<()> {
-    let left = planned.left();
+fn print_standing(
+    arguments: &Arguments,
+    planned: &mut Planned,
+    left: Left,
+    next: &str,
+) -> Result<()> {
     let figures: Vec<_> =
         planned.plans.iter().map(|plan| figure_of(plan, &mut planned.archive)).collect();
     let standing = Standing {

@@ -1,10 +1,13 @@
 //! `goalward join`: this machine's actors for a run of another machine.
 
 use std::ffi::OsString;
+use std::fs::{self, DirEntry, File};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bus::check_shared_memory_room;
+use bus::{BusAddress, check_shared_memory_room};
 use protocol::MAX_ACTORS;
 use run::folder::RunFolder;
 use terminal::print::print_remark;
@@ -14,9 +17,19 @@ use terminal::status_line::StatusLine;
 use crate::limits;
 use crate::listening::{golden, host_name};
 use crate::machine::Machine;
+use crate::plan;
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Joining, Outcome, Source, runtime, take_part};
+
+/// Most actors that a machine brings unasked: those of the run and of other machines want places as well.
+const MOST_UNASKED: u64 = MAX_ACTORS as u64 / 2;
+
+/// What the name of a joining's folder begins with; it lies among temporary files.
+const FOLDER: &str = "goalward-join-";
+
+/// One that is younger may not be locked yet by whoever made it.
+const YOUNG: Duration = Duration::from_secs(10);
 
 /// Flags of `goalward join`.
 #[derive(Debug, clap::Args)]
@@ -30,7 +43,7 @@ pub(crate) struct Arguments {
     /// Folder of the run, where both machines have it.
     #[arg(long, value_name = "DIR", conflicts_with = "key")]
     run: Option<PathBuf>,
-    /// Actor processes on this machine; by default one for each core.
+    /// Actor processes on this machine; by default one for each core, but at most 32: a run has 64 in all.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=MAX_ACTORS as u64))]
     actors: Option<u64>,
     /// What this machine is called; by default its host name.
@@ -56,7 +69,7 @@ impl Arguments {
 
     fn actors(&self) -> u64 {
         let cores = || std::thread::available_parallelism().map_or(1, |cores| cores.get() as u64);
-        self.actors.unwrap_or_else(cores).min(MAX_ACTORS as u64)
+        self.actors.unwrap_or_else(|| cores().min(MOST_UNASKED))
     }
 }
 
@@ -66,8 +79,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let (key, count) = (arguments.key()?, arguments.actors());
     Machine::here().require_room_for_actors(count)?;
     check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
-    let place = tempfile::Builder::new().prefix("goalward-join-").tempdir()?;
+    let temporary = std::env::temp_dir();
+    sweep(&temporary);
+    let place = tempfile::Builder::new().prefix(FOLDER).tempdir_in(&temporary)?;
     let folder = RunFolder::new(place.path());
+    let _lock = plan::lock(&folder)?;
     if !lay_out(&folder, &key, arguments.address.as_deref())? {
         return Err(stopped());
     }
@@ -75,7 +91,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let golden = golden(&folder, &config.task)?;
     let host = arguments.name.clone().unwrap_or_else(host_name);
     let task = &config.task.name;
-    print_remark(&format!("joining a run of {task} as {host}, actors: {count}; Ctrl-C leaves it"));
+    let is_cut = arguments.actors.is_none() && count == MOST_UNASKED;
+    let more = if is_cut { " (more by --actors)" } else { "" };
+    print_remark(&format!(
+        "joining a run of {task} as {host}, actors: {count}{more}; Ctrl-C leaves it"
+    ));
     let mut gateway = vec!["join".into(), "--run".into(), folder.path().into()];
     gateway.extend(key_arguments(&key, arguments.address.as_deref()));
     gateway.extend(["--host".into(), host.into(), "--golden".into(), golden.into()]);
@@ -94,9 +114,41 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+/// Removes what joinings of this user that were killed have left.
+fn sweep(temporary: &Path) {
+    let entries = fs::read_dir(temporary).into_iter().flatten().flatten();
+    let is_one =
+        |entry: &DirEntry| entry.file_name().as_encoded_bytes().starts_with(FOLDER.as_bytes());
+    for path in entries.filter(is_one).map(|entry| entry.path()) {
+        if let Err(error) = remove_if_left(&path) {
+            tracing::debug!("{} could not be removed: {error:#}", path.display());
+        }
+    }
+}
+
+/// Removes the folder of a joining, and what it has in shared memory, if nobody has its lock.
+///
+/// # Errors
+/// When a process of it still lives, or the system refuses.
+fn remove_if_left(path: &Path) -> Result<()> {
+    let found = fs::symlink_metadata(path)?;
+    let is_ours = found.is_dir() && found.uid() == rustix::process::geteuid().as_raw();
+    if !is_ours || found.modified()?.elapsed().unwrap_or_default() < YOUNG {
+        return Ok(());
+    }
+    let lock = File::open(path)?;
+    if lock.try_lock().is_err() {
+        return Ok(());
+    }
+    if let Some(bus) = BusAddress::if_started(path)? {
+        bus.remove()?;
+    }
+    Ok(fs::remove_dir_all(path)?)
+}
+
 /// Lays out the folder that actors work in; false if the user does not want to.
 fn lay_out(folder: &RunFolder, key: &Path, address: Option<&str>) -> Result<bool> {
-    std::fs::create_dir(folder.output())?;
+    fs::create_dir(folder.output())?;
     let mut gateway = Program::Gateway.command()?;
     gateway.arg("lay-out").arg("--run").arg(folder.path()).args(key_arguments(key, address));
     let ended = programs::run_unless_stopped(&mut gateway, "reaching the run", StatusLine::new())?;
@@ -109,4 +161,33 @@ fn key_arguments(key: &Path, address: Option<&str>) -> Vec<OsString> {
         arguments.extend(["--address".into(), address.into()]);
     }
     arguments
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::*;
+
+    #[test]
+    fn what_killed_joinings_left_is_swept() {
+        let directory = tempfile::tempdir().unwrap();
+        let made = |name: &str| {
+            let path = directory.path().join(name);
+            fs::create_dir(&path).unwrap();
+            path
+        };
+        let names = ["goalward-join-left", "goalward-join-held", "another", "goalward-join-young"];
+        let [left, held, another, young] = names.map(made);
+        let bus = BusAddress::for_start(&left).unwrap();
+        let shared = PathBuf::from(format!("/dev/shm/{}left", bus.prefix()));
+        fs::write(&shared, "").unwrap();
+        let _lock = plan::lock(&RunFolder::new(&held)).unwrap();
+        for old in [&left, &held, &another] {
+            File::open(old).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        }
+        sweep(directory.path());
+        assert!(!left.exists() && !shared.exists());
+        assert!(held.exists() && another.exists() && young.exists());
+    }
 }

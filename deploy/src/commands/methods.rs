@@ -31,8 +31,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn method((name, about): (String, String)) -> Result<Method> {
-    let config =
-        tasks::configuration(tasks::DEFAULT_TASK, "goalward", &[format!("method={name}")])?;
+    let config = tasks::configuration(tasks::DEFAULT_TASK, None, &[format!("method={name}")])?;
     Ok(Method {
         learner: config.learner.name(),
         reward_model: config.reward.model.name,

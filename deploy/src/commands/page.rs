@@ -17,6 +17,7 @@ use terminal::refusal::wrong_usage;
 
 use crate::other_reward::OtherReward;
 use crate::programs::Program;
+use crate::supervisor::runtime;
 use crate::{answer, processes, progress_file, scenes};
 
 /// How much the page and what it starts yield to training; 19 is most.
@@ -50,8 +51,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
     // Where the system does not let it yield, it does not.
     rustix::process::nice(NICENESS).ok();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    runtime()?.block_on(async {
         let listen = |port| {
             let folders = folders.clone();
             Server::listen(Settings { folders, host, port, programs: Box::new(OfRuns) })

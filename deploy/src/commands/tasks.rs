@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn task(name: &'static str) -> Result<Task> {
-    let config = tasks::configuration(name, "goalward", &[])?;
+    let config = tasks::configuration(name, None, &[])?;
     let spec = config.task.spec();
     Ok(Task {
         name,

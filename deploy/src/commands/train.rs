@@ -351,7 +351,7 @@ mod tests {
             figures: Figures::default(),
         };
         let settings = arguments.wishes().unwrap().settings;
-        let config = run::tasks::configuration("navigation", "goalward", &settings).unwrap();
+        let config = run::tasks::configuration("navigation", None, &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
         let coverage = config.demonstrations.environment.0["coverage"].as_float();
         assert_eq!((coverage, config.ppo.clip), (Some(1.0), 0.3));

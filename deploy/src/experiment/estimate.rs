@@ -116,14 +116,13 @@ pub(crate) fn left(runs: &[PlannedRun], archive: &mut Archive) -> Left {
 
 #[cfg(test)]
 mod tests {
-    use run::config::DEFAULT_PRESET;
 
     use super::*;
     use run::tasks::configuration;
 
     fn config(task: &str, method: &str) -> RunConfig {
         let settings = [format!("method={method}"), "steps=1000".to_owned()];
-        configuration(task, DEFAULT_PRESET, &settings).unwrap()
+        configuration(task, None, &settings).unwrap()
     }
 
     #[test]

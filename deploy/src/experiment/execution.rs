@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::process::ExitStatus;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mcap_log::is_being_written;
 use run::summary::Summary;
 
@@ -18,7 +18,7 @@ use super::planned_run::PlannedRun;
 use super::recorder::Recorder;
 use super::training::{Standing, Training};
 use crate::child::Child;
-use crate::supervisor::Signals;
+use crate::supervisor::{Signals, runtime};
 use terminal::numbers;
 use terminal::refusal::WRONG_USAGE;
 use terminal::status_line::StatusLine;
@@ -67,9 +67,7 @@ pub(crate) fn execute(
             None => execution.waiting.push_back(training),
         }
     }
-    let mut runtime = tokio::runtime::Builder::new_current_thread();
-    let runtime = runtime.enable_all().build().context("preparing to wait for processes")?;
-    let outcome = runtime.block_on(execution.run());
+    let outcome = runtime()?.block_on(execution.run());
     execution.line.finish();
     outcome.map(|()| execution.ended)
 }

@@ -11,7 +11,6 @@ use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
 use super::planned_run::PlannedRun;
 use report::figure::{Curve, Figure, Panel};
-use run::config::DEFAULT_PRESET;
 use terminal::refusal::wrong_usage;
 
 /// A plan that can be carried out.
@@ -164,7 +163,7 @@ impl PlannedPanel {
             let anchor = curve.anchor;
             let runs = seeds.iter().map(|&seed| {
                 let settings = settings_of(file, panel, &curve, seed, quick);
-                let preset = curve.preset.as_deref().unwrap_or(DEFAULT_PRESET);
+                let preset = curve.preset.as_deref();
                 PlannedRun::of(&panel.task, preset, &curve.method, seed, settings)
             });
             let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));

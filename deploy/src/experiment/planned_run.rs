@@ -25,7 +25,7 @@ impl PlannedRun {
     /// Of wrong usage, when the settings change what the plan says, or contradict their demonstrations.
     pub(super) fn of(
         task: &str,
-        preset: &str,
+        preset: Option<&str>,
         method: &str,
         seed: u64,
         settings: Vec<String>,

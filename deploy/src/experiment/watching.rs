@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::archive::Archive;
 use super::planned_run::PlannedRun;
 use super::training::{Standing, Training};
-use crate::supervisor::Signals;
+use crate::supervisor::{Signals, runtime};
 use terminal::numbers;
 use terminal::status_line::StatusLine;
 
@@ -35,10 +35,8 @@ pub(crate) fn watch(
     is_over: impl Fn() -> bool,
 ) -> Result<Watched> {
     let trainings: Vec<Training> = runs.iter().map(|run| Training::of(run, archive)).collect();
-    let mut runtime = tokio::runtime::Builder::new_current_thread();
-    let runtime = runtime.enable_all().build().context("preparing to look on")?;
     let mut line = StatusLine::new();
-    let watched = runtime.block_on(async {
+    let watched = runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         loop {
             // Asked first: what was finished before is then seen.

@@ -61,13 +61,13 @@ pub(crate) enum Outcome {
     EndOfLog,
 }
 
-/// What supervision runs in.
+/// What supervision runs in, and whatever else waits for processes and signals.
 ///
 /// # Errors
 /// When the system does not have it.
 pub(crate) fn runtime() -> Result<tokio::runtime::Runtime> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
-    runtime.enable_all().build().context("starting the supervisor")
+    runtime.enable_all().build().context("preparing to wait")
 }
 
 /// Starts a run's processes and watches over them to its end.

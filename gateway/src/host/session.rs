@@ -27,6 +27,15 @@ const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(1)
 /// How long a hub is tried that is not heard of.
 const HUB_PATIENCE: Duration = Duration::from_secs(60);
 
+/// Refusals that another try does not change; a message that is too long is out of range.
+const FINAL: [Code; 5] = [
+    Code::FailedPrecondition,
+    Code::InvalidArgument,
+    Code::OutOfRange,
+    Code::PermissionDenied,
+    Code::Unimplemented,
+];
+
 /// What a host says of itself.
 #[derive(Clone, Debug)]
 pub struct Identity {
@@ -74,7 +83,8 @@ pub fn connect(key: &JoinKey) -> Result<GatewayClient<Channel>> {
         .keep_alive_while_idle(true)
         .connect_lazy();
     let client = GatewayClient::new(channel);
-    Ok(client.max_decoding_message_size(MOST_BYTES).max_encoding_message_size(MOST_BYTES))
+    // What is too long to send the hub refuses: a limit here would be an error like that of a broken link.
+    Ok(client.max_decoding_message_size(MOST_BYTES))
 }
 
 /// The configuration of the run; asked once, so that a wrong address or key is said at once.
@@ -172,9 +182,7 @@ impl Session {
 
     /// What a failed call means: some can be made again.
     fn bear(&self, status: &Status) -> Result<()> {
-        use Code::{FailedPrecondition, InvalidArgument, PermissionDenied, Unimplemented};
-        let is_final = [FailedPrecondition, InvalidArgument, PermissionDenied, Unimplemented];
-        if is_final.contains(&status.code()) {
+        if FINAL.contains(&status.code()) {
             return Err(anyhow!(
                 "the hub at {} refuses this host: {}",
                 self.address,
@@ -210,4 +218,28 @@ fn words(status: &Status) -> String {
         cause = error.source();
     }
     said
+}
+
+#[cfg(test)]
+mod tests {
+    use run::folder::RunFolder;
+
+    use super::*;
+    use crate::key;
+
+    #[test]
+    fn a_message_that_is_too_long_is_not_sent_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        key::of_run(&folder, "127.0.0.1:9").unwrap();
+        let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
+        let (host, golden) = ("node-7".to_owned(), String::new());
+        let identity = Identity { host, golden, other_build: false, actors: 1 };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let _entered = runtime.enter();
+        let session = Session::new(&key, identity).unwrap();
+        session.bear(&Status::unavailable("for a moment")).unwrap();
+        let refused = session.bear(&Status::out_of_range("too long")).unwrap_err();
+        assert_eq!(refused.to_string(), "the hub at 127.0.0.1:9 refuses this host: too long");
+    }
 }

@@ -67,6 +67,16 @@ impl Judged {
     }
 }
 
+/// An episode that is judged, or will be.
+pub(super) struct Trial(watch::Receiver<Verdict>);
+
+impl Trial {
+    /// How the episode differs from what this machine makes of it, if it does; known once it is judged.
+    pub(super) async fn difference(mut self) -> Option<String> {
+        self.0.wait_for(Option::is_some).await.ok()?.clone().flatten()
+    }
+}
+
 /// An episode to be judged.
 struct Case {
     version: u64,
@@ -89,20 +99,18 @@ impl Auditor {
         Auditor { share: audit.share, random, spec, weights, cases, judged }
     }
 
-    /// How an episode differs from what this machine makes of it, if it is one of the sample and does. An
-    /// episode that cannot be acted again here is let pass.
-    pub(super) async fn difference(&self, trajectory: &Bytes) -> Option<String> {
+    /// Has an episode judged, if it is one of the sample. One that cannot be acted again here is let pass.
+    pub(super) async fn trial(&self, trajectory: &Bytes) -> Option<Trial> {
         // No host can know which episodes are of the sample, and the same one is or is not each time.
         let hash = self.random.hash_one(&trajectory[..]);
         if hash as f64 / u64::MAX as f64 >= self.share {
             return None;
         }
         let known = self.judged().verdicts.get(&hash).cloned();
-        let mut verdict = match known {
-            Some(verdict) => verdict,
-            None => self.give(hash, trajectory).await?,
-        };
-        verdict.wait_for(Option::is_some).await.ok()?.clone().flatten()
+        match known {
+            Some(verdict) => Some(Trial(verdict)),
+            None => self.give(hash, trajectory).await.map(Trial),
+        }
     }
 
     /// Gives an episode to the auditor; none that cannot be acted again here.
@@ -256,12 +264,16 @@ echo null
 exec sleep 60
 "#;
 
+    async fn difference(auditor: &Auditor, trajectory: &Bytes) -> Option<String> {
+        auditor.trial(trajectory).await?.difference().await
+    }
+
     /// The call of a host ends before the verdict; asked again the auditor has the same one in work.
     #[test]
     fn an_episode_is_judged_once_however_often_a_host_sends_it() {
         let directory = tempfile::tempdir().unwrap();
         let program = auditor(directory.path(), SLOW);
-        let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
+        let config = run::tasks::configuration("navigation", None, &[]).unwrap();
         let trajectory = episode(&config);
         let mut newest = Newest::default();
         newest.take(0, Bytes::from_static(b"w"));
@@ -272,10 +284,10 @@ exec sleep 60
             let folder = RunFolder::new(directory.path());
             let auditor = Auditor::start(&audit, &folder, config.task.spec(), weights);
             let impatient = Duration::from_millis(100);
-            let first = timeout(impatient, auditor.difference(&trajectory)).await;
+            let first = timeout(impatient, difference(&auditor, &trajectory)).await;
             assert!(first.is_err(), "the call ended first");
-            assert_eq!(auditor.difference(&trajectory).await, None);
-            assert_eq!(auditor.difference(&trajectory).await, None);
+            assert_eq!(difference(&auditor, &trajectory).await, None);
+            assert_eq!(difference(&auditor, &trajectory).await, None);
         });
         let judged = fs::read_to_string(directory.path().join("auditor.judged")).unwrap();
         assert_eq!(judged.lines().count(), 1);

@@ -10,6 +10,7 @@ use run::hosts::Expelled;
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
+use super::audit::Trial;
 use super::guest::{Guest, Order, places};
 use super::stand_in::Refusal;
 use super::{Hub, is_name};
@@ -29,6 +30,7 @@ const EXPELLED: usize = 1024;
 const NAME_CHARS: usize = 40;
 
 /// Answers calls.
+#[derive(Clone)]
 pub(super) struct Calls {
     hub: Arc<Hub>,
 }
@@ -78,16 +80,31 @@ impl Calls {
         Status::permission_denied(why)
     }
 
-    /// How an episode of a host differs from what this machine makes of it, if one of them is audited and does.
-    async fn difference(&self, exchange: &Exchange) -> Option<String> {
-        let auditor = self.hub.auditor.as_ref()?;
-        self.hub.guests().get(&exchange.session)?;
+    /// Has those episodes of a host judged that are of the sample. A trial goes on without its call, which the
+    /// host could end.
+    async fn judge(&self, exchange: &Exchange) -> Result<(), Status> {
+        let session = exchange.session;
+        let Some(auditor) = &self.hub.auditor else { return Ok(()) };
+        if !self.hub.guests().contains_key(&session) {
+            return Err(self.stranger(session));
+        }
         for trajectory in &exchange.trajectories {
-            if let Some(difference) = auditor.difference(trajectory).await {
-                return Some(difference);
+            let Some(trial) = auditor.trial(trajectory).await else { continue };
+            let calls = self.clone();
+            let tried = tokio::spawn(async move { calls.end_trial(session, trial).await });
+            tried.await.map_err(internal)??;
+        }
+        Ok(())
+    }
+
+    /// Waits for the verdict of a trial, and expels a host that acts otherwise.
+    async fn end_trial(&self, session: u64, trial: Trial) -> Result<(), Status> {
+        match trial.difference().await {
+            None => Ok(()),
+            Some(difference) => {
+                Err(self.expel(session, &format!("it acts otherwise: {difference}")))
             }
         }
-        None
     }
 
     /// Checks what a host says of itself.
@@ -120,12 +137,13 @@ impl Calls {
         let is_here = |name: &str| name.starts_with("actor") && !name.contains('@');
         let here = members.iter().filter(|member| member.lives && is_here(&member.name)).count();
         let taken = others.map(Guest::places).fold(here as u64, u64::saturating_add);
-        let wanted = places(actors);
-        if wanted <= (MAX_ACTORS as u64).saturating_sub(taken) {
+        let (wanted, room) = (places(actors), (MAX_ACTORS as u64).saturating_sub(taken));
+        if wanted <= room {
             return Ok(());
         }
         let words = format!(
-            "expected at most {MAX_ACTORS} actors of a run, found {taken} and {wanted} of this host"
+            "expected at most {MAX_ACTORS} actors of a run, found {taken} and {wanted} of this host; \
+             there is room for {room}"
         );
         Err(Status::failed_precondition(words))
     }
@@ -143,7 +161,9 @@ impl Calls {
                 return Some(guest.actors);
             }
         };
-        let others = guests.iter().filter(|(other, _)| **other != session).map(|(_, guest)| guest);
+        // Those that have left are forgotten when somebody joins.
+        let is_other = |(other, guest): &(&u64, &Guest)| **other != session && guest.is_there();
+        let others = guests.iter().filter(is_other).map(|(_, guest)| guest);
         let room = self.check_room(count, others);
         let guest = guests.get_mut(&session)?;
         match room {
@@ -211,9 +231,7 @@ impl Gateway for Calls {
     async fn exchange(&self, request: Request<Exchange>) -> Result<Response<Answer>, Status> {
         let exchange = request.into_inner();
         let session = exchange.session;
-        if let Some(difference) = self.difference(&exchange).await {
-            return Err(self.expel(session, &format!("it acts otherwise: {difference}")));
-        }
+        self.judge(&exchange).await?;
         match self.done(session, |done| Order::Exchange { exchange, done }).await? {
             Ok(answer) => Ok(Response::new(answer)),
             Err(Refusal::Wrong(why)) => Err(self.expel(session, &format!("{why:#}"))),

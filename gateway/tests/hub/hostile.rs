@@ -6,11 +6,12 @@ use std::time::Duration;
 use bytes::Bytes;
 use gateway::calls::gateway_client::GatewayClient;
 use gateway::host::connect;
-use gateway::messages::{Beat, Exchange, Hello, WeightsRequest};
+use gateway::messages::{Beat, Exchange, Hello, MOST_BYTES, WeightsRequest};
 use prost::Message;
 use protocol::messages::{Lease, LeaseRequest};
 use protocol::seed::{Purpose, Stream, stream};
 use rand::RngExt;
+use tonic::Code;
 use tonic::transport::Channel;
 
 use crate::stage::{Stage, block_on};
@@ -144,4 +145,11 @@ fn a_host_that_says_anything_costs_nothing() {
     let growth = memory().saturating_sub(before);
     assert!(growth < GROWTH_BYTES, "grown by {growth} bytes");
     println!("{} messages, grown by {growth} bytes", messages());
+    // Here, because nobody else measures the memory.
+    let trajectories = vec![Bytes::from(vec![0; MOST_BYTES])];
+    let too_long = Exchange { session: u64::MAX, trajectories, ..Exchange::default() };
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        assert_eq!(hub.exchange(too_long).await.unwrap_err().code(), Code::OutOfRange);
+    });
 }

@@ -10,14 +10,16 @@ use std::io::Write;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use bus::BusAddress;
+use bus::{Bus, BusAddress};
 use bytes::Bytes;
 use gateway::host::{self, connect};
 use gateway::key::{self, JoinKey};
-use gateway::messages::{Beat, Exchange, Hello};
+use gateway::messages::{Beat, Exchange, Hello, WeightsRequest};
 use prost::Message;
 use protocol::build;
 use protocol::messages::{LeaseReply, LeaseRequest};
+use protocol::weights::Weights;
+use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
 use tonic::Code;
@@ -89,7 +91,8 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
         assert_eq!([welcome.host, second.host], ["node-7", "node-7-2"]);
         let many = Hello { actors: 57, ..stage.hello(3) };
         let refusal = hub.hello(many).await.unwrap_err();
-        assert!(refusal.message().contains("found 8 and 57 of this host"), "{refusal}");
+        let words = "found 8 and 57 of this host; there is room for 56";
+        assert!(refusal.message().contains(words), "{refusal}");
         hub.hello(Hello { actors: 56, ..stage.hello(3) }).await.unwrap();
         let none = Hello { actors: 0, ..stage.hello(4) };
         let refusal = hub.hello(none).await.unwrap_err();
@@ -178,6 +181,69 @@ fn a_host_stays_when_an_actor_of_its_is_gone_that_had_asked() {
         assert_eq!(asked.await.unwrap().unwrap().into_inner().reply, None);
         hub.beat(nobody()).await.unwrap();
     });
+}
+
+#[test]
+fn a_host_that_has_left_takes_no_place() {
+    let stage = Stage::new();
+    let folder = RunFolder::new(stage.directory.path());
+    let is_alone = || Hosts::of_run(&folder).present.iter().map(|host| &host.name).eq(["node-7-2"]);
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        hub.hello(stage.hello(1)).await.unwrap();
+        hub.hello(stage.hello(2)).await.unwrap();
+        let beat = || Beat { session: 2, ..Beat::default() };
+        let start = Instant::now();
+        while !is_alone() {
+            assert!(start.elapsed() < PATIENCE, "expected one of two hosts to be given up");
+            hub.beat(beat()).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        // Beside the one that has left there would be room for 60.
+        ActorsWanted::of_host(&folder, "node-7-2").want(62).unwrap();
+        assert_eq!(hub.beat(beat()).await.unwrap().into_inner().actors, 62);
+    });
+}
+
+/// Finds something in every episode, a while after it has begun.
+const SLOW_AUDITOR: &str = r#"#!/bin/sh
+touch "$0.begun"
+sleep 1
+echo '"another observation"'
+exec sleep 60
+"#;
+
+#[test]
+fn a_host_that_hangs_up_before_the_verdict_is_expelled() {
+    let stage = Stage::with_auditor(SLOW_AUDITOR);
+    let bus = Bus::open(&BusAddress::of_run(stage.directory.path()).unwrap(), "weights").unwrap();
+    let weights = Weights::new(0, &[0.5], &[]).encode_to_vec();
+    let publisher = bus.weights_publisher(weights.len()).unwrap();
+    publisher.publish(&weights).unwrap();
+    let begun = stage.directory.path().join("auditor.begun");
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        hub.hello(stage.hello(1)).await.unwrap();
+        let wanted = WeightsRequest { session: 1, version: 0 };
+        let start = Instant::now();
+        while hub.weights(wanted.clone()).await.unwrap().into_inner().weights.is_none() {
+            assert!(start.elapsed() < PATIENCE, "expected weights");
+            publisher.refresh().unwrap();
+        }
+        let trajectories = vec![stage.episode(3, stage.config.seed)];
+        let exchange = Exchange { session: 1, trajectories, ..Exchange::default() };
+        let mut asker = hub.clone();
+        let asked = tokio::spawn(async move { asker.exchange(exchange).await });
+        while !begun.exists() {
+            assert!(start.elapsed() < PATIENCE, "expected an audit");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        asked.abort();
+        stage.await_hosts(|hosts| hosts.expelled.len() == 1).await;
+        let back = hub.hello(stage.hello(1)).await.unwrap_err();
+        assert_eq!(back.message(), "it acts otherwise: another observation");
+    });
+    assert_eq!(stage.published(), Vec::<Bytes>::new());
 }
 
 #[test]

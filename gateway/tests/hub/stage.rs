@@ -1,15 +1,17 @@
 //! A hub, and the test as the learner that it stands before.
 
-use std::fs;
+use std::fs::{self, Permissions};
 use std::future::Future;
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use actor::factory::Factory;
 use actor::lane::Lane;
 use bus::{Bus, BusAddress, Server, TrajectorySubscriber};
 use bytes::Bytes;
-use gateway::hub::{self, Setup};
+use gateway::hub::{self, Audit, Setup};
 use gateway::key::{self, JoinKey};
 use gateway::messages::{Hello, PROTOCOL};
 use prost::Message;
@@ -54,9 +56,19 @@ impl Drop for Left {
 
 impl Stage {
     pub(crate) fn new() -> Stage {
+        Stage::open(None)
+    }
+
+    /// The same, but every episode is acted again by the program `auditor` of this text in the run's folder.
+    pub(crate) fn with_auditor(text: &str) -> Stage {
+        Stage::open(Some(text))
+    }
+
+    fn open(auditor: Option<&str>) -> Stage {
         let directory = tempfile::tempdir().unwrap();
+        let audit = auditor.map(|text| audit_by(text, directory.path()));
         let folder = RunFolder::new(directory.path());
-        let config = run::tasks::configuration("navigation", "goalward", &[]).unwrap();
+        let config = run::tasks::configuration("navigation", None, &[]).unwrap();
         fs::create_dir(folder.output()).unwrap();
         fs::write(folder.config_file(), config.to_text()).unwrap();
         let address = BusAddress::for_start(folder.path()).unwrap();
@@ -67,7 +79,7 @@ impl Stage {
         let hub_key = key::of_run(&folder, &listen.to_string()).unwrap();
         let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
         let (stop, setup) =
-            (Stop::default(), Setup { folder, listen, golden: GOLDEN.to_owned(), audit: None });
+            (Stop::default(), Setup { folder, listen, golden: GOLDEN.to_owned(), audit });
         let stopped = stop.clone();
         let body = move || hub::serve(&setup, &hub_key, &stopped).unwrap();
         let hub = Some(std::thread::Builder::new().spawn(body).unwrap());
@@ -144,6 +156,13 @@ impl Drop for Stage {
         let ended = self.hub.take().map(std::thread::JoinHandle::join);
         assert!(std::thread::panicking() || ended.is_some_and(|ended| ended.is_ok()));
     }
+}
+
+fn audit_by(text: &str, directory: &Path) -> Audit {
+    let program = directory.join("auditor");
+    fs::write(&program, text).unwrap();
+    fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+    Audit { share: 1.0, program }
 }
 
 pub(crate) fn free_address() -> SocketAddr {

@@ -8,8 +8,7 @@ use protocol::Error;
 
 use super::file::FileWriter;
 use super::run::read_run;
-use super::scan::Message;
-use super::topic::{Contents, Topic};
+use super::topic::Contents;
 use super::{folder, write_error};
 
 /// Messages that are held at a time.
@@ -44,10 +43,10 @@ pub fn rewrite<E: From<Error>>(
         if messages.is_empty() {
             break;
         }
-        let old = messages.iter().filter(|message| is_trajectory(message));
+        let old = messages.iter().filter(|message| message.topic.is_of_trajectories());
         let mut changed = change(old.map(|message| message.bytes.clone()).collect())?.into_iter();
         for message in messages {
-            let bytes = match is_trajectory(&message) {
+            let bytes = match message.topic.is_of_trajectories() {
                 true => changed.next().expect("as many as were given"),
                 false => message.bytes,
             };
@@ -58,8 +57,4 @@ pub fn rewrite<E: From<Error>>(
     }
     trajectories.seal()?;
     Ok(updates.seal()?)
-}
-
-fn is_trajectory(message: &Message) -> bool {
-    matches!(message.topic, Topic::Trajectory | Topic::EvaluationTrajectory)
 }

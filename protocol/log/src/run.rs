@@ -108,6 +108,12 @@ impl RunReader {
         self.left_out
     }
 
+    /// Trajectories that count, of training and of evaluation, wherever iterating is.
+    pub fn trajectories(&self) -> u64 {
+        let names = self.streams.iter().flat_map(|stream| stream.last.keys());
+        names.filter(|(topic, ..)| topic.is_of_trajectories()).count() as u64
+    }
+
     /// The next message, undecoded, and the file it is from; none at the end.
     pub(super) fn next_message(&mut self) -> Result<Option<(PathBuf, Message)>, Error> {
         let heads = self.streams.iter_mut().filter(|stream| stream.head.is_some());

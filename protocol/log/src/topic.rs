@@ -85,6 +85,11 @@ impl Topic {
         }
     }
 
+    /// Whether the topic's messages are trajectories.
+    pub(super) fn is_of_trajectories(self) -> bool {
+        matches!(self, Topic::Trajectory | Topic::EvaluationTrajectory)
+    }
+
     pub(super) fn named(name: &str) -> Option<Topic> {
         Topic::ALL.into_iter().find(|topic| topic.name() == name)
     }

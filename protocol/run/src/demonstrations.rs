@@ -157,7 +157,8 @@ fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Resul
     Ok(())
 }
 
-/// Refuses demonstrations that do not make a single batch of a reward model.
+/// Refuses demonstrations that do not make a single batch of a reward model, or leave it a segment without
+/// a state.
 fn require_rows(
     demonstrations: &[Trajectory],
     config: &RunConfig,
@@ -179,11 +180,31 @@ fn require_rows(
                        demonstrations";
         return Err(failed(file, message.to_owned()));
     }
+    if model.reads_segments()
+        && let Some(empty) = empty_segment(demonstrations, &config.reward)
+    {
+        let segments = config.reward.segments;
+        let message = format!(
+            "expected demonstrations with a state in each of the {segments} parts that \
+             `reward.segments` divides them into, found none in part {}",
+            empty + 1
+        );
+        return Err(failed(file, message));
+    }
     Ok(())
 }
 
-/// A demonstration up to where it first reached the goal: what came after would have labels as if it
-/// were closer.
+/// The first segment that no state lies in.
+fn empty_segment(demonstrations: &[Trajectory], config: &RewardConfig) -> Option<usize> {
+    let mut found = vec![false; config.segments];
+    for steps in demonstrations.iter().map(|one| one.steps as usize) {
+        (0..=steps).for_each(|step| found[config.segment(step, steps)] = true);
+    }
+    found.iter().position(|found| !found)
+}
+
+/// A demonstration up to where it first reached the goal, as one that ends there: what came after would have
+/// labels as if it were closer.
 fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String> {
     if !trajectory.success {
         return Err("expected one that reaches the goal".to_owned());
@@ -192,7 +213,9 @@ fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String>
     match steps_to_goal {
         0 if ending == TrajectoryEnding::GoalReached as i32 => Ok(trajectory),
         0 => Err("expected the step that reached the goal, or an end there, found neither".into()),
-        goal if goal == steps => Ok(trajectory),
+        goal if goal == steps => {
+            Ok(Trajectory { ending: TrajectoryEnding::GoalReached as i32, ..trajectory })
+        }
         goal if goal < steps => Ok(cut(trajectory, goal, spec)),
         goal => Err(format!("expected a goal within its {steps} steps, found it after {goal}")),
     }

@@ -115,7 +115,7 @@ mod tests {
     fn demonstrations_that_were_swapped_are_noticed() {
         let home = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(home.path());
-        let config = crate::tasks::configuration("navigation", "goalward", &[]).unwrap();
+        let config = crate::tasks::configuration("navigation", None, &[]).unwrap();
         let missing = demonstrations_sha256(&folder, &config).unwrap_err().to_string();
         assert!(missing.contains("demonstrations.mcap"), "{missing}");
         std::fs::write(folder.demonstrations_file(), "some").unwrap();

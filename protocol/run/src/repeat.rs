@@ -39,7 +39,7 @@ pub fn differences(config: &RunConfig) -> Vec<Difference> {
 /// The configuration that a run's task, preset and method have by themselves.
 fn usual(config: &RunConfig) -> Result<RunConfig, Error> {
     let method = format!("method={}", config.method);
-    tasks::configuration(&config.task.name, &config.preset, &[method])
+    tasks::configuration(&config.task.name, Some(&config.preset), &[method])
 }
 
 /// The same as keys and values.
@@ -100,7 +100,7 @@ mod tests {
     fn a_command_makes_its_configuration_again() {
         let changes = ["seed=3", "steps=60000", "reward.form=absolute", "reward.hidden=[8, 16]"];
         let changes = changes.map(str::to_owned);
-        let config = tasks::configuration("navigation", "paper", &changes).unwrap();
+        let config = tasks::configuration("navigation", Some("paper"), &changes).unwrap();
         assert_eq!(
             command(&RunFolder::new("runs/a"), &config),
             "goalward train navigation --method goal-proximity --preset paper --seed 3 \

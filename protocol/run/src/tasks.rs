@@ -30,7 +30,11 @@ pub const DEFAULT_TASK: &str = BUILT_IN[0].0;
 ///
 /// # Errors
 /// When there is no such task, or its configuration is not sound.
-pub fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<RunConfig, Error> {
+pub fn configuration(
+    task: &str,
+    preset: Option<&str>,
+    settings: &[String],
+) -> Result<RunConfig, Error> {
     if let Some((_, file)) = BUILT_IN.iter().find(|(name, _)| *name == task) {
         return RunConfig::assemble(file, METHODS, preset, settings);
     }
@@ -55,7 +59,7 @@ pub fn configuration(task: &str, preset: &str, settings: &[String]) -> Result<Ru
 pub fn of_text(
     text: &str,
     origin: &str,
-    preset: &str,
+    preset: Option<&str>,
     settings: &[String],
 ) -> Result<RunConfig, Error> {
     RunConfig::assemble(text, METHODS, preset, settings).map_err(|error| match error {
@@ -97,7 +101,7 @@ mod tests {
     fn every_preset_of_every_task_is_a_whole_configuration() {
         for (task, _) in BUILT_IN {
             for preset in ["goalward", "paper", "authors"] {
-                let config = configuration(task, preset, &[]).unwrap();
+                let config = configuration(task, Some(preset), &[]).unwrap();
                 assert_eq!((config.task.name.as_str(), config.preset.as_str()), (task, preset));
             }
         }
@@ -112,15 +116,16 @@ mod tests {
             BUILT_IN.into_iter().flat_map(|(task, _)| methods.keys().map(move |name| (task, name)))
         {
             for preset in ["goalward", "paper", "authors"] {
-                let config = configuration(task, preset, &[format!("method={method}")]).unwrap();
+                let config =
+                    configuration(task, Some(preset), &[format!("method={method}")]).unwrap();
                 assert_eq!(config.method, *method);
             }
         }
         let scaled =
             ["method=sqil", "environment.action_scale=[0.1, 0.6, 0.15]"].map(str::to_owned);
-        let message = configuration("fetch-push", "goalward", &scaled).unwrap_err().to_string();
+        let message = configuration("fetch-push", None, &scaled).unwrap_err().to_string();
         assert!(message.contains("`environment.action_scale` must be none for sqil"), "{message}");
-        let error = configuration("navigation", "goalward", &["method=magic".to_owned()]);
+        let error = configuration("navigation", None, &["method=magic".to_owned()]);
         let message = error.unwrap_err().to_string();
         assert!(message.contains("one of ") && message.contains("gaifo-s"), "{message}");
     }
@@ -136,16 +141,16 @@ mod tests {
         let methods = METHODS.parse::<Table>().unwrap();
         // Labels that fall by the horizon are of one horizon.
         for method in methods.keys().filter(|method| *method != "linear") {
-            let config = configuration(path, "goalward", &[format!("method={method}")]).unwrap();
+            let config = configuration(path, None, &[format!("method={method}")]).unwrap();
             assert_eq!(config.task.program, Some(folder.path().join("my-actor")), "{method}");
         }
         fs::write(&file, own.replace("80", "\"eighty\"")).unwrap();
-        let refusal = configuration(path, "goalward", &[]).unwrap_err().to_string();
+        let refusal = configuration(path, None, &[]).unwrap_err().to_string();
         assert!(refusal.contains("eighty") && !refusal.contains('\n'), "{refusal}");
         fs::write(&file, "[task\n").unwrap();
-        let refusal = configuration(path, "goalward", &[]).unwrap_err().to_string();
+        let refusal = configuration(path, None, &[]).unwrap_err().to_string();
         assert!(refusal.contains(path) && refusal.contains("line 1"), "{refusal}");
-        let refusal = configuration("chess", "goalward", &[]).unwrap_err().to_string();
+        let refusal = configuration("chess", None, &[]).unwrap_err().to_string();
         assert!(refusal.contains("navigation, fetch-pick"), "{refusal}");
     }
 
@@ -154,7 +159,7 @@ mod tests {
         let own = "[task]\nname = \"cart\"\nobservation.vector.len = 4\n\
                    action.discrete.count = 2\nhorizon_steps = 80\nprogram = \"my-actor\"\n";
         let judged = |setting: &str| {
-            of_text(own, "cart", "goalward", &["method=sqil", setting].map(str::to_owned))
+            of_text(own, "cart", None, &["method=sqil", setting].map(str::to_owned))
         };
         judged("ppo.max_gradient_norm=0.1").unwrap();
         for setting in ["sqil.hidden=[8]", "sqil.tune_temperature=false"] {
@@ -171,24 +176,26 @@ mod tests {
         let changes = ["rollout.lanes=9", "evaluation.episodes=7"].map(str::to_owned);
         for (method, _) in methods() {
             let settings = [&changes[..], &[format!("method={method}")]].concat();
-            let config = configuration("fetch-push", "paper", &settings).unwrap();
+            let config = configuration("fetch-push", Some("paper"), &settings).unwrap();
             fs::write(&file, config.to_text()).unwrap();
             for named in [&[], &settings[2..]] {
-                assert_eq!(configuration(path, "goalward", named).unwrap(), config);
+                assert_eq!(configuration(path, None, named).unwrap(), config);
             }
-            let longer = configuration(path, "paper", &["steps=9000000".to_owned()]).unwrap();
+            let longer = configuration(path, Some("paper"), &["steps=9000000".to_owned()]).unwrap();
             assert_eq!(longer, RunConfig { steps: 9_000_000, ..config });
         }
         let refusal = |preset, settings: &[&str]| {
             let settings: Vec<String> = settings.iter().map(|&one| one.to_owned()).collect();
             configuration(path, preset, &settings).unwrap_err().to_string()
         };
-        let of_method = refusal("goalward", &["method=bc"]);
+        let of_method = refusal(None, &["method=bc"]);
         assert!(
             of_method.contains("`method` must be temporal-distance, as in the run"),
             "{of_method}"
         );
-        let of_preset = refusal("authors", &[]);
-        assert!(of_preset.contains("`preset` must be paper, as in the run"), "{of_preset}");
+        for other in ["goalward", "authors"] {
+            let of_preset = refusal(Some(other), &[]);
+            assert!(of_preset.contains("`preset` must be paper, as in the run"), "{of_preset}");
+        }
     }
 }

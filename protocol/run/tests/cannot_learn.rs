@@ -3,14 +3,14 @@
 
 use protocol::Error;
 use run::config::RunConfig;
-use run::tasks::configuration;
+use run::tasks::{configuration, of_text};
 
 const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
 
 /// Settings between spaces.
 fn assemble(task: &str, settings: &str) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
-    configuration(task, "goalward", &settings)
+    configuration(task, None, &settings)
 }
 
 /// Settings of a task, and words of its refusal; no words where it is none.
@@ -78,6 +78,26 @@ fn convolutions_fit_the_grid() {
 }
 
 #[test]
+fn convolutions_of_a_reward_model_fit_the_grid_where_it_trains() {
+    let maze = "[task]\nname = \"maze\"\naction.discrete.count = 4\nhorizon_steps = 20\n\
+                observation.cells = { height = 5, width = 5, classes = 3 }\n";
+    let judged = |method: &str, settings: &[&str]| {
+        let method = format!("method={method}");
+        let own = [method.as_str(), "policy.convolution_channels=[8]", "policy.pool=1"];
+        let settings = own.iter().chain(settings);
+        let settings: Vec<String> = settings.map(|&setting| setting.to_owned()).collect();
+        of_text(maze, "maze", None, &settings)
+    };
+    for method in ["environment-reward", "nearest-state", "segment-matching", "bc", "sqil"] {
+        judged(method, &[]).unwrap();
+    }
+    let inverse = ["inverse_dynamics.convolution_channels=[8]", "inverse_dynamics.pool=1"];
+    judged("bco", &inverse).unwrap();
+    let said = judged("goal-proximity", &[]).unwrap_err().to_string();
+    assert!(said.contains("`reward.convolution_kernel`") && said.contains("5 x 5"), "{said}");
+}
+
+#[test]
 fn the_ensemble_gets_what_it_trains_on() {
     judge(
         "navigation",
@@ -102,6 +122,29 @@ fn the_ensemble_gets_what_it_trains_on() {
             (
                 "method=proximity-with-actions demonstrations.episodes=1 reward.samples=128 reward.batch=101",
                 &["`reward.batch`", "100", "found 101"],
+            ),
+            (
+                "method=temporal-distance reward.pretraining_epochs=0",
+                &["`reward.pretraining_epochs`", "at least 1 with temporal-distance", "found 0"],
+            ),
+        ],
+    );
+    judge(
+        "fetch-pick",
+        &[
+            ("reward.batch=2048", &["`reward.samples`", "at least a batch", "found 1024"]),
+            // Whoever draws no samples may have any batch.
+            ("reward.batch=2048 reward.samples=0", &[]),
+            ("method=temporal-distance reward.batch=2048", &[]),
+        ],
+    );
+    judge(
+        "fetch-push",
+        &[
+            ("method=segment-matching reward.segments=61", &[]),
+            (
+                "method=segment-matching reward.segments=100",
+                &["`reward.segments`", "at most 61", "found 100"],
             ),
         ],
     );
@@ -165,10 +208,12 @@ fn no_minibatch_can_be_empty() {
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=4", &[]),
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=5", &["`ppo.minibatches`"]),
             ("rollout.lanes=1 rollout.lane_steps=115", &[]),
+            ("ppo.minibatches=2049", &["`ppo.minibatches`", "half the steps", "found 2049"]),
             // Whoever makes no minibatches of a rollout may have the shortest.
             ("method=sqil rollout.lanes=1 rollout.lane_steps=100", &[]),
         ],
     );
+    judge("fetch-push", &[("method=sqil rollout.lanes=1", &[])]);
 }
 
 #[test]
@@ -191,6 +236,20 @@ fn a_learner_comes_to_its_first_update() {
             "method=sqil policy.distribution=gaussian",
             &["`policy.distribution`", "squashed-gaussian", "sqil"],
         )],
+    );
+}
+
+#[test]
+fn deviations_of_squashed_numbers_are_fitted() {
+    let refusal: &[&str] = &["`cloning.deviations`", "true", "squashed-gaussian", "found false"];
+    judge(
+        "fetch-push",
+        &[
+            ("method=bc policy.distribution=squashed-gaussian", refusal),
+            ("method=bc policy.distribution=squashed-gaussian cloning.deviations=true", &[]),
+            ("method=bco policy.distribution=squashed-gaussian", &[]),
+            ("method=bco policy.distribution=squashed-gaussian cloning.deviations=false", refusal),
+        ],
     );
 }
 
@@ -226,7 +285,16 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=bc ppo.clip=0.3", &["`ppo.clip`", OUT, "bc"]),
             ("method=bc ppo.clip=0.2", &[]),
             ("method=bc reward.ensemble=7", &["`reward.ensemble`", OUT]),
-            ("method=bco cloning.patience=3", &["`cloning.patience`", OUT]),
+            ("method=bc rollout.lag=1", &["`rollout.lag`", OUT, "no environment steps"]),
+            ("method=bc rollout.lane_steps=200", &["`rollout.lane_steps`", OUT]),
+            ("method=bc rollout.lanes=9", &[]),
+            ("method=bc cloning.patience=3", &[]),
+            (
+                "method=bc cloning.patience=3 cloning.validation=0",
+                &["`cloning.patience`", OUT, "cloning.validation = 0"],
+            ),
+            ("method=bc cloning.deviations=true", &["`cloning.deviations`", OUT, "discrete"]),
+            ("method=bco cloning.patience=3", &["`cloning.patience`", OUT, "bco"]),
             ("method=bco inverse_dynamics.hidden=[8]", &["`inverse_dynamics.hidden`", OUT]),
             ("method=sqil ppo.max_gradient_norm=0.1", &[]),
             ("method=sqil ppo.clip=0.1", &["`ppo.clip`", OUT]),
@@ -278,8 +346,8 @@ fn what_a_reward_model_does_not_read_is_refused() {
             ("method=temporal-distance reward.final_bonus=true", &["`reward.final_bonus`", OUT]),
             ("method=temporal-distance reward.form=absolute", &["`reward.form`", "difference"]),
             (
-                "method=temporal-distance reward.pretraining_epochs=0",
-                &["reward.pretraining_epochs"],
+                "method=temporal-distance reward.learning_rate_decay=true",
+                &["`reward.learning_rate_decay`", OUT, "temporal-distance"],
             ),
             ("method=proximity-discriminator reward.form=absolute", &[]),
             ("method=proximity-discriminator reward.samples=0", &["`reward.samples`", "above 0"]),
@@ -292,6 +360,23 @@ fn what_a_reward_model_does_not_read_is_refused() {
             ("reward.segments=2", &["`reward.segments`", OUT]),
         ],
     );
+}
+
+#[test]
+fn what_only_online_training_reads_is_refused_without_it() {
+    for setting in [
+        "reward.agent_weight=0.5",
+        "reward.experience=5000",
+        "reward.experience_after_goal=true",
+        "reward.order=improve-first",
+        "reward.learning_rate_decay=true",
+    ] {
+        let words: &[&str] = &[OUT, "reward.samples = 0"];
+        let [set, of_method] =
+            ["reward.samples=0", "method=no-online"].map(|none| format!("{none} {setting}"));
+        judge("navigation", &[(&set[..], words), (&of_method[..], words), (setting, &[])]);
+    }
+    judge("navigation", &[("method=soft-push-back reward.samples=0", &[])]);
 }
 
 #[test]
@@ -343,7 +428,7 @@ fn no_value_breaks_the_judgement() {
         assert!(keys.len() > 50, "{keys:?}");
         for (key, edge) in keys.iter().flat_map(|key| EDGES.map(|edge| (key, edge))) {
             let settings = [method.clone(), format!("{key}={edge}")];
-            if let Ok(config) = configuration(task, "goalward", &settings) {
+            if let Ok(config) = configuration(task, None, &settings) {
                 let estimate = config.estimate(2);
                 let numbers = [estimate.bytes(), estimate.environment_steps, estimate.row_passes];
                 // Infinite is more than any machine has.

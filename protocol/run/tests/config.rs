@@ -9,7 +9,7 @@ use run::tasks::configuration;
 
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
-    configuration("navigation", preset, &settings)
+    configuration("navigation", Some(preset), &settings)
 }
 
 fn refusal(preset: &str, settings: &[&str]) -> String {

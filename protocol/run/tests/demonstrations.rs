@@ -16,7 +16,7 @@ use run::tasks::configuration;
 
 /// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
 fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
-    let spec = configuration("fetch-push", "goalward", &[]).unwrap().task.spec();
+    let spec = configuration("fetch-push", None, &[]).unwrap().task.spec();
     let numbered = |count: u32, bytes: usize| {
         let mut all = vec![0; count as usize * bytes];
         let numbers = (0..count).flat_map(|step| vec![step as f32; bytes / 4]);
@@ -76,7 +76,7 @@ impl Given {
     }
 
     fn config(&self) -> Result<RunConfig, protocol::Error> {
-        let config = configuration("fetch-push", "goalward", &self.settings)?;
+        let config = configuration("fetch-push", None, &self.settings)?;
         adopt(config, &self.settings)
     }
 
@@ -110,6 +110,12 @@ fn what_runs_on_after_the_goal_is_cut_there() {
     let expected = Trajectory { state_hash: 0, ..demonstration(25, 25, Ending::GoalReached) };
     assert_eq!(found[0], expected);
     assert_eq!(found[1..], [short, untold]);
+}
+
+#[test]
+fn what_reaches_the_goal_by_its_last_step_ends_there() {
+    let found = usual(&[demonstration(60, 60, Ending::Truncated)]).load().unwrap();
+    assert_eq!(found, [demonstration(60, 60, Ending::GoalReached)]);
 }
 
 #[test]
@@ -202,4 +208,16 @@ fn demonstrations_that_hold_no_order_are_refused_to_ranking() {
     ranking(2).load().unwrap();
     let refusal = ranking(1).refusal();
     assert!(refusal.contains("a demonstration with two rows"), "{refusal}");
+}
+
+#[test]
+fn a_part_without_a_state_is_refused_to_segment_matching() {
+    let matching = |segments: u32| {
+        let whole = [demonstration(9, 9, Ending::GoalReached)];
+        let given = usual(&whole).with("method=segment-matching").with("reward.batch=128");
+        given.with(&format!("reward.segments={segments}"))
+    };
+    matching(10).load().unwrap();
+    let refusal = matching(11).refusal();
+    assert!(refusal.contains("each of the 11 parts") && refusal.contains("part 11"), "{refusal}");
 }

@@ -208,7 +208,10 @@ impl Trajectory {
 
     /// Checks lengths, classes and finiteness against the task's shapes. Which task it is, files and runs
     /// say as a whole.
-    fn check(&self, spec: &Spec) -> Result<(), Error> {
+    ///
+    /// # Errors
+    /// [`Error::Trajectory`] for the first part that does not fit.
+    pub fn check(&self, spec: &Spec) -> Result<(), Error> {
         let steps = self.steps as usize;
         expect("observation shape", spec.observation.shape(), self.observation_shape.clone())?;
         if steps == 0 || steps > spec.horizon_steps as usize {

@@ -4,7 +4,7 @@
 //! same number of parts, and the nearest state is looked for in the part of the same number (segment
 //! matching, arXiv 2506.06793), so that being where the expert began earns nothing at the end.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use networks::RunningNormalizer;
 use protocol::digest;
 use protocol::messages::{Estimates, Score};
@@ -21,6 +21,7 @@ use super::threads::threads;
 /// The states of the demonstrations.
 pub struct NearestState {
     observation: ObservationSpec,
+    config: RewardConfig,
     normalizer: RunningNormalizer,
     /// Of each segment, one after another, normalized.
     demonstrated: Vec<Vec<u8>>,
@@ -33,16 +34,7 @@ impl NearestState {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
         let demonstrations = run::demonstrations::load(folder, config)?;
         let spec = config.task.spec();
-        let model = Self::new(&spec, &config.reward, &demonstrations, threads(config)?);
-        if let Some(empty) = model.demonstrated.iter().position(Vec::is_empty) {
-            let segments = config.reward.segments;
-            bail!(
-                "expected demonstrations with a state in each of the {segments} parts that `reward.segments` \
-                 divides them into, found none in part {}",
-                empty + 1
-            );
-        }
-        Ok(Box::new(model))
+        Ok(Box::new(Self::new(&spec, &config.reward, &demonstrations, threads(config)?)))
     }
 
     /// The model of some demonstrations.
@@ -52,27 +44,27 @@ impl NearestState {
         demonstrations: &[Trajectory],
         threads: rayon::ThreadPool,
     ) -> NearestState {
-        let (observation, segments) = (spec.observation, config.segments);
-        let mut demonstrated = vec![Vec::new(); segments];
+        let observation = spec.observation;
+        let mut demonstrated = vec![Vec::new(); config.segments];
         for states in demonstrations.iter().map(Trajectory::observations) {
             let steps = states.len() / observation.bytes() - 1;
             for (step, state) in states.chunks_exact(observation.bytes()).enumerate() {
-                demonstrated[segment(step, steps, segments)].extend(state);
+                demonstrated[config.segment(step, steps)].extend(state);
             }
         }
         let normalizer = normalizer(observation, config, demonstrations);
         for states in &mut demonstrated {
             normalizer.normalize(states);
         }
-        let horizon_steps = spec.horizon_steps as usize;
-        NearestState { observation, normalizer, demonstrated, horizon_steps, threads }
+        let (config, horizon_steps) = (config.clone(), spec.horizon_steps as usize);
+        NearestState { observation, config, normalizer, demonstrated, horizon_steps, threads }
     }
 
     /// Of each observation of an episode: the share of cells that differ, or the root of the mean square
     /// of the numbers' differences.
     fn distances(&self, observations: &[u8]) -> Vec<f32> {
         let states = observations.chunks_exact(self.observation.bytes()).enumerate();
-        let of_step = |step| segment(step, self.horizon_steps, self.demonstrated.len());
+        let of_step = |step| self.config.segment(step, self.horizon_steps);
         states.map(|(step, state)| self.nearest(state, &self.demonstrated[of_step(step)])).collect()
     }
 
@@ -97,11 +89,6 @@ impl NearestState {
             }
         }
     }
-}
-
-/// The segment of a step among so many.
-fn segment(step: usize, steps: usize, segments: usize) -> usize {
-    (step * segments / (steps + 1)).min(segments - 1)
 }
 
 /// 1 at a demonstrated state, falling with the distance.

@@ -15,7 +15,8 @@ use run::process::Final;
 use super::{Discriminator, GoalProximity, Learned, RewardModel, Slice};
 use crate::reward::rewards;
 
-/// Both models, with the same settings. Losses are those of proximity.
+/// Both models, with the same settings. Losses are those of proximity. Both begin with the same weights and
+/// draw by the same streams: nothing asks them to be independent.
 pub struct ProximityDiscriminator {
     config: RewardConfig,
     proximity: Learned<GoalProximity>,

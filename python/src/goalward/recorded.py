@@ -20,6 +20,8 @@ RUN = "goalward.run"
 DEMONSTRATIONS = "goalward.demonstrations"
 FORMAT_VERSION = 1
 LONGEST_RECORD = 64 << 20
+ACTIVE = ".active"
+"""What a file's name has behind it until it is sealed."""
 
 DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError, MemoryError)
 """What the readers of MCAP and of zstd raise for bytes that are not what they should be."""
@@ -39,9 +41,10 @@ class Ending:
 
 
 class Recorded(NamedTuple):
-    """A message: its topic and its protobuf bytes."""
+    """A message: its topic, when it was recorded in nanoseconds, and its protobuf bytes."""
 
     topic: str
+    log_time: int
     data: bytes
 
 
@@ -49,7 +52,7 @@ class RecordedFile:
     """A file of Goalward, read from its beginning to its end or to the first damage.
 
     Attributes:
-        path: where the file is.
+        path: where the file is; without `.active` once its writer has sealed it.
         kind: `RUN` or `DEMONSTRATIONS`.
         metadata: what the file says of itself, by name.
         ending: how it ends; known after `messages` has come to the end.
@@ -94,11 +97,21 @@ class RecordedFile:
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and record.channel_id in topics:
-                yield Recorded(topics[record.channel_id], record.data)
+                yield Recorded(topics[record.channel_id], record.log_time, record.data)
 
     def _records(self) -> Iterator[McapRecord]:
-        with expecting(f"{self.path}: expected a readable file", OSError), self.path.open("rb") as file:
+        with expecting(f"{self.path}: expected a readable file", OSError), self._open() as file:
             yield from self._records_of(file)
+
+    def _open(self) -> BinaryIO:
+        """The file, which its writer may have sealed since it was listed or read."""
+        try:
+            return self.path.open("rb")
+        except FileNotFoundError:
+            if self.path.suffix != ACTIVE:
+                raise
+        self.path = self.path.with_suffix("")
+        return self.path.open("rb")
 
     def _records_of(self, file: BinaryIO) -> Iterator[McapRecord]:
         stream = StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
@@ -114,7 +127,7 @@ class RecordedFile:
     def _broken(self, *, at_end: bool, whole: int, cause: Exception) -> Ending:
         if not at_end:
             return Ending(False, f"damaged behind byte {whole}: {one_line(cause)}")
-        if self.path.suffix == ".active":
+        if self.path.suffix == ACTIVE:
             return Ending(False, f"not sealed: read up to byte {whole}, the last whole record")
         return Ending(False, f"cut off: read up to byte {whole}, the last whole record")
 

@@ -19,7 +19,7 @@ use std::f32::consts::PI;
 use std::thread;
 use std::time::Duration;
 
-use actor::{Environment, EnvironmentError, Setting, Step};
+use actor::{Environment, EnvironmentError, Setting, Step, check_action};
 use protocol::error::within;
 use protocol::seed::Stream;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats, write_floats};
@@ -133,9 +133,7 @@ impl Environment for Reacher {
     }
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
-        if !self.running {
-            return Err(EnvironmentError::NotRunning);
-        }
+        check_action(&SPEC, self.running, action)?;
         if self.setting.step_ms > 0.0 {
             thread::sleep(Duration::from_secs_f64(self.setting.step_ms / 1000.0));
         }

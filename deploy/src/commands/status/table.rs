@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     fn config() -> RunConfig {
-        tasks::configuration("navigation", "goalward", &[]).unwrap()
+        tasks::configuration("navigation", None, &[]).unwrap()
     }
 
     #[test]

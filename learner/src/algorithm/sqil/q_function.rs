@@ -1,14 +1,13 @@
-//! A Q-function of vector observations and continuous actions, with its target function.
+//! A Q-function of continuous actions, with its target function.
 
 use nalgebra::DMatrix;
 use networks::{
     Activation, Batch, Head, Initialization, Network, NetworkShape, Prepared, Shard,
     ShardedTrainer, evaluate,
 };
-use protocol::encoder::CellsArchitecture;
 use protocol::seed::{self, Purpose};
-use protocol::task::Spec;
 use protocol::tensors::Tensors;
+use run::config::{RunConfig, SqilConfig};
 
 /// Rows of a shard. Part of what a run means: changing it changes the order of sums.
 const SHARD_ROWS: usize = 64;
@@ -28,25 +27,24 @@ pub(super) struct QFunction {
 }
 
 impl QFunction {
-    /// The first or second Q-function of a run.
+    /// The first or second Q-function of a run. Over a grid it has an encoder like the policy's.
     pub(super) fn new(
         number: u64,
-        spec: &Spec,
+        config: &RunConfig,
+        own: &SqilConfig,
         action_len: usize,
-        hidden: &[usize],
-        run_seed: u64,
     ) -> Self {
         let network = Network::new(NetworkShape {
-            observation: spec.observation,
+            observation: config.task.observation,
             frames: 1,
             extra_inputs: action_len,
-            cells: CellsArchitecture::default(),
-            hidden: hidden.to_vec(),
+            cells: config.policy.encoder(),
+            hidden: own.hidden.clone(),
             activation: Activation::Relu,
             hidden_initialization: Initialization::FanIn,
             heads: vec![Head { outputs: 1, initialization: Initialization::FanIn }],
         });
-        let mut stream = seed::stream(run_seed, Purpose::QWeights, number, 0);
+        let mut stream = seed::stream(config.seed, Purpose::QWeights, number, 0);
         let parameters = network.initial_parameters(&mut stream);
         QFunction {
             action_len,

@@ -3,7 +3,7 @@
 
 use networks::{ActorCritic, Adam, Batch, Distribution, Observations, WindowIndex};
 use protocol::seed::Stream;
-use protocol::task::{ActionSpec, Spec, floats};
+use protocol::task::{ActionSpec, floats};
 use protocol::tensors::Tensors;
 use run::config::{RunConfig, SqilConfig};
 
@@ -37,13 +37,11 @@ impl SoftActorCritic {
         own: &SqilConfig,
         network: ActorCritic,
     ) -> SoftActorCritic {
-        let spec: Spec = config.task.spec();
-        let action_len = match spec.action {
+        let action_len = match config.task.action {
             ActionSpec::Continuous { len } => len,
             ActionSpec::Discrete { .. } => unreachable!("soft Q-learning has discrete actions"),
         };
-        let q_function =
-            |number| QFunction::new(number, &spec, action_len, &own.hidden, config.seed);
+        let q_function = |number| QFunction::new(number, config, own, action_len);
         SoftActorCritic {
             config: own.clone(),
             action_len,

@@ -27,6 +27,13 @@ const SHARD_ROWS: f64 = 128.0;
 /// Bytes beside observation and action that a step has in a batch: rewards, values, advantages, names.
 const STEP_BYTES: f64 = 64.0;
 
+/// Copies of what a reward model sees of demonstrations: as they were read, one behind another to take
+/// their moments, and as it keeps them.
+const DEMONSTRATION_COPIES: f64 = 3.0;
+
+/// Copies of what it keeps of the agent: its own, and two while a checkpoint is written or read.
+const EXPERIENCE_COPIES: f64 = 3.0;
+
 /// Bytes of a position among rows that are drawn.
 const POSITION_BYTES: f64 = 8.0;
 
@@ -143,13 +150,22 @@ impl RunConfig {
     }
 
     fn service_bytes(&self, cores: usize) -> f64 {
+        let (model, observation) = (self.reward.model, self.task.observation.bytes() as f64);
+        let own = if model.trains {
+            self.ensemble_bytes(cores)
+        } else if model.imitates {
+            DEMONSTRATION_COPIES * self.demonstration_rows() * observation
+        } else {
+            0.0
+        };
+        PROCESS_BYTES + self.rollout_bytes() + own
+    }
+
+    /// Bytes of all ensembles of the reward model, each with the rows that it is trained on.
+    fn ensemble_bytes(&self, cores: usize) -> f64 {
         let reward = &self.reward;
-        if !reward.model.trains {
-            return PROCESS_BYTES;
-        }
-        let spec = self.task.spec();
         let [frames, beside] = self.reward_row();
-        let row = (frames * spec.observation.bytes() + 4 * beside) as f64;
+        let row = (frames * self.task.observation.bytes() + 4 * beside) as f64;
         let (size, members) = (self.member_size(), self.reward_members());
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
@@ -162,17 +178,18 @@ impl RunConfig {
         let scored = threads as f64 * SHARD_ROWS * size.row_numbers;
         let rows = self.demonstration_rows();
         let drawn = reward.pretraining_epochs as f64 * rows * pairs * POSITION_BYTES;
-        PROCESS_BYTES
-            + self.rollout_bytes()
-            + NUMBER_BYTES * (members * numbers + scored)
-            + row * (reward.experience as f64 + 2.0 * rows)
-            + drawn
+        let kept = EXPERIENCE_COPIES * reward.experience as f64 + DEMONSTRATION_COPIES * rows;
+        NUMBER_BYTES * (members * numbers + scored) + self.ensembles() * row * kept + drawn
     }
 
-    /// Members of all its ensembles.
+    /// Ensembles of the reward model.
+    fn ensembles(&self) -> f64 {
+        if self.reward.model.discriminates { 2.0 } else { 1.0 }
+    }
+
+    /// Members of all of them.
     fn reward_members(&self) -> f64 {
-        let ensembles = if self.reward.model.discriminates { 2.0 } else { 1.0 };
-        ensembles * self.reward.ensemble as f64
+        self.ensembles() * self.reward.ensemble as f64
     }
 
     fn reward_work(&self) -> Work {
@@ -191,5 +208,35 @@ impl RunConfig {
             gradient_steps: members * (offline + online) / batch,
             row_passes: members * (pairs * (offline + 2.0 * online) + scored),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::tasks::configuration;
+
+    fn service_bytes(method: &str, setting: &str) -> f64 {
+        let settings = [format!("method={method}"), setting.to_owned()];
+        configuration("navigation", None, &settings).unwrap().estimate(2).service_bytes
+    }
+
+    /// By how many observations of NAVIGATION the service grows.
+    fn observations_more(method: &str, settings: [&str; 2]) -> f64 {
+        let [before, after] = settings.map(|setting| service_bytes(method, setting));
+        ((after - before) / 361.0).round()
+    }
+
+    #[test]
+    fn every_ensemble_keeps_what_it_sees_and_writes_it_down() {
+        let experience = ["reward.experience=10000", "reward.experience=11000"];
+        assert_eq!(observations_more("goal-proximity", experience), 3_000.0);
+        assert_eq!(observations_more("proximity-discriminator", experience), 6_000.0);
+    }
+
+    #[test]
+    fn a_model_that_trains_nothing_keeps_demonstrations_if_it_imitates() {
+        let episodes = ["demonstrations.episodes=250", "demonstrations.episodes=260"];
+        assert_eq!(observations_more("nearest-state", episodes), 3.0 * 1_010.0);
+        assert_eq!(observations_more("environment-reward", episodes), 0.0);
     }
 }

@@ -5,7 +5,7 @@
 use protocol::Error;
 use protocol::error::within;
 
-use super::{Discounting, RunConfig};
+use super::{Discounting, RewardModel, RunConfig};
 
 /// Least label of a state two steps from the goal, and how far labels fall at least over an episode.
 const LEAST_LABEL: f64 = 0.01;
@@ -14,6 +14,7 @@ impl RunConfig {
     pub(super) fn check_learning(&self) -> Result<(), Error> {
         self.check_magnitudes()?;
         self.check_policy_learner()?;
+        self.check_segments()?;
         if self.reward.model.trains {
             self.check_ensemble()?;
         }
@@ -70,16 +71,32 @@ impl RunConfig {
         self.learner.check_learning(self)
     }
 
+    /// An episode has a state in its last segment only if it has as many as there are segments.
+    fn check_segments(&self) -> Result<(), Error> {
+        let segments = self.reward.segments;
+        let states = self.task.horizon_steps as usize + 1;
+        let holds = segments <= states || !self.reward.model.reads_segments();
+        let expected = format!("at most {states}, the states of the longest episode");
+        within("reward.segments", holds, &expected, segments)
+    }
+
     fn check_ensemble(&self) -> Result<(), Error> {
         let reward = &self.reward;
-        let (samples, kept) = (reward.samples, reward.experience);
-        let expected = format!("at most reward.experience = {kept}");
-        within("reward.samples", samples <= kept, &expected, samples)?;
-        let learns = samples > 0 || !reward.model.has_discriminator();
-        within("reward.samples", learns, "above 0 for a discriminator", 0)?;
-        let online = reward.model.online && samples > 0;
-        let trains = online || reward.pretraining_epochs > 0;
-        within("reward.samples", trains, "above 0 with reward.pretraining_epochs = 0", samples)?;
+        let RewardModel { name, online, .. } = *reward.model;
+        let (samples, kept, epochs) =
+            (reward.samples, reward.experience, reward.pretraining_epochs);
+        if online {
+            let expected = format!("at most reward.experience = {kept}");
+            within("reward.samples", samples <= kept, &expected, samples)?;
+            let learns = samples > 0 || !reward.model.has_discriminator();
+            within("reward.samples", learns, "above 0 for a discriminator", 0)?;
+            let trains = samples > 0 || epochs > 0;
+            let expected = "above 0 with reward.pretraining_epochs = 0";
+            within("reward.samples", trains, expected, samples)?;
+        } else {
+            let expected = format!("at least 1 with {name}, which learns nothing later");
+            within("reward.pretraining_epochs", epochs >= 1, &expected, epochs)?;
+        }
         let (episodes, horizon) = (self.demonstrations.episodes, self.task.spec().horizon_steps);
         let most = episodes.saturating_mul(reward.model.rows(reward.input, u64::from(horizon)));
         let expected = format!(

@@ -44,7 +44,7 @@ pub use reward::{
 };
 
 /// The preset a task's file holds without a table of its own.
-pub const DEFAULT_PRESET: &str = "goalward";
+const DEFAULT_PRESET: &str = "goalward";
 
 /// Why a learner's table is there.
 const HAS_DEFAULTS: &str = "a configuration has every table of its learner";
@@ -176,20 +176,22 @@ impl RunConfig {
     /// Puts a configuration together: the defaults, a task's file, a preset of it, what a method
     /// changes, then `key=value` settings. `methods` has a table for each method, and in it under
     /// `task` what it changes for single tasks only, as `about` what it is, and as `like` the method
-    /// whose changes it begins with, if there is one.
+    /// whose changes it begins with, if there is one. A run's configuration, which is such a file, too,
+    /// has a preset and a method already: others are refused, and none means those.
     ///
     /// # Errors
     /// For the first key that is unknown, out of its range, or without effect.
     pub fn assemble(
         file: &str,
         methods: &str,
-        preset: &str,
+        preset: Option<&str>,
         settings: &[String],
     ) -> Result<Self, Error> {
         let mut file = parse(file, "file")?;
         if file.get("preset").is_some_and(Value::is_str) {
             return Self::repeated(file, preset, settings);
         }
+        let preset = preset.unwrap_or(DEFAULT_PRESET);
         let presets = taken(&mut file, "preset");
         let mut table = over_defaults(file, "file")?;
         if preset != DEFAULT_PRESET {
@@ -212,9 +214,8 @@ impl RunConfig {
 
     /// The configuration of a run, which its preset and its method have been laid over already, with
     /// settings.
-    fn repeated(run: Table, preset: &str, settings: &[String]) -> Result<Self, Error> {
+    fn repeated(run: Table, preset: Option<&str>, settings: &[String]) -> Result<Self, Error> {
         let (table, settings) = (over_defaults(run, "file")?, merged(settings)?);
-        let preset = Some(preset).filter(|preset| *preset != DEFAULT_PRESET);
         let method = settings.get("method").and_then(Value::as_str);
         for (key, wanted) in [("preset", preset), ("method", method)] {
             let own = table.get(key).and_then(Value::as_str).unwrap_or("none");

@@ -127,7 +127,7 @@ impl RunConfig {
         size
     }
 
-    /// One member of the reward model's ensemble.
+    /// One member of the ensemble, of a reward model that trains one.
     pub fn member_size(&self) -> NetworkSize {
         let (spec, reward) = (self.task.spec(), &self.reward);
         let [frames, extra_inputs] = self.reward_row();
@@ -151,7 +151,7 @@ impl RunConfig {
         let sqil = self.sqil.as_ref().filter(|_| self.learner_reads("sqil"))?;
         let ActionSpec::Continuous { len: extra_inputs } = spec.action else { return None };
         let (observation, hidden) = (spec.observation, &sqil.hidden);
-        let (frames, encoder, outputs) = (1, CellsArchitecture::default(), 1);
+        let (frames, encoder, outputs) = (1, self.policy.encoder(), 1);
         Some(Shape { observation, frames, extra_inputs, encoder, hidden, outputs }.size())
     }
 }

@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn a_key_is_explained_where_its_task_and_learner_have_it_from() {
         let config = |task, method: &str| {
-            tasks::configuration(task, "goalward", &[format!("method={method}")]).unwrap()
+            tasks::configuration(task, None, &[format!("method={method}")]).unwrap()
         };
         let grid = config("navigation", "goal-proximity");
         assert_eq!(grid.remark("ppo.gamma"), Some("Table 2"));

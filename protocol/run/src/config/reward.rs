@@ -96,7 +96,34 @@ impl RewardConfig {
             Discounting::Exponential => libm::pow(self.delta, steps),
         }
     }
+
+    /// The segment of a step in an episode of so many.
+    pub fn segment(&self, step: usize, steps: usize) -> usize {
+        (step * self.segments / (steps + 1)).min(self.segments - 1)
+    }
+
+    /// Whether an ensemble goes on learning while the agent acts.
+    pub(super) fn trains_online(&self) -> bool {
+        self.model.trains && self.model.online && self.samples > 0
+    }
+
+    /// Why a run with it does not read this key of its table; none if it does.
+    pub(super) fn unread(&self, key: &str) -> Option<String> {
+        let why = "with reward.samples = 0 nothing is learned while the agent acts";
+        let idle = || (READ_ONLINE.contains(&key) && !self.trains_online()).then(|| why.to_owned());
+        self.model.unread(key).or_else(idle)
+    }
 }
+
+/// The keys that say how an ensemble learns while the agent acts, and nothing else.
+const READ_ONLINE: [&str; 6] = [
+    "agent_weight",
+    "experience",
+    "experience_after_goal",
+    "order",
+    "learning_rate_decay",
+    "decay_steps",
+];
 
 /// A reward model, as far as configurations, demonstrations and estimates have to know it. How it
 /// makes rewards only the proximity service knows, which has a constructor for each name.
@@ -215,15 +242,21 @@ impl RewardModel {
         self.trains && !self.discriminates
     }
 
-    /// Why a run with it does not read this key of its table; none if it does.
-    pub(super) fn unread(&self, key: &str) -> Option<String> {
+    /// Whether it looks for a state in its own segment.
+    pub fn reads_segments(&self) -> bool {
+        self.reads.contains(&"segments")
+    }
+
+    /// Why it does not read this key of its table; none if it does.
+    fn unread(&self, key: &str) -> Option<String> {
         let read = match key {
             "model" => true,
             _ if !self.trains => self.reads.contains(&key),
             "segments" => false,
             "discounting" | "delta" => self.labels,
             "agent_weight" => self.labels && self.online,
-            "samples" | "experience" | "experience_after_goal" | "order" => self.online,
+            "samples" => self.online,
+            key if READ_ONLINE.contains(&key) => self.online,
             "pretraining_epochs" => !self.adversarial,
             "final_bonus" => self.forms.contains(&RewardForm::Absolute), // it is a proximity, too
             _ => true,
@@ -316,7 +349,7 @@ mod tests {
     use crate::tasks;
 
     fn config(delta: f64, discounting: Discounting) -> RewardConfig {
-        let usual = tasks::configuration("navigation", "goalward", &[]).unwrap().reward;
+        let usual = tasks::configuration("navigation", None, &[]).unwrap().reward;
         RewardConfig { delta, discounting, ..usual }
     }
 

@@ -14,6 +14,8 @@ const NO_HIDDEN: &str = "the policy has no hidden layers over a grid";
 const NO_GRID: &str = "the task's observations are no grid";
 const DISCRETE: &str = "the task's actions are discrete";
 const NO_DECAY: &str = "the learning rate does not fall";
+const NO_STEPS: &str = "the learner takes no environment steps";
+const NOTHING_HELD_OUT: &str = "with cloning.validation = 0 nothing is held out";
 
 /// Whether a key is one of the encoder of grids.
 fn is_of_encoder(key: &str) -> bool {
@@ -62,7 +64,7 @@ impl RunConfig {
         let (grid, discrete) = (self.is_of_cells(), self.acts_by_choice());
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
-            ("policy", "distribution") if discrete => DISCRETE,
+            ("policy", "distribution") | ("cloning", "deviations") if discrete => DISCRETE,
             ("policy", "shared_trunk") if !grid => NO_GRID,
             ("policy" | "reward" | "inverse_dynamics", key) if !grid && is_of_encoder(key) => {
                 NO_GRID
@@ -71,11 +73,19 @@ impl RunConfig {
             ("sqil", "hidden" | "tune_temperature") if discrete => DISCRETE,
             ("ppo", "decay_steps") if !self.ppo.learning_rate_decay => NO_DECAY,
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
+            ("rollout", "lag" | "lane_steps") if !self.learner.acts() => NO_STEPS,
+            ("cloning", "patience") if self.holds_nothing_out() => NOTHING_HELD_OUT,
             ("demonstrations", "file") if !self.imitates() => "the method learns from none",
-            ("reward", name) => return self.reward.model.unread(name),
+            ("reward", name) => return self.reward.unread(name),
             (table, name) => return self.unread_of_learner(table, name),
         };
         Some(why.to_owned())
+    }
+
+    /// Whether what is cloned could be held out, and is not.
+    fn holds_nothing_out(&self) -> bool {
+        let reads = self.learner.reads(self, "cloning", "validation");
+        reads && self.cloning.as_ref().is_some_and(|cloning| cloning.validation == 0.0)
     }
 
     fn unread_of_learner(&self, table: &str, name: &str) -> Option<String> {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import Any
 
 import gymnasium
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from goalward.envs.link import SUCCESS, TERMINATED, TRUNCATED, Link
+from goalward.error import Error, expecting
 
 
 class Environment(gymnasium.Env[NDArray[Any], Any]):
@@ -53,7 +55,7 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         """Take an action.
 
         Raises:
-            Error: if no episode runs, or the action is none of the task's.
+            Error: if no episode runs, or the action is none of the task's; nothing has changed then.
         """
         reward, flags, observation = self._link.step(self._bytes(action))
         ended = bool(flags & TERMINATED), bool(flags & TRUNCATED)
@@ -79,9 +81,28 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         return np.frombuffer(data, dtype=space.dtype).reshape(space.shape or ()).copy()
 
     def _bytes(self, action: Any) -> bytes:
-        if isinstance(self.action_space, gymnasium.spaces.Discrete):
-            return bytes([int(action)])
-        return np.asarray(action, dtype="<f4").tobytes()
+        space = self.action_space
+        if isinstance(space, gymnasium.spaces.Discrete):
+            return _choice(action, space)
+        return _numbers(action, space)
+
+
+def _choice(action: Any, space: gymnasium.spaces.Discrete) -> bytes:
+    expected = f"action: expected one of {space}"
+    with expecting(expected, TypeError):
+        choice = operator.index(action)
+    if choice not in range(space.n):
+        raise Error(f"{expected}, found {choice}")
+    return bytes([choice])
+
+
+def _numbers(action: Any, space: gymnasium.spaces.Space[Any]) -> bytes:
+    expected = f"action: expected shape {space.shape}"
+    with expecting(expected, TypeError, ValueError):
+        numbers = np.asarray(action, dtype="<f4")
+    if numbers.shape != space.shape:
+        raise Error(f"{expected}, found {numbers.shape}")
+    return numbers.tobytes()
 
 
 def _observation_space(observation: dict[str, dict[str, int]]) -> gymnasium.spaces.Box:

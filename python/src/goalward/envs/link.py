@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -57,7 +58,8 @@ class Link:
             The reward, flags (`TERMINATED`, `TRUNCATED`, `SUCCESS`), and the bytes of the observation.
 
         Raises:
-            Error: if the environment refuses it, such as before a reset.
+            Error: if the environment refuses it, such as before a reset, which changes nothing; or if it
+                fails, which ends the process.
         """
         return self._turn(struct.pack("<HBBIQ", 0, STEP, 0, 0, 0) + action)
 
@@ -72,10 +74,9 @@ class Link:
 
     def close(self) -> None:
         """End the process."""
-        for file in (self._process.stdin, self._process.stdout, self._words):
-            if file is not None:
-                file.close()
-        self._process.wait()
+        # Leaving it closes its pipes and waits; a process that has ended takes no more of what was sent.
+        with contextlib.suppress(BrokenPipeError), self._process:
+            self._words.close()
 
     def _action_bytes(self) -> int:
         action = self.hello["action"]
@@ -91,8 +92,11 @@ class Link:
         pipe = self._process.stdin
         if pipe is None or pipe.closed:
             raise Error("expected an environment that is open, found one that was closed")
-        pipe.write(struct.pack("<IB", len(body), kind) + body)
-        pipe.flush()
+        try:
+            pipe.write(struct.pack("<IB", len(body), kind) + body)
+            pipe.flush()
+        except BrokenPipeError as cause:
+            raise self._ended() from cause
 
     def _receive(self, expected: int) -> bytes:
         length, kind = struct.unpack("<IB", self._read(5))
@@ -106,13 +110,16 @@ class Link:
     def _read(self, count: int) -> bytes:
         pipe = self._process.stdout
         data = b"" if pipe is None else pipe.read(count)
-        if len(data) == count:
-            return data
+        if len(data) != count:
+            raise self._ended()
+        return data
+
+    def _ended(self) -> Error:
         self._process.wait()
         self._words.seek(0)
         words = self._words.read().decode(errors="replace")
         last = words.strip().splitlines()[-1:] or ["no word"]
-        raise Error(f"goalward-actor ended: {last[0]}")
+        return Error(f"goalward-actor ended: {last[0]}")
 
 
 def _program() -> str:

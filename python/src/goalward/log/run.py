@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from google.protobuf.message import DecodeError
 
@@ -17,7 +17,8 @@ from goalward.error import Error, expecting
 from goalward.log import tables
 from goalward.log.tables import Columns
 from goalward.log.trajectory import Trajectory, decoded
-from goalward.recorded import Ending, RecordedFile
+from goalward.log.undone import Mark, returns
+from goalward.recorded import ACTIVE, Ending, RecordedFile
 from goalward.task import Task
 
 if sys.version_info >= (3, 11):
@@ -27,8 +28,6 @@ else:
 
 Source = Literal["training", "evaluation"]
 
-ACTIVE = ".active"
-
 
 class IncompleteLog(UserWarning):
     """A file of a log ends before its seal: it is being written, or a crash or a bad disk left it."""
@@ -36,33 +35,49 @@ class IncompleteLog(UserWarning):
 
 @dataclass(frozen=True)
 class _Topic:
-    """A topic: the files that have it, its message, and the fields that name one."""
+    """A topic: the files that have it, its message, the fields that name one, the first iteration undone."""
 
     name: str
     files: str
     kind: Any
     fields: tuple[str, ...]
+    undone_from: int = 0
 
     def key(self, message: Any) -> tuple[int, ...]:
         return tuple(getattr(message, field) for field in self.fields)
 
 
 _EPISODE = ("iteration", "lane", "episode")
+_TRAINING = _Topic("/trajectory", "trajectories", schema.Trajectory, _EPISODE)
 _SOURCES: dict[Source, _Topic] = {
-    "training": _Topic("/trajectory", "trajectories", schema.Trajectory, _EPISODE),
+    "training": _TRAINING,
     "evaluation": _Topic("/evaluation/trajectory", "trajectories", schema.Trajectory, _EPISODE),
 }
 _SCORES = _Topic("/proximity/score", "trajectories", schema.Score, _EPISODE)
 _UPDATES = _Topic("/policy/update", "updates", schema.PolicyUpdate, ("iteration",))
-_REWARD_UPDATES = _Topic("/proximity/update", "updates", schema.RewardUpdate, ("iteration", "model_version"))
+_VERSION = ("iteration", "model_version")
+# What comes ahead of the first iteration is recorded again before it.
+_REWARD_UPDATES = _Topic("/proximity/update", "updates", schema.RewardUpdate, _VERSION, undone_from=1)
+
+_Place = tuple[int, int]
+"""The number of a file, and of a message in it."""
+
+
+class _Record(NamedTuple):
+    """A message, where it is, and since when."""
+
+    topic: _Topic
+    message: Any
+    place: _Place
+    log_time: int
 
 
 class Log:
     """The log of a run. Every call reads what is in the files by then.
 
-    A run that went back to a checkpoint has recorded some iterations twice; the later record counts. Reading
-    stops at the last whole record of a file that has lost its end or is being written, warns with
-    `IncompleteLog`, and goes on with the next file.
+    A run that went back to a checkpoint has recorded some iterations twice; the later record counts, and
+    where there is none yet, none does. Reading stops at the last whole record of a file that has lost its end
+    or is being written, warns with `IncompleteLog`, and goes on with the next file.
 
     Attributes:
         folder: the folder of the files, `log` within that of the run.
@@ -176,20 +191,39 @@ class Log:
                 raise Error(f"{where}, found {found}")
 
     def _messages(self, topic: _Topic) -> Iterator[Any]:
-        """The messages of a topic, of those with the same name the last."""
+        """The messages of a topic that count."""
         files = self._files(topic.files)
-        last = {topic.key(message): place for place, message in self._all(files, topic)}
-        for place, message in self._all(files, topic):
-            if last.get(topic.key(message)) == place:
-                yield message
+        counting = self._counting(files, topic)
+        for record in self._records(files, {topic}):
+            if record.place in counting:
+                yield record.message
 
-    def _all(self, files: list[RecordedFile], topic: _Topic) -> Iterator[tuple[tuple[int, int], Any]]:
+    def _counting(self, files: list[RecordedFile], topic: _Topic) -> set[_Place]:
+        """Where the messages are that count: of those with the same name the last, unless it was undone."""
+        others = [] if topic.files == _UPDATES.files else self._files(_UPDATES.files)
+        last: dict[tuple[int, ...], tuple[_Place, int]] = {}
+        marks = []
+        for found, message, place, log_time in self._records([*files, *others], {topic, _TRAINING, _UPDATES}):
+            if found == topic:
+                last[topic.key(message)] = place, log_time
+            if found in (_TRAINING, _UPDATES):
+                marks.append(Mark(log_time, message.iteration, found == _UPDATES))
+        undoing = returns(marks)
+        return {
+            place
+            for (iteration, *_), (place, log_time) in last.items()
+            if iteration < topic.undone_from or not any(one.undoes(iteration, log_time) for one in undoing)
+        }
+
+    def _records(self, files: list[RecordedFile], topics: set[_Topic]) -> Iterator[_Record]:
+        wanted = {topic.name: topic for topic in topics}
         for number, file in enumerate(files):
-            own = (message.data for message in file.messages() if message.topic == topic.name)
-            for place, data in enumerate(own):
-                with expecting(f"{file.path}: expected messages of {topic.name}", DecodeError):
-                    message = topic.kind.FromString(data)
-                yield (number, place), message
+            for place, (name, log_time, data) in enumerate(file.messages()):
+                if name not in wanted:
+                    continue
+                with expecting(f"{file.path}: expected messages of {name}", DecodeError):
+                    message = wanted[name].kind.FromString(data)
+                yield _Record(wanted[name], message, (number, place), log_time)
             self._note(file.path, file.ending)
 
     def _files(self, contents: str) -> list[RecordedFile]:
@@ -202,10 +236,7 @@ class Log:
         return [file for file in opened if file is not None]
 
     def _opened(self, path: Path) -> RecordedFile | None:
-        """A file, or its sealed successor; none of one that is not begun yet."""
-        sealed = path.with_suffix("")
-        if path.suffix == ACTIVE and not path.exists() and sealed.exists():
-            return RecordedFile(sealed)
+        """A file; none of one that is not begun yet."""
         try:
             return RecordedFile(path)
         except Error as error:

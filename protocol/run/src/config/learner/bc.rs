@@ -25,7 +25,7 @@ pub struct CloningConfig {
     /// Behavioral cloning: most passes over the training part. From observation: passes an iteration.
     pub epochs: u64,
     /// Whether the standard deviations of continuous actions are fitted, too. Otherwise they stay at one, and
-    /// the loss is half the squared error of the means, but for a constant.
+    /// the loss is half the squared error of the means, but for a constant. Squashed ones always are.
     pub deviations: bool,
     /// Part of the demonstrations held out, in [0, 1); 0 trains for all epochs.
     pub validation: f64,
@@ -71,6 +71,10 @@ impl LearnerRules for Bc {
         table == "cloning"
     }
 
+    fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
+        check_deviations(config)
+    }
+
     fn learning_rate(&self, config: &RunConfig) -> LearningRate {
         cloning_rate(config)
     }
@@ -95,6 +99,14 @@ impl LearnerRules for Bc {
             row_passes: iterations * rows,
         }
     }
+}
+
+/// Standard deviations that depend on the observation come from a network, and cannot stay at one.
+pub(super) fn check_deviations(config: &RunConfig) -> Result<(), Error> {
+    let squashed = config.policy.is_squashed() && !config.acts_by_choice();
+    let fitted = config.cloning().deviations;
+    let expected = "true with policy.distribution = squashed-gaussian";
+    within("cloning.deviations", fitted || !squashed, expected, fitted)
 }
 
 pub(super) fn cloning_rate(config: &RunConfig) -> LearningRate {

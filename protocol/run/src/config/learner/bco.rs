@@ -6,7 +6,7 @@ use protocol::error::within;
 use serde::{Deserialize, Serialize};
 
 use super::LearnerRules;
-use super::bc::{cloned_rows, cloning_rate};
+use super::bc::{check_deviations, cloned_rows, cloning_rate};
 use crate::config::RunConfig;
 use crate::config::check::positive;
 use crate::config::estimate::{Memory, Work};
@@ -86,7 +86,8 @@ impl LearnerRules for Bco {
     fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
         let (steps, found) = (config.steps, config.inverse_dynamics().exploration_steps);
         let expected = format!("at most steps = {steps}");
-        within("inverse_dynamics.exploration_steps", found <= steps, &expected, found)
+        within("inverse_dynamics.exploration_steps", found <= steps, &expected, found)?;
+        check_deviations(config)
     }
 
     fn learning_rate(&self, config: &RunConfig) -> LearningRate {

@@ -71,6 +71,11 @@ impl LearnerRules for Ppo {
         table == "ppo"
     }
 
+    fn check(&self, config: &RunConfig) -> Result<(), Error> {
+        let (minibatches, steps) = (config.ppo.minibatches, config.iteration_steps());
+        within("ppo.minibatches", minibatches <= steps / 2, "at most half the steps", minibatches)
+    }
+
     /// An iteration of a lane ends with an episode, so one that began long before the last iteration's
     /// end leaves the next as little as `lane_steps` less the rest of the longest episode.
     fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {

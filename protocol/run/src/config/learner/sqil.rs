@@ -15,7 +15,7 @@ use crate::learning_rate::LearningRate;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SqilConfig {
-    /// Hidden layers of the Q-functions over vector observations.
+    /// Hidden layers of the Q-functions of continuous actions, over a grid behind an encoder like the policy's.
     pub hidden: Vec<usize>,
     /// Adam's learning rate of the first iteration; it falls linearly to 0 over the run.
     pub learning_rate: f64,
