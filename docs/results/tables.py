@@ -70,7 +70,7 @@ def panel(figure: str, name: str) -> str:
 
 
 def overview(figure: str = "") -> str:
-    """Methods x panels of a figure, or the opening ones, with marks of who is ahead of or behind the first."""
+    """Methods x panels of a figure, or of the opening; marks say who is ahead of or behind the first."""
     panels = [panel for panel in plans() if panel[0] == figure] if figure else OPENING
     columns = [{curve.name: cell(curve) for curve in curves(*panel)} for panel in panels]
     text = head(["", *(plans()[panel].title for panel in panels)])
