@@ -11,6 +11,7 @@ use protocol::error::within;
 use protocol::task::Task;
 use run::config::RunConfig;
 use run::folder::RunFolder;
+use run::hosts::NAME_CHARS;
 
 use crate::limits;
 use crate::programs::{self, Program};
@@ -18,9 +19,6 @@ use terminal::refusal::wrong_usage;
 
 /// What is acted again of what others deliver, where nothing else is wished.
 const AUDITED: f64 = 0.01;
-
-/// Longest name that a hub takes of a host, characters.
-const NAME_CHARS: usize = 40;
 
 /// How a run lets other machines in.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]

@@ -42,10 +42,8 @@ fn assert_foreseen(config: &RunConfig) {
         ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
     let what = (&config.task.name, &config.method);
     assert_eq!(config.policy_size().parameters, policy.parameter_count() as f64, "{what:?} policy");
-    if config.reward.model.trains {
-        let member = member(config).parameter_count();
-        assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
-    }
+    let member = member(config).parameter_count();
+    assert_eq!(config.member_size().parameters, member as f64, "{what:?} member");
     if let (Some(size), Some(own)) = (config.inverse_dynamics_size(), &config.inverse_dynamics) {
         let architecture = PolicyArchitecture {
             cells: own.encoder(),
@@ -102,7 +100,8 @@ fn parameters_are_foreseen() {
 #[test]
 fn q_functions_over_a_grid_have_the_encoder_of_the_policy() {
     let task = "[task]\nname = \"sliding\"\naction.continuous.len = 2\nhorizon_steps = 20\n\
-                observation.cells = { height = 5, width = 5, classes = 3 }\n";
+                observation.cells = { height = 5, width = 5, classes = 3 }\n\
+                [reward]\nconvolution_channels = [6]\npool = 1\n";
     let settings = ["method=sqil", "policy.convolution_channels=[6]", "policy.pool=1"];
     let config = run::tasks::of_text(task, "sliding", None, &settings.map(str::to_owned)).unwrap();
     assert!(config.q_function_size().is_some());

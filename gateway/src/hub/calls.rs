@@ -6,7 +6,7 @@ use std::time::Duration;
 use bus::BusAddress;
 use protocol::{MAX_ACTORS, build};
 use run::actors_wanted::ActorsWanted;
-use run::hosts::Expelled;
+use run::hosts::{Expelled, NAME_CHARS};
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
@@ -25,9 +25,6 @@ const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
 
 /// Joinings that are remembered as expelled: whoever has the key could go on for ever.
 const EXPELLED: usize = 1024;
-
-/// Longest name of a host, characters.
-const NAME_CHARS: usize = 40;
 
 /// Answers calls.
 #[derive(Clone)]

@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::folder::RunFolder;
 
+/// Longest name of a machine, characters.
+pub const NAME_CHARS: usize = 40;
+
 /// The machines of a run beside the one that learns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Hosts {
