@@ -1,6 +1,7 @@
 //! What a run goes on from is what was saved: a checkpoint that is damaged is passed over for the one
-//! before it, offline training goes on from where it was stopped, and demonstrations that were swapped
-//! are refused. However it went, the hashes at the end are those of the undisturbed run.
+//! before it, offline training goes on from where it was stopped, and demonstrations that were swapped,
+//! or a log that lacks what is replayed, are refused. However it went, the hashes at the end are those of
+//! the undisturbed run.
 //!
 //! Method: a run of the real programs is stopped, what lies in its folder is damaged, and it is resumed.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
@@ -12,7 +13,9 @@ use bus::{Bus, BusAddress};
 use prost::Message;
 use protocol::messages::Progress;
 use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
-use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs};
+use system_tests::{
+    CHECKPOINT_ITERATIONS, Hashes, PATIENCE, Signal, TestRun, await_some, programs,
+};
 
 /// Forty iterations.
 const LONG: &str = "steps=16000";
@@ -97,6 +100,35 @@ fn a_run_without_a_checkpoint_that_holds_begins_anew_and_no_damaged_policy_is_ev
     assert_eq!(run.resume().finish().hashes(), undisturbed(&[LONG]));
     assert!(run.remarks().contains("the run begins anew"), "{}", run.remarks());
     assert_eq!(evaluated().0, Some(0));
+}
+
+/// What SQIL draws its batches from lies in the log alone.
+#[test]
+fn a_run_that_replays_is_not_continued_on_a_log_that_lacks_updates() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[
+        "method=sqil",
+        "sqil.batch=8",
+        "sqil.updates_per_step=0.05",
+        "sqil.exploration_steps=800",
+        "steps=64000",
+    ]);
+    training.await_checkpoint(CHECKPOINT_ITERATIONS);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    let (reached, _) = run.folder().newest_checkpoint().unwrap();
+    let mut training = run.resume();
+    training.await_checkpoint((reached / CHECKPOINT_ITERATIONS + 1) * CHECKPOINT_ITERATIONS);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+
+    // The newest checkpoint is recorded in the file behind it.
+    fs::remove_file(run.folder().log().join("updates-00000.mcap")).unwrap();
+    assert_eq!(run.resume().end(), Some(1));
+    let remarks = run.remarks();
+    assert!(remarks.contains("to learn from again, found no update 0"), "{remarks}");
+    assert!(!remarks.contains("go on from"), "expected no restart: {remarks}");
+    assert_eq!(run.shared_memory(), Vec::<String>::new());
 }
 
 #[test]

@@ -141,6 +141,9 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     scale(&["--actors", "0"]);
     scale(&["--actors", "0", "--host", "first"]);
     await_actors(0);
+    let (took, said) = run.goalward(&["scale", "run", "--actors", "64"]);
+    let words = "expected at most 63, as other machines take 1 of the 64 places of a run, found 64";
+    assert!(!took && said.contains(words), "{said}");
     // What was wanted outlives the gateway that was told of it: the host tells the next one.
     run.process("gateway").signal(Signal::Kill);
     let joined = || {
@@ -163,6 +166,28 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     let numbers = said.lines().filter_map(|line| line.strip_suffix(" from now on"));
     let numbers: Vec<&str> = numbers.filter_map(|line| line.rsplit(' ').next()).collect();
     assert_eq!(numbers, ["3", "0", "1"], "{said}");
+}
+
+#[test]
+fn a_run_whose_own_actor_cannot_work_goes_on_with_those_of_hosts() {
+    let (run, address) = (TestRun::new(programs!()), free_address());
+    let other = TestRun::new(programs!());
+    let training = listen(&run, &address, 0.0);
+    let mut host = start(&run, "host", joining(&other, &run, "host", &address));
+    await_some("the host in the run's status", PATIENCE, || {
+        let (_, said) = run.goalward(&["status", "run"]);
+        said.contains("host, actors: 2, ").then_some(())
+    });
+    let actor = run.path("bin/goalward-actor");
+    fs::remove_file(&actor).unwrap();
+    fs::write(&actor, "#!/bin/sh\nexit 1\n").unwrap();
+    fs::set_permissions(&actor, Permissions::from_mode(0o755)).unwrap();
+    run.process("actor-0").signal(Signal::Kill);
+    await_some("a word of the actor that dies", PATIENCE, || {
+        run.remarks().contains("the run goes on without it").then_some(())
+    });
+    assert_eq!(training.finish().hashes(), *alone());
+    assert!(host.wait().unwrap().success());
 }
 
 /// Its golden episodes are right; in its rollouts agents start elsewhere.
@@ -375,8 +400,11 @@ fn what_cannot_be_joined_costs_a_line() {
     fs::copy(run.folder().path().join("join.toml"), run.path("copy")).unwrap();
     let said = refusal(&["join", &free_address(), "--key", "copy"]);
     assert!(said.contains("onnection refused"), "{said}");
-    training.signal(Signal::Interrupt);
+    let (well, said) = run.goalward(&["stop", "run"]);
+    let listening = format!("--listen {address} --audit 0\n");
+    assert!(well && said.ends_with(&format!("train --resume --run run {listening}")), "{said}");
     assert_eq!(training.end(), Some(130));
+    assert!(run.remarks().contains(&format!("/run {listening}")), "{}", run.remarks());
     let said = refusal(&["join", "--key", "copy"]);
     assert!(said.contains(&format!("the hub at {address}")), "{said}");
 }

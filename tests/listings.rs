@@ -3,8 +3,12 @@
 //! Method: a real run that is looked at while it trains, after `goalward stop` and at its end.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+use std::path::Path;
+
+use mcap_log::{FileReader, Record};
+use protocol::trajectory::Encoded;
 use serde_json::Value;
-use system_tests::{SMALL, TestRun, programs};
+use system_tests::{SMALL, TestRun, programs, spec};
 
 /// What a verb prints with `--json`.
 fn json(run: &TestRun, arguments: &[&str]) -> Value {
@@ -12,6 +16,17 @@ fn json(run: &TestRun, arguments: &[&str]) -> Value {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success() && said.is_empty(), "{arguments:?}: {said}");
     serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Seeds of the episodes of an evaluation of NAVIGATION.
+fn seeds(file: &Path) -> Vec<u64> {
+    let seed = |record| match record {
+        Record::EvaluationTrajectory(bytes) => {
+            Some(Encoded::decode(bytes, &spec("navigation")).unwrap().trajectory.run_seed)
+        }
+        _ => None,
+    };
+    FileReader::open(file).unwrap().filter_map(|entry| seed(entry.unwrap().record)).collect()
 }
 
 #[test]
@@ -56,6 +71,12 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     );
     let evaluation = json(&run, &["evaluate", "run", "--episodes", "3"]);
     assert_eq!(evaluation["episodes"], 3);
+    let other = json(&run, &["evaluate", "run", "--episodes", "3", "--seed", "77"]);
+    let [own, other] = [evaluation, other].map(|one| run.path(one["file"].as_str().unwrap()));
+    assert_eq!((seeds(&own), seeds(&other)), (vec![1; 3], vec![77; 3]));
+    assert!(other.to_string_lossy().ends_with("-3-sample-seed77.mcap"), "{}", other.display());
+    let (well, said) = run.goalward(&["evaluate", "run", "--episodes", "3", "--seed", "1"]);
+    assert!(!well && said.contains("-3-sample.mcap exists"), "{said}");
     let exported = json(&run, &["export", "run"]);
     assert_eq!(exported.as_array().unwrap().len(), 2);
     assert_eq!(exported[0]["of"], "policy");

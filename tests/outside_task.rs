@@ -79,6 +79,7 @@ fn a_task_from_outside_is_trained_verified_and_drawn_like_any_other() {
         (&["replay", "run", "--retrain"], "the same"),
         (&["evaluate", "run", "--episodes", "5"], "of 5 episodes"),
         (&["report", "run"], "index.html"),
+        (&["train", "reacher.toml", "--dry-run", "--set", "ppo.clip=0.3"], "(default 0.2)"),
     ] {
         let (success, said) = run.goalward(arguments);
         assert!(success, "{arguments:?}: {said}");

@@ -57,6 +57,8 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
     let differs =
         |key: &str| details["differences"].as_array().unwrap().iter().any(|d| d["key"] == key);
     assert!(differs("rollout.lanes") && !differs("seed"));
+    let names = details["curve"].as_array().unwrap().len();
+    assert_eq!(names, 2, "by its demonstrations, and as those of its own seed");
     let (status, body) = page.get("/");
     assert!(status == 200 && body.contains("<!doctype html>"), "{body}");
 }
@@ -163,6 +165,10 @@ fn strangers_are_not_answered() {
     let open = Page::over(&run, &[".", "--host", "0.0.0.0"]);
     open.refusal(403, &open.question("GET", "/api/runs", "10.0.0.5"));
     open.refusal(403, &open.question("GET", "/api/runs?token=00", "10.0.0.5"));
+    // What the page is made of has no token in its address.
+    for path in ["/", "/app.js", "/style.css"] {
+        assert_eq!(open.answer(&open.question("GET", path, "10.0.0.5")).0, 200, "{path}");
+    }
     let path = format!("/api/runs?{}", open.query());
     assert_eq!(open.answer(&open.question("GET", &path, "10.0.0.5")).0, 200);
 }

@@ -151,6 +151,27 @@ def curves_move_while_a_run_trains(page: Browser) -> None:
     page.picture("run")
 
 
+def the_keyboard_stays_where_it_is(page: Browser) -> None:
+    """While a run trains, a box of the list, a head and details keep the keyboard and stay as they are."""
+    page.open("")
+    box = "input[aria-label='Compare run']"
+    page.find(box)
+    page.script("document.querySelector(arguments[0]).focus();", box)
+    row = "return document.querySelector(arguments[0]).closest('tr').innerText;"
+    first = page.script(row, box)
+    page.expect("a line that changes", lambda: page.script(row, box) != first)
+    assert page.script("return document.activeElement.getAttribute('aria-label');") == "Compare run"
+    page.press("steps")
+    assert page.script("return document.activeElement.textContent;") == "steps"
+    assert len(page.all("th[aria-sort]")) == 1 and "" not in page.texts("th button")
+    page.open("run/run")
+    page.find("details > summary").click()
+    told = lambda: page.texts(".facts dd")
+    first = told()
+    page.expect("facts that change", lambda: told() != first)
+    assert page.script("return document.querySelector('details').open;")
+
+
 def the_authors_curve_is_marked(page: Browser) -> None:
     """The chart of success says where the authors' published curve ends."""
     page.open("run/run")
@@ -239,6 +260,28 @@ def proximity_over_the_grid_is_drawn(page: Browser) -> None:
     page.says(".grid", "dark")
     assert colors(page.find(".stage canvas")) > plain
     page.picture("proximity")
+    # What is answered late, of an episode that was left, is not drawn over the next one.
+    page.script("""
+        const ask = window.fetch;
+        window.held = [];
+        window.fetch = async (address, ...rest) => {
+            if (!address.includes("/grid")) return ask(address, ...rest);
+            await new Promise((go) => window.held.push(go));
+            const answer = await ask(address, ...rest);
+            setTimeout(() => { window.isAnswered = true; }, 200);
+            return answer;
+        };
+    """)
+    held = lambda: page.script("return window.held.length;")
+    page.find(".long").send_keys(Keys.ARROW_DOWN)
+    page.expect("a question", lambda: held() == 1)
+    page.find(".long").send_keys(Keys.ARROW_DOWN)
+    page.expect("another question", lambda: held() == 2)
+    page.script("window.held[0]();")
+    page.expect("the late answer", lambda: page.script("return window.isAnswered;"))
+    assert page.texts(".grid p") == [""]
+    page.script("window.held[1]();")
+    page.says(".grid", "dark")
 
 
 def demonstrations_are_browsed(page: Browser) -> None:
@@ -255,6 +298,8 @@ def damage_is_told(page: Browser) -> None:
     assert len(page.all(".long tbody tr")) > 5
     page.open(f"episodes/{UNKNOWN}")
     page.says(".trouble", f"no run is called {UNKNOWN}")
+    page.open("run/50%")
+    page.says("h1", "Runs")
 
 
 def a_phone_and_the_dark_are_enough(page: Browser) -> None:
@@ -287,6 +332,7 @@ def main() -> None:
         if options.live:
             runs_are_listed(page)
             curves_move_while_a_run_trains(page)
+            the_keyboard_stays_where_it_is(page)
             the_authors_curve_is_marked(page)
             a_stopped_and_a_killed_learner_show(page)
             return

@@ -14,7 +14,7 @@ use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
 const DRIVER: &str = "/usr/bin/chromedriver";
 
 fn python() -> Option<String> {
-    let python = std::env::var("GOALWARD_PYTHON").ok().filter(|python| python != "none")?;
+    let python = system_tests::python()?;
     if !fs::exists(DRIVER).unwrap() {
         eprintln!("left out: {DRIVER} is not there (apt-get install chromium chromium-driver)");
         return None;

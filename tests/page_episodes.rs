@@ -181,6 +181,12 @@ fn rows_grow_while_a_run_trains_and_are_whole_after_a_death() {
     run.process("learner").signal(Signal::Kill);
     assert_eq!(training.end(), Some(0));
     let all = rows(&page, "/api/runs/run/episodes/log");
+    // The file that the learner had was sealed anew, its records elsewhere.
+    assert_eq!(page.json("/api/runs/run/episodes/log")["trouble"], Value::Array(Vec::new()));
+    for place in [0, all.len() / 2] {
+        let shown = page.json(&format!("/api/runs/run/episodes/log/{place}"));
+        assert_eq!(shown["episode"], all[place]["episode"], "row {place}");
+    }
     let mut recorded = BTreeMap::new();
     for entry in read_contents(&run.path("run/log"), Contents::Trajectories).unwrap() {
         if let Record::Score(score) = entry.unwrap().record {

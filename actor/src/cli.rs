@@ -121,6 +121,9 @@ enum Command {
         /// How actions are chosen; by default as at the end of training.
         #[arg(long)]
         actions: Option<ActionChoice>,
+        /// Seed of the episodes, where it is not the run's.
+        #[arg(long)]
+        seed: Option<u64>,
     },
     /// Acts recorded episodes of a run again, which standard input has, each behind its length, and writes
     /// them with what a viewer draws of them.
@@ -238,12 +241,11 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             crate::serve::serve(&factory, &mut std::io::stdin(), &mut std::io::stdout())
         }
-        Command::Evaluate { run, episodes, actions } => {
+        Command::Evaluate { run, episodes, actions, seed } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             process::end_with_parent()?;
             let folder = RunFolder::new(run);
-            let evaluation = crate::evaluate::evaluate(tasks, &folder, episodes, actions)?;
-            print(&evaluation)
+            print(&crate::evaluate::evaluate(tasks, &folder, episodes, actions, seed)?)
         }
         Command::Scenes { run, setting, pictures, out } => {
             let setting = setting.map(|json| setting_of(&json, "--setting")).transpose()?;

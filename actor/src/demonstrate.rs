@@ -60,8 +60,8 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
         .with(EXPERT, who)
         .with("setting", serde_json::to_string(&setting)?);
     ensure!(*force || !file.exists(), "{} exists and is not overwritten", file.display());
-    let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
     let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
+    let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
     if recorded.is_err() {

@@ -197,9 +197,10 @@ impl Episode {
     }
 }
 
-/// Whether an episode has failed so that it would fail again.
-pub fn has_raised(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(EnvironmentError::Raised(_)))
+/// Whether an episode has failed so that it would fail again: all that an environment says depends on seed and
+/// actions, but for [`EnvironmentError::Other`].
+pub fn would_fail_again(error: &anyhow::Error) -> bool {
+    !matches!(error.downcast_ref(), None | Some(EnvironmentError::Other(_)))
 }
 
 #[cfg(test)]
@@ -213,8 +214,13 @@ mod tests {
     struct Wrong {
         number: f32,
         ends: bool,
+        /// What a step fails with.
+        failure: Option<EnvironmentError>,
         steps: u32,
     }
+
+    /// One with nothing wrong.
+    const GOOD: Wrong = Wrong { number: 0.5, ends: true, failure: None, steps: 0 };
 
     impl Environment for Wrong {
         fn spec(&self) -> Spec {
@@ -235,6 +241,9 @@ mod tests {
         }
 
         fn step(&mut self, _: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
+            if let Some(failure) = &self.failure {
+                return Err(failure.clone());
+            }
             self.steps += 1;
             write_floats([self.number], observation);
             let success = self.ends && self.steps == 3;
@@ -246,19 +255,22 @@ mod tests {
         }
     }
 
+    fn begin(environment: Wrong) -> Episode {
+        let name = EpisodeName {
+            source: Source::Training,
+            iteration: 0,
+            lane: 4,
+            episode: 9,
+            policy_version: 1,
+            run_seed: 1,
+        };
+        Episode::begin(Box::new(environment), "wrong", name).unwrap()
+    }
+
     #[test]
     fn what_its_task_cannot_have_ends_an_episode_with_words() {
         let last = |number, ends| {
-            let name = EpisodeName {
-                source: Source::Training,
-                iteration: 0,
-                lane: 4,
-                episode: 9,
-                policy_version: 1,
-                run_seed: 1,
-            };
-            let environment = Box::new(Wrong { number, ends, steps: 0 });
-            let mut episode = Episode::begin(environment, "wrong", name).unwrap();
+            let mut episode = begin(Wrong { number, ends, ..GOOD });
             loop {
                 if let Some(trajectory) = episode.step(&[0], Some(0.0)).transpose() {
                     return trajectory;
@@ -273,7 +285,20 @@ mod tests {
             let error = last(number, ends).unwrap_err();
             let said = format!("{error:#}");
             assert!(said.contains(place) && said.contains(words), "{said}");
-            assert!(has_raised(&error), "{said}");
+            assert!(would_fail_again(&error), "{said}");
         }
+    }
+
+    #[test]
+    fn an_episode_would_fail_again_unless_what_holds_its_environment_fails() {
+        let state = EnvironmentError::StateNotFinite { part: "cube", found: f32::NAN, step: 1 };
+        let action = EnvironmentError::ActionNotFinite { index: 0, found: f32::NAN };
+        let gone = EnvironmentError::Other("Python ended without a word".to_owned());
+        for (failure, again) in [(state, true), (action, true), (gone, false)] {
+            let mut episode = begin(Wrong { failure: Some(failure), ..GOOD });
+            let error = episode.step(&[0], Some(0.0)).unwrap_err();
+            assert_eq!(would_fail_again(&error), again, "{error:#}");
+        }
+        assert!(!would_fail_again(&anyhow::anyhow!("no environment said so")));
     }
 }

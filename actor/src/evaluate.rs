@@ -1,6 +1,6 @@
 //! `goalward evaluate`: a checkpoint's policy acts on evaluation seeds, and its episodes are kept.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use environments::Environment;
@@ -40,7 +40,7 @@ pub struct Evaluation {
 }
 
 /// Runs evaluation episodes with the newest checkpoint of a run: the same ones, in the same lanes,
-/// that the run itself ends with, and more of them if asked.
+/// that the run itself ends with, and more of them if asked; those of another seed if one is given.
 ///
 /// # Errors
 /// When the run has no checkpoint that holds, an environment fails, or the file cannot be written.
@@ -49,13 +49,17 @@ pub fn evaluate(
     folder: &RunFolder,
     episodes: u64,
     actions: Option<ActionChoice>,
+    other_seed: Option<u64>,
 ) -> Result<Evaluation> {
     let mut config = folder.config()?;
-    config.evaluation.actions = actions.unwrap_or(config.evaluation.actions);
+    let actions = actions.unwrap_or(config.evaluation.actions);
+    config.evaluation.actions = actions;
     let weights = newest_weights(folder)?;
     let factory = Factory::of_run(tasks, &config)?;
-    let trajectories = act(&factory, &config, &weights, episodes)?;
-    let file = record(folder, &config, &mut *factory.make()?, &trajectories)?;
+    let seed = other_seed.unwrap_or(config.seed);
+    let trajectories = act(&factory, &config, &weights, episodes, seed)?;
+    let file = folder.evaluation_file(weights.version, episodes, actions, other_seed);
+    record(&file, &config, &mut *factory.make()?, &trajectories)?;
     let count = trajectories.len() as f64;
     let reached = trajectories.iter().filter(|trajectory| trajectory.success).count();
     let steps: u64 = trajectories.iter().map(|trajectory| u64::from(trajectory.steps)).sum();
@@ -70,7 +74,7 @@ pub fn evaluate(
     })
 }
 
-/// Acts evaluation episodes, by lane and then by episode.
+/// Acts the evaluation episodes of a seed, by lane and then by episode.
 ///
 /// # Errors
 /// When the weights are not this run's, or an environment fails.
@@ -79,6 +83,7 @@ pub(crate) fn act(
     config: &RunConfig,
     weights: &Weights,
     episodes: u64,
+    seed: u64,
 ) -> Result<Vec<Trajectory>> {
     let mut policy = Policy::new(config);
     let version = policy.version(weights)?;
@@ -92,7 +97,7 @@ pub(crate) fn act(
             steps_owed: 0,
             episodes_owed,
         };
-        Lane::begin(lease, factory, None, config.seed)
+        Lane::begin(lease, factory, None, seed)
     };
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
@@ -113,17 +118,14 @@ pub(crate) fn act(
 }
 
 fn record(
-    folder: &RunFolder,
+    file: &Path,
     config: &RunConfig,
     environment: &mut dyn Environment,
     trajectories: &[Trajectory],
-) -> Result<PathBuf> {
-    let version = trajectories.first().map_or(0, |trajectory| trajectory.policy_version);
-    let file =
-        folder.evaluation_file(version, trajectories.len() as u64, config.evaluation.actions);
+) -> Result<()> {
     let metadata = metadata::of_run(config);
     let topics = [Topic::EvaluationTrajectory, Topic::Scene];
-    let mut writer = FileWriter::create_anew(&file, &metadata, &topics)?;
+    let mut writer = FileWriter::create_anew(file, &metadata, &topics)?;
     let mut time_ns = 0;
     for (number, trajectory) in trajectories.iter().enumerate() {
         writer.trajectory(&Encoded::encode(trajectory.clone()), time_ns)?;
@@ -131,6 +133,5 @@ fn record(
             time_ns = draw(&mut writer, environment, trajectory, time_ns)?;
         }
     }
-    writer.seal()?;
-    Ok(file)
+    Ok(writer.seal()?)
 }

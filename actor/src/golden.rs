@@ -26,6 +26,6 @@ pub fn golden(tasks: Tasks, folder: &RunFolder) -> Result<String> {
     }
     config.evaluation.actions = ActionChoice::Sample;
     let weights = Policy::new(&config).initial_weights(config.seed);
-    let trajectories = act(&factory, &config, &weights, EPISODES)?;
+    let trajectories = act(&factory, &config, &weights, EPISODES, config.seed)?;
     Ok(digest::sha256(trajectories.into_iter().map(|trajectory| Encoded::encode(trajectory).bytes)))
 }

@@ -16,7 +16,7 @@ use run::checkpoint;
 use run::config::{ActionChoice, RunConfig};
 use run::folder::{POLICY_FILE, RunFolder};
 
-use crate::episode::has_raised;
+use crate::episode::would_fail_again;
 use crate::lane::Lane;
 
 /// A policy and the memory it acts with.
@@ -143,7 +143,7 @@ impl Policy {
         for ((lane, action), log_prob) in lanes.iter_mut().zip(actions).zip(&self.log_probs) {
             match lane.step(action, Some(*log_prob)) {
                 Ok(trajectory) => trajectories.extend(trajectory),
-                Err(error) if has_raised(&error) => return Err(error),
+                Err(error) if would_fail_again(&error) => return Err(error),
                 // Lanes whose environments share a process fail together: which one raised is to be said.
                 Err(error) => failure = failure.or(Some(error)),
             }

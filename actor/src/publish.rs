@@ -55,7 +55,7 @@ pub fn publish(
         let entry = entry?;
         let log_time_ns = entry.log_time_ns;
         let Some(bytes) = entry.record.trajectory() else { continue };
-        let since_first = log_time_ns - *first_ns.get_or_insert(log_time_ns);
+        let since_first = log_time_ns.saturating_sub(*first_ns.get_or_insert(log_time_ns));
         let due = speed.map_or(Duration::ZERO, |speed| time_of(since_first, speed));
         while begun.elapsed() < due && !stop.is_requested() {
             thread::sleep(TICK.min(due.saturating_sub(begun.elapsed())));

@@ -18,7 +18,7 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::process::{Final, Stop};
 
-use crate::episode::{Episode, has_raised};
+use crate::episode::{Episode, would_fail_again};
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::pace::{LANES_AT_ONCE, Pace};
@@ -75,7 +75,7 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
 
 /// An error that ends the run, if the same lease would come to it again.
 fn unless_again(error: anyhow::Error) -> anyhow::Error {
-    if has_raised(&error) { Final(format!("{error:#}")).into() } else { error }
+    if would_fail_again(&error) { Final(format!("{error:#}")).into() } else { error }
 }
 
 impl Actor {

@@ -4,15 +4,23 @@
 //! `GOALWARD_PYTHON=none` leaves these tests out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+use std::fs;
+
+use actor::demonstrate::{Request, demonstrate};
+use actor::expert::Expert;
+use actor::factory::Factory;
 use actor::python::{make, purified};
-use actor::{Environment, EnvironmentError, Setting, Step};
+use actor::{BUILT_IN, Environment, EnvironmentError, Setting, Step};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, floats};
+use run::process::Stop;
 
 /// Whether there is Python to test with.
 fn has_python() -> bool {
-    std::env::var("GOALWARD_PYTHON").is_ok_and(|python| python != "none")
+    let named = std::env::var("GOALWARD_PYTHON").ok().filter(|python| !python.is_empty());
+    named.expect("GOALWARD_PYTHON: expected an interpreter, or `none`; deploy/test.sh sets it")
+        != "none"
 }
 
 fn setting(text: &str) -> Setting {
@@ -299,6 +307,23 @@ fn an_expert_of_python_acts_in_the_environment_it_is_made_for() {
 }
 
 #[test]
+fn an_expert_whose_first_episode_does_not_begin_leaves_no_file() {
+    if !has_python() {
+        return;
+    }
+    let text = "make = \"python:tests.python_environments:bad\"\nkwargs.how = \"reset raises\"\n\
+        success = \"none\"\nexpert = \"tests.python_environments:expert\"";
+    let folder = tempfile::tempdir().unwrap();
+    let factory = Factory::new(BUILT_IN, "bad", setting(text)).unwrap();
+    let file = folder.path().join("d.mcap");
+    let request = Request { factory, episodes: 1, seed: 1, file: &file, force: false };
+    let expert = Expert::of_task(&request.factory).unwrap();
+    let said = demonstrate(&request, expert, &Stop::default()).err().unwrap();
+    assert!(format!("{said:#}").contains("no start today"), "{said:#}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
 fn what_no_task_can_have_is_refused_in_one_line() {
     if !has_python() {
         return;
@@ -340,5 +365,6 @@ fn an_environment_that_is_not_pure_is_found_and_rebuilding_tried() {
     assert_eq!(purity("traced"), (Some(true), true));
     assert_eq!(purity("chance"), (None, false));
     assert_eq!(purity("shared_chance"), (None, false), "episodes side by side differ");
+    assert_eq!(purity("unordered"), (None, true), "texts have the same hashes in every process");
     assert_eq!(purified(setting("noise = 2")).unwrap(), (setting("noise = 2"), true));
 }

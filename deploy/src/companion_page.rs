@@ -43,7 +43,7 @@ impl CompanionPage {
             return None;
         };
         let address = line.split_whitespace().next()?;
-        let name = run.file_name()?.to_string_lossy().into_owned();
+        let name = encoded(&run.file_name()?.to_string_lossy());
         Some(CompanionPage { page, address: format!("{address}/#/run/{name}") })
     }
 
@@ -63,5 +63,26 @@ impl Drop for CompanionPage {
         }
         self.page.kill().ok();
         self.page.wait().ok();
+    }
+}
+
+/// A name as a part of an address, where `%` and what has a meaning of its own stand as bytes in hexadecimal.
+fn encoded(name: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte);
+    let written = |byte: u8| match is_plain(byte) {
+        true => char::from(byte).to_string(),
+        false => format!("%{byte:02X}"),
+    };
+    name.bytes().map(written).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_encoded_as_a_browser_reads_them() {
+        assert_eq!(encoded("navigation-0001_a.b~c"), "navigation-0001_a.b~c");
+        assert_eq!(encoded("50% of a/b,#é"), "50%25%20of%20a%2Fb%2C%23%C3%A9");
     }
 }

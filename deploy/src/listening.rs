@@ -2,16 +2,19 @@
 
 use std::ffi::OsString;
 use std::fmt;
+use std::fs;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use protocol::MAX_ACTORS;
 use protocol::error::within;
 use protocol::task::Task;
+use protocol::{MAX_ACTORS, durable};
 use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::hosts::NAME_CHARS;
+use run::repeat::quoted;
+use serde::{Deserialize, Serialize};
 
 use crate::limits;
 use crate::programs::{self, Program};
@@ -21,7 +24,7 @@ use terminal::refusal::wrong_usage;
 const AUDITED: f64 = 0.01;
 
 /// How a run lets other machines in.
-#[derive(Clone, Copy, Debug, Default, clap::Args)]
+#[derive(Clone, Copy, Debug, Default, clap::Args, Serialize, Deserialize)]
 pub(crate) struct ListenOptions {
     /// Lets actors of other machines in, which `goalward join` starts there; such as 0.0.0.0:7447.
     #[arg(long, value_name = "ADDRESS")]
@@ -74,6 +77,26 @@ impl ListenOptions {
         free.map(drop).map_err(|error| wrong_usage(format!("listening at {listen}: {error}")))
     }
 
+    /// Keeps them in the run's folder, for whoever tells how the run is continued.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub(crate) fn keep(self, folder: &RunFolder) -> Result<()> {
+        let file = folder.listening_file();
+        if self.listen.is_none() {
+            fs::remove_file(file).ok();
+            return Ok(());
+        }
+        let written = durable::write_unsynced(&file, serde_json::to_vec(&self)?);
+        written.with_context(|| file.display().to_string())
+    }
+
+    /// Those that a run was trained with last.
+    fn of_run(folder: &RunFolder) -> ListenOptions {
+        let bytes = fs::read(folder.listening_file()).unwrap_or_default();
+        serde_json::from_slice(&bytes).unwrap_or_default()
+    }
+
     fn audit(self, task: &Task) -> f64 {
         self.audit.unwrap_or(if task.deterministic { AUDITED } else { 0.0 })
     }
@@ -88,6 +111,12 @@ impl ListenOptions {
         let actor = Program::acting_in(task).path()?;
         Ok(Some(Listening { listen, golden, audit: self.audit(task), actor }))
     }
+}
+
+/// What is typed to continue a run as it was trained last.
+pub(crate) fn how_to_resume(folder: &RunFolder) -> String {
+    let (goalward, run) = (programs::own_command(), quoted(folder.path().display()));
+    format!("{goalward} train --resume --run {run}{}", ListenOptions::of_run(folder))
 }
 
 /// A run that no other machines join needs an actor of its own.
@@ -165,6 +194,23 @@ impl Listening {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_is_continued_as_it_listened() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        fs::create_dir(folder.output()).unwrap();
+        let alone = format!(" train --resume --run {}", directory.path().display());
+        assert!(how_to_resume(&folder).ends_with(&alone), "{}", how_to_resume(&folder));
+        let listen = Some("0.0.0.0:7447".parse().unwrap());
+        ListenOptions { listen, audit: Some(0.5) }.keep(&folder).unwrap();
+        let listening = format!("{alone} --listen 0.0.0.0:7447 --audit 0.5");
+        assert!(how_to_resume(&folder).ends_with(&listening), "{}", how_to_resume(&folder));
+        fs::write(folder.listening_file(), "{").unwrap();
+        assert!(how_to_resume(&folder).ends_with(&alone), "what says nothing is passed over");
+        ListenOptions::default().keep(&folder).unwrap();
+        assert!(!folder.listening_file().exists());
+    }
 
     #[test]
     fn a_hub_takes_every_machine_by_its_name() {

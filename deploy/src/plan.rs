@@ -176,7 +176,10 @@ impl Plan {
 /// When another one is in it.
 pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
     let shown = folder.path().display();
-    let lock = File::open(folder.path()).with_context(|| format!("opening {shown}"))?;
+    let path = folder.lock_file();
+    // Open for writing, because NFS gives the lock to one alone only so.
+    let opened = File::options().read(true).write(true).create(true).truncate(false).open(&path);
+    let lock = opened.with_context(|| format!("opening {}", path.display()))?;
     for _ in 0..LOCK_ATTEMPTS {
         match lock.try_lock() {
             Ok(()) => return Ok(lock),
@@ -187,6 +190,24 @@ pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
         }
     }
     Err(wrong_usage(format!("the run in {shown} is being trained right now")))
+}
+
+/// What a task, as the user names it, has by itself with the preset and method of `config`, which `settings`
+/// of the user's have changed.
+///
+/// # Errors
+/// As [`Plan::new_run`].
+pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Result<RunConfig> {
+    let by_itself = [format!("method={}", config.method)];
+    let preset = Some(config.preset.as_str());
+    let usual = tasks::configuration(task, preset, &by_itself).or_else(|_| {
+        // An environment of Python may be none without its settings.
+        let of_environment = settings.iter().filter(|setting| setting.starts_with("environment."));
+        let needed: Vec<String> = of_environment.chain(&by_itself).cloned().collect();
+        tasks::configuration(task, preset, &needed)
+    })?;
+    let usual = demonstrations::adopt(with_absolute_paths(usual)?, &[])?;
+    Ok(RunConfig { task: config.task.clone(), ..usual })
 }
 
 /// `old` with settings laid over it.
@@ -289,12 +310,16 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
         )));
     }
     match fs::read_dir(path) {
-        Ok(entries) => match entries.flatten().find(|entry| !is_unfinished(&entry.path())) {
-            None => Ok(()),
-            Some(_) => Err(wrong_usage(format!(
+        Ok(entries) => {
+            let mut found = entries.flatten().map(|entry| entry.path());
+            // A start that was refused or cut off has left these.
+            if found.all(|path| is_unfinished(&path) || path == folder.lock_file()) {
+                return Ok(());
+            }
+            Err(wrong_usage(format!(
                 "expected a new or an empty folder for the run, found files in {shown}"
-            ))),
-        },
+            )))
+        }
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Err(error) => {
             Err(Refusal::usage(anyhow::Error::from(error).context(format!("run folder {shown}")))
@@ -415,13 +440,20 @@ mod tests {
     #[test]
     fn a_run_has_one_trainer() {
         let directory = tempfile::tempdir().unwrap();
+        // A start that was refused leaves the file of its lock.
+        drop(lock(&RunFolder::new(directory.path())).unwrap());
         let mut plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
         let mut rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        assert!(!plan.folder.is_trained());
         let held = plan.lay_out().unwrap();
         assert!(rival.lay_out().unwrap_err().to_string().contains("being trained"));
         assert!(lock(&plan.folder).unwrap_err().to_string().contains("being trained"));
+        let asked = File::open(directory.path().join("lock")).unwrap().try_lock_shared();
+        assert!(matches!(asked, Err(TryLockError::WouldBlock)), "a file, which NFS can lock");
+        assert!(plan.folder.is_trained());
         drop(held);
-        lock(&plan.folder).unwrap();
+        assert!(!plan.folder.is_trained());
+        drop(lock(&plan.folder).unwrap());
         assert!(rival.lay_out().unwrap_err().to_string().contains("already holds"));
     }
 }

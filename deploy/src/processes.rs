@@ -112,6 +112,13 @@ impl Processes {
         found.find(|process| process.name == SUPERVISOR)?.id
     }
 
+    /// How many actors of this machine live.
+    pub(crate) fn actors_here(&self) -> usize {
+        let is_here = |name: &str| is_actor(name) && !is_elsewhere(name);
+        let alive = self.processes.iter().filter(|process| process.state != State::Gone);
+        alive.filter(|process| is_here(&process.full_name)).count()
+    }
+
     /// In a phrase why the run does not go on as it should, if that can be seen.
     pub(crate) fn trouble(&self) -> Option<String> {
         let stopped = |name: &&str| self.state(name) == State::Stopped;
@@ -286,6 +293,8 @@ mod tests {
         ] {
             assert_eq!(all(states).as_deref(), Some(expected));
         }
+        let some = [("actor-0", Running), ("actor-1", Gone), ("actor-0-7@node-7", State::Hidden)];
+        assert_eq!(processes(&some).actors_here(), 1);
         assert!(!processes(&[("replay", Running)]).train());
         assert!(processes(&[("actor-3", Running)]).train());
     }

@@ -2,10 +2,12 @@
 //! once to say what they are.
 
 use anyhow::{Result, anyhow};
+use mcap_log::file::LONGEST_MESSAGE;
 use protocol::description::Description;
 use protocol::setting::Setting;
 use protocol::table::{merge, parse_setting};
 use protocol::task::Task;
+use protocol::trajectory::Trajectory;
 use run::config::RunConfig;
 use run::tasks;
 use serde::Serialize;
@@ -61,6 +63,8 @@ struct File {
     task: Task,
     rollout: Rollout,
     reward: Reward,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log: Option<Log>,
     environment: Setting,
 }
 
@@ -68,6 +72,11 @@ struct File {
 struct Rollout {
     lanes: u64,
     lane_steps: u64,
+}
+
+#[derive(Serialize)]
+struct Log {
+    observations: bool,
 }
 
 /// The text of the file of a task that is an environment of Python, made with what the settings say of
@@ -89,14 +98,21 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
     let horizon = u64::from(task.horizon_steps);
     let lane_steps = LANE_STEPS.max(horizon + horizon.div_ceil(4));
     let rollout = Rollout { lanes: (ITERATION_STEPS / lane_steps).max(LANES), lane_steps };
-    let reward = Reward { delta: delta(task.horizon_steps) };
-    toml::to_string(&File { task, rollout, reward, environment })
+    let (reward, log) = (Reward { delta: delta(task.horizon_steps) }, log(&task));
+    toml::to_string(&File { task, rollout, reward, log, environment })
         .map_err(|error| anyhow!("the file of a task: {error}"))
 }
 
 /// The base of exponential labels by which the longest episode ends at [`FARTHEST_LABEL`], to four digits.
 fn delta(horizon_steps: u32) -> f64 {
     (FARTHEST_LABEL.powf(1.0 / f64::from(horizon_steps)) * 1e4).round() / 1e4
+}
+
+/// How a task is recorded whose longest episode is too long for the log: without observations, which it has
+/// again when it is acted again.
+fn log(task: &Task) -> Option<Log> {
+    let is_long = Trajectory::most_bytes(&task.spec(), true) > LONGEST_MESSAGE as u64;
+    (is_long && task.deterministic).then_some(Log { observations: false })
 }
 
 /// What a task is called whose environment has this name: the last part of it, with letters that names
@@ -113,10 +129,22 @@ fn name_of(task: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::task::ObservationSpec;
 
     #[test]
     fn labels_reach_as_far_as_the_longest_episode() {
         assert_eq!([50, 58, 500, 1000].map(delta), [0.9418, 0.9497, 0.994, 0.997]);
+    }
+
+    #[test]
+    fn observations_are_recorded_unless_there_are_too_many_of_an_episode() {
+        let mut task = tasks::configuration("navigation", None, &[]).unwrap().task;
+        assert!(log(&task).is_none());
+        task.observation = ObservationSpec::Vector { len: 27_648 };
+        task.horizon_steps = 1000;
+        assert!(log(&task).is_some_and(|log| !log.observations));
+        task.deterministic = false;
+        assert!(log(&task).is_none());
     }
 
     #[test]

@@ -52,14 +52,15 @@ impl Scale {
     /// The scale of an action of `len` numbers that a setting has.
     ///
     /// # Errors
-    /// When there are more or fewer factors, though not none, or one is not above 0.
+    /// When there are more or fewer factors, though not none, or one is not above 0 and finite in 32 bits.
     pub fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
         let found = factors.len();
         let expected = format!("empty or {len} numbers, as the action has");
         within(ACTION_SCALE, found == 0 || found == len, &expected, format!("{found} numbers"))?;
+        let holds = |factor: f32| factor.is_finite() && factor > 0.0;
         for &number in factors {
-            let holds = number.is_finite() && number > 0.0;
-            within(ACTION_SCALE, holds, "of numbers above 0", number)?;
+            let expected = "of numbers above 0 and finite in 32 bits";
+            within(ACTION_SCALE, holds(number as f32), expected, number)?;
         }
         Ok(Scale { factors: factors.iter().map(|&number| number as f32).collect() })
     }
@@ -108,7 +109,7 @@ mod tests {
     fn a_scale_fits_the_action() {
         let refusal = |factors: &[f64]| Scale::new(factors, 3).unwrap_err().to_string();
         assert!(refusal(&[0.1]).contains("`action_scale` must be empty or 3 numbers"));
-        for number in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        for number in [0.0, 1e-50, -1.0, 1e39, f64::NAN, f64::INFINITY] {
             assert!(refusal(&[0.1, number, 0.2]).contains("above 0"), "{number}");
         }
     }

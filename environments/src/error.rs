@@ -54,7 +54,8 @@ pub enum EnvironmentError {
     /// What an environment that is none of ours raised: in the same episode it would raise it again.
     #[error("{0}")]
     Raised(String),
-    /// What an environment that is none of ours has to say.
+    /// What an environment that is none of ours has to say that does not follow from the episode: tried again it
+    /// may go well.
     #[error("{0}")]
     Other(String),
 }

@@ -8,8 +8,9 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use protocol::messages::Lease;
-use protocol::trajectory::{Encoded, Source};
+use protocol::trajectory::{Encoded, Source, Trajectory};
 
 /// What a lane is to run, and from where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,6 +91,8 @@ pub struct LeaseLedger {
 #[derive(Debug)]
 struct LaneLedger {
     plan: LanePlan,
+    /// What is still owed after the episodes received without a gap.
+    rest: LanePlan,
     received: BTreeMap<u64, Encoded>,
     holder: Option<Holder>,
 }
@@ -108,7 +111,7 @@ impl LeaseLedger {
         policy_version: u64,
         plans: Vec<LanePlan>,
     ) -> LeaseLedger {
-        let lane = |plan| LaneLedger { plan, received: BTreeMap::new(), holder: None };
+        let lane = |plan| LaneLedger { plan, rest: plan, received: BTreeMap::new(), holder: None };
         let lanes = plans.into_iter().map(lane).collect();
         LeaseLedger { source, iteration, policy_version, lanes }
     }
@@ -132,21 +135,21 @@ impl LeaseLedger {
                 continue;
             }
             lane.holder = Some(Holder { actor: actor.to_owned(), since: now });
-            let rest = lane.rest();
             leases.push(Lease {
                 source: self.source as i32,
                 iteration: self.iteration,
                 lane: number as u64,
                 policy_version: self.policy_version,
-                first_episode: rest.first_episode,
-                steps_owed: rest.steps_owed,
-                episodes_owed: rest.episodes_owed,
+                first_episode: lane.rest.first_episode,
+                steps_owed: lane.rest.steps_owed,
+                episodes_owed: lane.rest.episodes_owed,
             });
         }
         leases
     }
 
-    /// Takes in a trajectory; says whether it is new to this rollout.
+    /// Takes in a trajectory; says whether it is new to this rollout. Of one that is evaluated, and never
+    /// learned from, only what an evaluation counts is kept.
     ///
     /// # Errors
     /// When it names this rollout and is no part of it. Then nothing has changed.
@@ -178,7 +181,8 @@ impl LeaseLedger {
         if episode < place.plan.first_episode || place.is_complete() {
             return Ok(false);
         }
-        place.received.insert(episode, encoded);
+        let is_evaluated = self.source == Source::Evaluation;
+        place.insert(if is_evaluated { without_bytes(encoded) } else { encoded });
         Ok(true)
     }
 
@@ -194,15 +198,24 @@ impl LeaseLedger {
         }
     }
 
-    /// Opens the leases again whose actor is gone or has held them longer than `timeout`.
-    /// Returns their number.
-    pub fn reopen(&mut self, alive: &[String], timeout: Duration, now: Instant) -> usize {
+    /// Opens the leases again whose actor is gone. Returns their number.
+    pub fn reopen_lost(&mut self, alive: &[String]) -> usize {
+        self.reopen(|holder| !alive.contains(&holder.actor))
+    }
+
+    /// Opens the leases again that are held longer than `timeout`, unless one is open already: whoever holds
+    /// them may only be slow, and others have something to do until then. Returns their number.
+    pub fn reopen_overdue(&mut self, timeout: Duration, now: Instant) -> usize {
+        if self.has_open_leases() {
+            return 0;
+        }
+        self.reopen(|holder| now.duration_since(holder.since) > timeout)
+    }
+
+    fn reopen(&mut self, is_to_lose: impl Fn(&Holder) -> bool) -> usize {
         let mut reopened = 0;
         for lane in self.lanes.iter_mut().filter(|lane| !lane.is_complete()) {
-            let lost = lane.holder.as_ref().is_some_and(|holder| {
-                !alive.contains(&holder.actor) || now.duration_since(holder.since) > timeout
-            });
-            if lost {
+            if lane.holder.as_ref().is_some_and(&is_to_lose) {
                 lane.holder = None;
                 reopened += 1;
             }
@@ -266,28 +279,40 @@ impl LaneLedger {
     }
 
     fn is_complete(&self) -> bool {
-        let rest = self.rest();
-        rest.steps_owed == 0 && rest.episodes_owed == 0
+        self.rest.steps_owed == 0 && self.rest.episodes_owed == 0
+    }
+
+    fn insert(&mut self, encoded: Encoded) {
+        self.received.insert(encoded.key.episode, encoded);
+        while !self.is_complete()
+            && let Some(next) = self.received.get(&self.rest.first_episode)
+        {
+            self.rest.first_episode += 1;
+            self.rest.steps_owed = self.rest.steps_owed.saturating_sub(steps(next));
+            self.rest.episodes_owed = self.rest.episodes_owed.saturating_sub(1);
+        }
     }
 
     /// The episodes that were owed. What came beyond them is nobody's.
     fn into_owed(self) -> impl Iterator<Item = Encoded> {
-        let end = self.rest().first_episode;
+        let end = self.rest.first_episode;
         self.received.into_iter().take_while(move |(episode, _)| *episode < end).map(|(_, one)| one)
     }
+}
 
-    /// What is still owed after the episodes received without a gap.
-    fn rest(&self) -> LanePlan {
-        let mut rest = self.plan;
-        while (rest.steps_owed, rest.episodes_owed) != (0, 0)
-            && let Some(encoded) = self.received.get(&rest.first_episode)
-        {
-            rest.first_episode += 1;
-            rest.steps_owed = rest.steps_owed.saturating_sub(steps(encoded));
-            rest.episodes_owed = rest.episodes_owed.saturating_sub(1);
-        }
-        rest
-    }
+/// A trajectory without its encoded bytes, which hold all of its arrays; rewards have their own.
+fn without_bytes(encoded: Encoded) -> Encoded {
+    let Encoded { trajectory, key, .. } = encoded;
+    let trajectory = Trajectory {
+        cells: Bytes::new(),
+        values: Bytes::new(),
+        discrete_actions: Bytes::new(),
+        continuous_actions: Bytes::new(),
+        log_probs: Bytes::new(),
+        environment_rewards: Bytes::copy_from_slice(&trajectory.environment_rewards),
+        ..trajectory
+    };
+    Encoded { trajectory, bytes: Bytes::new(), key }
 }
 
 fn steps(encoded: &Encoded) -> u64 {

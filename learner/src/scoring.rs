@@ -68,7 +68,7 @@ impl Scoring {
         match self.ask(Ask::Begin(begin))? {
             Answer::Updated(update) => Ok(Begun::Ready(update)),
             Answer::Pretraining(pretraining) => Ok(Begun::Pretraining(pretraining)),
-            other => bail!("begin: expected an update, found {other:?}"),
+            other => bail!("begin: expected an update, found {}", kind(&other)),
         }
     }
 
@@ -84,7 +84,9 @@ impl Scoring {
             let batch = Batch { iteration, keys: keys.clone(), supplied };
             let missing = match self.ask(Ask::Batch(batch))? {
                 Answer::Missing(missing) => missing.positions,
-                other => bail!("batch {iteration}: expected what is missing, found {other:?}"),
+                other => {
+                    bail!("batch {iteration}: expected what is missing, found {}", kind(&other))
+                }
             };
             if missing.is_empty() {
                 return Ok(());
@@ -103,7 +105,7 @@ impl Scoring {
     pub fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
         let scores = match self.ask(Ask::Score(IterationRequest { iteration }))? {
             Answer::Scores(scores) => scores.scores,
-            other => bail!("score {iteration}: expected scores, found {other:?}"),
+            other => bail!("score {iteration}: expected scores, found {}", kind(&other)),
         };
         ensure!(
             scores.len() == trajectories.len(),
@@ -134,7 +136,7 @@ impl Scoring {
             if let Some(answer) = improvement.0.poll()?.and_then(answer) {
                 return match unless_refused(answer)? {
                     Answer::Updated(update) => Ok(update),
-                    other => bail!("improve: expected an update, found {other:?}"),
+                    other => bail!("improve: expected an update, found {}", kind(&other)),
                 };
             }
             self.doorbell.wait(LOOK_AGAIN)?;
@@ -149,7 +151,7 @@ impl Scoring {
     pub fn save(&self, path: &str) -> Result<Saved> {
         match self.ask(Ask::Save(Save { path: path.to_owned() }))? {
             Answer::Saved(saved) => Ok(saved),
-            other => bail!("save: expected hashes, found {other:?}"),
+            other => bail!("save: expected hashes, found {}", kind(&other)),
         }
     }
 
@@ -217,6 +219,19 @@ fn answer(bytes: Bytes) -> Option<Answer> {
         tracing::warn!("dropped what is no answer of the proximity service");
     }
     answer
+}
+
+/// What an answer is, for a message: all that it says may be a whole batch.
+fn kind(answer: &Answer) -> &'static str {
+    match answer {
+        Answer::Updated(_) => "an update",
+        Answer::Missing(_) => "what is missing",
+        Answer::Scores(_) => "scores",
+        Answer::Saved(_) => "hashes",
+        Answer::Estimates(_) => "estimates",
+        Answer::Refused(_) | Answer::Final(_) => "a refusal",
+        Answer::Pretraining(_) => "offline training",
+    }
 }
 
 fn unless_refused(answer: Answer) -> Result<Answer> {

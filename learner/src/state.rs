@@ -8,6 +8,7 @@ use networks::RunningNormalizer;
 use protocol::tensors::Tensors;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
+use run::config::RolloutConfig;
 
 use crate::ledger::LanePlan;
 
@@ -32,8 +33,8 @@ pub struct State {
     pub processor_s: f64,
     /// The policy, as often updated as there were iterations.
     pub policy: PolicyState,
-    /// The policy one update older: with lag 1 it still acts.
-    pub previous_policy: PolicyState,
+    /// The policy one update older, where it still acts: with lag 1.
+    pub previous_policy: Option<PolicyState>,
     lanes: Vec<LaneTotals>,
     successes: VecDeque<bool>,
 }
@@ -61,6 +62,11 @@ impl PolicyState {
             && moments.iter().all(|number| number.is_finite())
     }
 
+    fn save(&self, name: &str, tensors: &mut Tensors) {
+        tensors.put_f32(&format!("{name}.parameters"), self.parameters.iter().copied());
+        tensors.put_f64(&format!("{name}.moments"), self.normalizer.to_numbers());
+    }
+
     fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         let (parameters, moments) = (self.parameters.len(), self.normalizer.to_numbers().len());
         let read = |part: &str| format!("{name}.{part}");
@@ -80,16 +86,16 @@ struct LaneTotals {
 
 impl State {
     /// The state before the first iteration.
-    pub fn fresh(policy: PolicyState, lanes: u64) -> State {
+    pub fn fresh(policy: PolicyState, rollout: &RolloutConfig) -> State {
         State {
             iteration: 0,
             environment_steps: 0,
             episodes: 0,
             wall_s: 0.0,
             processor_s: 0.0,
-            previous_policy: policy.clone(),
+            previous_policy: (rollout.lag == 1).then(|| policy.clone()),
             policy,
-            lanes: vec![LaneTotals::default(); lanes as usize],
+            lanes: vec![LaneTotals::default(); rollout.lanes as usize],
             successes: VecDeque::with_capacity(SUCCESS_WINDOW),
         }
     }
@@ -122,7 +128,8 @@ impl State {
         }
     }
 
-    /// Share of the last 100 training episodes that reached the goal; 0 before the first.
+    /// Share of the last 100 training episodes that reached the goal; 0 before the first. They are the last
+    /// in batch order, which is lane by lane: of a batch that has more, those of its last lanes.
     pub fn success_rate(&self) -> f64 {
         let reached = self.successes.iter().filter(|success| **success).count();
         reached as f64 / self.successes.len().max(1) as f64
@@ -133,18 +140,17 @@ impl State {
         let counts = [self.iteration, self.environment_steps, self.episodes];
         tensors.put_u64("counts", counts);
         tensors.put_f64("seconds", [self.wall_s, self.processor_s]);
-        for (name, policy) in [("policy", &self.policy), ("previous_policy", &self.previous_policy)]
-        {
-            let parameters = policy.parameters.iter().copied();
-            tensors.put_f32(&format!("{name}.parameters"), parameters);
-            tensors.put_f64(&format!("{name}.moments"), policy.normalizer.to_numbers());
+        self.policy.save("policy", tensors);
+        if let Some(previous) = &self.previous_policy {
+            previous.save("previous_policy", tensors);
         }
         tensors.put_u64("lanes.episodes", self.lanes.iter().map(|lane| lane.episodes));
         tensors.put_u64("lanes.steps", self.lanes.iter().map(|lane| lane.steps));
         tensors.put_u8("successes", self.successes.iter().map(|success| u8::from(*success)));
     }
 
-    /// Takes over what [`State::save`] added.
+    /// Takes over what [`State::save`] added. Without a lag, the previous policy that checkpoints of older
+    /// builds have is left alone.
     ///
     /// # Errors
     /// When the arrays are not of these shapes.
@@ -157,7 +163,9 @@ impl State {
         }
         [self.wall_s, self.processor_s] = [seconds[0], seconds[1]];
         self.policy.restore("policy", tensors)?;
-        self.previous_policy.restore("previous_policy", tensors)?;
+        if let Some(previous) = &mut self.previous_policy {
+            previous.restore("previous_policy", tensors)?;
+        }
         let lane_numbers =
             |name| countable(name, tensors.exactly(name, self.lanes.len(), Tensors::u64)?);
         let lanes = lane_numbers("lanes.episodes")?.into_iter().zip(lane_numbers("lanes.steps")?);
@@ -179,5 +187,52 @@ fn countable(name: &str, counts: Vec<u64>) -> Result<Vec<u64>, String> {
     match counts.iter().find(|count| **count > MOST_COUNTED) {
         Some(found) => Err(format!("array `{name}`: expected counts, found {found}")),
         None => Ok(counts),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fresh(lag: u64) -> State {
+        let normalizer = RunningNormalizer::new(1);
+        let policy = PolicyState { parameters: vec![0.0, 0.0], normalizer };
+        State::fresh(policy, &RolloutConfig { lanes: 2, lane_steps: 10, lag })
+    }
+
+    /// What a run has saved after some iterations, and what it went on with.
+    fn saved(lag: u64) -> (Tensors, State) {
+        let mut state = fresh(lag);
+        state.iteration = 3;
+        state.policy.parameters = vec![3.0, 4.0];
+        if let Some(previous) = &mut state.previous_policy {
+            previous.parameters = vec![1.0, 2.0];
+        }
+        let mut tensors = Tensors::default();
+        state.save(&mut tensors);
+        (tensors, state)
+    }
+
+    #[test]
+    fn the_policy_before_is_saved_where_it_still_acts() {
+        for lag in [0, 1] {
+            let (tensors, state) = saved(lag);
+            for part in ["parameters", "moments"] {
+                assert_eq!(tensors.has(&format!("previous_policy.{part}")), lag == 1);
+            }
+            let mut restored = fresh(lag);
+            restored.restore(&tensors).unwrap();
+            assert_eq!(restored.policy, state.policy);
+            assert_eq!(restored.previous_policy, state.previous_policy);
+        }
+    }
+
+    #[test]
+    fn a_policy_that_nobody_acts_by_is_left_alone_and_one_that_acts_is_needed() {
+        let mut restored = fresh(0);
+        restored.restore(&saved(1).0).unwrap();
+        assert_eq!((restored.policy.parameters, restored.previous_policy), (vec![3.0, 4.0], None));
+        let refused = fresh(1).restore(&saved(0).0).unwrap_err();
+        assert!(refused.contains("`previous_policy.parameters`"), "{refused}");
     }
 }

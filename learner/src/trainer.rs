@@ -248,7 +248,9 @@ impl Trainer {
         let (run_seed, iteration) = (self.config.seed, self.state.iteration);
         let schedule = Schedule { run_seed, iteration, learning_rate };
         let State { policy, previous_policy, .. } = &mut self.state;
-        previous_policy.clone_from(policy);
+        if let Some(previous) = previous_policy {
+            previous.clone_from(policy);
+        }
         let update = || self.learner.update(policy, trajectories, scores, &schedule);
         let updated = self.threads.install(update);
         let metrics = updated.with_context(|| format!("iteration {iteration}"))?;
@@ -339,14 +341,14 @@ impl Trainer {
     /// Publishes the policies that may act: the newest, and with lag 1 the one before.
     fn publish_weights(&mut self) -> Result<()> {
         let version = self.state.iteration;
-        if self.config.rollout.lag == 1 && version > 0 {
-            let previous = self.state.previous_policy.weights(version - 1);
-            self.desk.order(Order::Publish(previous))?;
+        if let Some(previous) = self.state.previous_policy.as_ref().filter(|_| version > 0) {
+            self.desk.order(Order::Publish(previous.weights(version - 1)))?;
         }
         self.desk.order(Order::Publish(self.state.policy.weights(version)))
     }
 
-    /// Runs evaluation episodes with the final policy; none if a stop comes before their end.
+    /// Runs evaluation episodes with the final policy; none if a stop comes before their end. Their bytes are
+    /// in the log alone.
     pub(crate) fn evaluate(&mut self) -> Result<Option<Vec<Encoded>>> {
         self.tell(Phase::Evaluating, None, None)?;
         let episodes = self.config.evaluation.episodes;

@@ -10,7 +10,7 @@ use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
 use protocol::messages::PolicyUpdate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
 use run::folder::RunFolder;
-use run::process::Stop;
+use run::process::{Final, Stop};
 
 #[test]
 fn a_message_that_the_log_refuses_ends_the_run() {
@@ -38,8 +38,10 @@ fn a_message_that_the_log_refuses_ends_the_run() {
     let long =
         PolicyUpdate { weights_sha256: "0".repeat(LONGEST_MESSAGE + 1), ..PolicyUpdate::default() };
     desk.order(Order::Record(Entry::PolicyUpdate(long))).unwrap();
-    let error = format!("{:#}", desk.finish().unwrap_err());
-    assert!(error.contains("expected messages up to") && error.contains("refused"), "{error}");
+    let error = desk.finish().unwrap_err();
+    let said = format!("{error:#}");
+    assert!(said.contains("expected messages up to") && said.contains("refused"), "{said}");
+    assert!(error.chain().any(|cause| cause.is::<Final>()), "it would be refused again: {error:?}");
     drop(bus);
     address.remove().unwrap();
 }

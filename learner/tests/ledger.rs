@@ -88,7 +88,7 @@ proptest! {
                     rollout.hand_back(&actor, &lease);
                 }
             }
-            rollout.reopen(&[], TIMEOUT, Instant::now());
+            rollout.reopen_lost(&[]);
             for encoded in late.drain(..) {
                 prop_assert!(!rollout.receive(encoded).unwrap());
             }
@@ -104,12 +104,54 @@ fn a_lease_held_too_long_is_handed_out_again_from_the_first_missing_episode() {
     let lease = rollout.grant("actor-0", 1, 1, start)[0];
     let mut episodes = run(&lease).into_iter();
     rollout.receive(episodes.next().unwrap()).unwrap();
-    let alive = ["actor-0".to_owned()];
-    assert_eq!(rollout.reopen(&alive, TIMEOUT, start + TIMEOUT), 0);
+    assert_eq!(rollout.reopen_lost(&["actor-0".to_owned()]), 0);
+    assert_eq!(rollout.reopen_overdue(TIMEOUT, start + TIMEOUT), 0);
     assert!(rollout.grant("actor-1", 1, 1, start).is_empty());
-    assert_eq!(rollout.reopen(&alive, TIMEOUT, start + 2 * TIMEOUT), 1);
+    assert_eq!(rollout.reopen_overdue(TIMEOUT, start + 2 * TIMEOUT), 1);
     let again = rollout.grant("actor-1", 1, 1, start)[0];
     assert_eq!((again.first_episode, again.steps_owed), (6, 20));
+}
+
+#[test]
+fn a_lease_of_an_actor_that_lives_is_its_own_while_others_are_open() {
+    let mut rollout = rollout(2);
+    let start = Instant::now();
+    let late = start + 2 * TIMEOUT;
+    assert_eq!(rollout.grant("actor-0", 1, 1, start)[0].lane, 0);
+    assert_eq!(rollout.reopen_overdue(TIMEOUT, late), 0, "nobody needs it");
+    assert_eq!(rollout.grant("actor-1", 1, 1, late)[0].lane, 1);
+    assert_eq!(rollout.reopen_overdue(TIMEOUT, late), 1);
+    assert_eq!(rollout.grant("actor-1", 1, 1, late)[0].lane, 0);
+    assert_eq!(rollout.reopen_lost(&[]), 2, "a dead actor's are open at once");
+}
+
+#[test]
+fn of_an_evaluated_episode_its_bytes_are_not_kept() {
+    let plan = LanePlan { first_episode: 0, steps_owed: 0, episodes_owed: 1 };
+    let mut rollout = LeaseLedger::open(Source::Evaluation, 3, 3, vec![plan]);
+    let whole = Encoded::encode(Trajectory {
+        source: Source::Evaluation as i32,
+        iteration: 3,
+        policy_version: 3,
+        steps: 2,
+        cells: vec![1; 27].into(),
+        discrete_actions: vec![1, 2].into(),
+        log_probs: vec![0; 8].into(),
+        environment_rewards: [0.5_f32, 1.0].map(f32::to_le_bytes).concat().into(),
+        success: true,
+        steps_to_goal: 2,
+        ..Trajectory::default()
+    });
+    assert!(rollout.receive(whole.clone()).unwrap());
+    assert!(!rollout.receive(whole.clone()).unwrap(), "a copy has the same hash");
+    assert!(rollout.is_complete());
+    let batch = rollout.into_batch();
+    assert_eq!(batch.len(), 1);
+    let Encoded { trajectory, bytes, key } = &batch[0];
+    assert_eq!((*key, trajectory.success), (whole.key, true));
+    assert_eq!(trajectory.environment_return(), 1.5);
+    assert!(bytes.is_empty() && trajectory.observations().is_empty());
+    assert!(trajectory.actions().is_empty() && trajectory.log_probs.is_empty());
 }
 
 #[test]

@@ -92,7 +92,12 @@ impl Intake {
     pub(crate) fn batch(&self, iteration: u64) -> Result<&[Encoded]> {
         match self.iteration {
             Some(found) if found == iteration => Ok(&self.batch),
-            found => bail!("expected a request about iteration {found:?}, found {iteration}"),
+            Some(present) => {
+                bail!("expected a request about iteration {present}, found one about {iteration}")
+            }
+            None => {
+                bail!("expected a batch before a request about iteration {iteration}, found none")
+            }
         }
     }
 }
@@ -126,12 +131,14 @@ mod tests {
             intake.receive(second.key, bytes);
             let missing = intake.take(named(3, &[&first, &second], &[])).unwrap();
             assert_eq!(missing.positions, [1]);
-            assert!(intake.batch(3).is_err());
+            let message = intake.batch(3).unwrap_err().to_string();
+            assert_eq!(message, "expected a batch before a request about iteration 3, found none");
         }
         let missing = intake.take(named(3, &[&first, &second], &[&second])).unwrap();
         assert_eq!(missing, Missing::default());
         assert_eq!(intake.batch(3).unwrap(), [first, second]);
-        assert!(intake.batch(2).is_err());
+        let message = intake.batch(2).unwrap_err().to_string();
+        assert_eq!(message, "expected a request about iteration 3, found one about 2");
     }
 
     #[test]

@@ -182,6 +182,34 @@ fn what_the_agent_saw_after_the_goal_is_experience_only_where_it_is_asked_for() 
     }
 }
 
+#[test]
+fn nothing_of_the_agent_is_kept_that_nobody_learns_from() {
+    let batch = [Encoded::encode(walk(1.0, Source::Training))];
+    let mut model: Learned<GoalProximity> = learned(&RewardConfig { samples: 0, ..config() }, 1);
+    let update = model.improve(0, &batch).unwrap();
+    assert_eq!((update.gradient_steps, update.experience), (0, 0));
+    assert!(model.save().u8("experience").unwrap().is_empty());
+    // Older builds wrote it down.
+    let mut older = self::model(1);
+    older.improve(0, &batch).unwrap();
+    model.restore(&older.save()).unwrap();
+    assert!(model.save().u8("experience").unwrap().is_empty());
+}
+
+#[test]
+fn of_a_batch_that_is_larger_than_the_buffer_the_last_lanes_stay() {
+    let of_lane = |lane: u8| {
+        let walk = walk(f32::from(lane), Source::Training);
+        Encoded::encode(Trajectory { lane: u64::from(lane), ..walk })
+    };
+    let batch = [0, 1].map(of_lane);
+    let config = RewardConfig { experience: 11, ..config() };
+    let mut model: Learned<GoalProximity> = learned(&config, 1);
+    model.improve(0, &batch).unwrap();
+    let kept = model.save().u8("experience").unwrap();
+    assert_eq!(kept, batch[1].trajectory.observations());
+}
+
 /// `reward.samples` and `reward.batch` mean the same for every model: whole batches of what there is.
 #[test]
 fn every_model_trains_on_what_rows_there_are() {
@@ -263,6 +291,11 @@ fn a_foreign_checkpoint_is_refused_with_the_array_that_differs() {
     tensors.put_f32("member0.parameters", [1.0]);
     let message = model(1).restore(&tensors).unwrap_err();
     assert!(message.contains("member0.parameters") && message.contains("found 1"), "{message}");
+    let mut tensors = model(1).save();
+    tensors.put_u8("experience", [0; 7]);
+    let message = model(1).restore(&tensors).unwrap_err();
+    let expected = "array `experience`: expected whole rows of 8 bytes, found 7 bytes";
+    assert_eq!(message, expected);
 }
 
 /// Offline training in slices of one step, and from what was saved after each seventh.

@@ -44,7 +44,7 @@ fn weights() {
 fn state_of_the_learner() {
     let config = whole::config("fetch-push");
     let (learner, policy) = algorithm::create(&config, &[]);
-    let state = State::fresh(policy, config.rollout.lanes);
+    let state = State::fresh(policy, &config.rollout);
     let mut tensors = Tensors::default();
     state.save(&mut tensors);
     learner.save(&mut tensors);

@@ -28,9 +28,11 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(120);
 /// How long a process that has closed its end may take to be gone.
 const FAREWELL: Duration = Duration::from_secs(5);
 
-/// Fused multiplication and addition of the system's mathematics library is switched off, so that
-/// processors with and without it give the same numbers.
-const SAME_MATHEMATICS: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4");
+/// What has every process give the same: texts have the same hashes, so that sets of them are in one order, and
+/// fused multiplication and addition of the system's mathematics library is switched off, which not every
+/// processor has.
+const SAME_EVERYWHERE: [(&str, &str); 2] =
+    [("PYTHONHASHSEED", "0"), ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4")];
 
 /// A process of Python, and what its slots have been asked.
 pub(super) struct Link {
@@ -178,7 +180,7 @@ impl Python {
         let mut command = Command::new(&interpreter);
         command
             .args(["-c", CHILD, SPACES, options])
-            .env(SAME_MATHEMATICS.0, SAME_MATHEMATICS.1)
+            .envs(SAME_EVERYWHERE)
             .stdin(Stdio::from(OwnedFd::from(other)))
             .stdout(Stdio::null());
         let child = spawned(command).map_err(|error| {
@@ -276,7 +278,9 @@ mod tests {
     use super::*;
 
     fn has_python() -> bool {
-        std::env::var(INTERPRETER).is_ok_and(|python| python != "none")
+        let named = std::env::var(INTERPRETER).ok().filter(|python| !python.is_empty());
+        named.expect("GOALWARD_PYTHON: expected an interpreter, or `none`; deploy/test.sh sets it")
+            != "none"
     }
 
     #[test]

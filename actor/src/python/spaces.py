@@ -155,6 +155,17 @@ def observations_of(space: Any) -> Any:
     return Cells(space) if Cells.fits(space) else Numbers(space)
 
 
+def array_of(action, space, kinds):
+    """An action of the space as an array, whose numbers are of these kinds."""
+    try:
+        array = np.asarray(action)
+    except ValueError:  # rows of differing lengths
+        array = None
+    if array is None or array.dtype.kind not in kinds:
+        raise ValueError(f"action: expected one of {space}, found {action!r}")
+    return array
+
+
 class Numbered:
     """Actions of bounded numbers; Goalward has each in [-1, 1]."""
 
@@ -179,7 +190,7 @@ class Numbered:
 
     def encode(self, action):
         """The bytes of an action of the environment."""
-        numbers = np.asarray(action, dtype=np.float64)
+        numbers = array_of(action, self.space, "biuf")
         if numbers.shape != self.space.shape:
             raise ValueError(f"action: expected shape {self.space.shape}, found {numbers.shape}")
         half = np.where(self.half > 0, self.half, 1.0)
@@ -214,7 +225,7 @@ class Chosen:
 
     def encode(self, action):
         """The byte of an action of the environment."""
-        choices = np.asarray(action).reshape(-1)
+        choices = array_of(action, self.space, "biu").reshape(-1)
         within = len(choices) == len(self.sizes) and all(
             0 <= digit < size for digit, size in zip(choices - self.starts, self.sizes)
         )

@@ -162,6 +162,19 @@ def shared_chance():
     return gymnasium.wrappers.TimeLimit(SharedChance(), 20)
 
 
+class Unordered(Line):
+    """Takes texts of a set in the order that their hashes have."""
+
+    def step(self, action):
+        places = {f"place {number}" for number in range(100)}
+        self.place += list(places).index("place 0") / 1000
+        return super().step(action)
+
+
+def unordered():
+    return gymnasium.wrappers.TimeLimit(Unordered(), 20)
+
+
 def conflicting():
     """Fails as an environment of gymnasium-robotics does with a version of mujoco that came later."""
     found = {"gymnasium-robotics": "1.4.2", "mujoco": "4.0.0"}

@@ -69,10 +69,8 @@ impl Collections {
         let mut reading = locked(&episodes);
         match name {
             LOG => reading.read_log(&folder.log()),
-            DEMONSTRATIONS => {
-                reading.read([demonstrations::file_of(folder, config)].into_iter());
-            }
-            file => reading.read([folder.path().join(file)].into_iter()),
+            DEMONSTRATIONS => reading.read_file(demonstrations::file_of(folder, config)),
+            file => reading.read_file(folder.path().join(file)),
         }
         drop(reading);
         Some(episodes)

@@ -9,12 +9,14 @@ use serde::Serialize;
 use crate::collections;
 use crate::curves::Curves;
 use crate::listed::Listed;
-use crate::published;
+use crate::{published, seeds};
 
 /// A run, as its view shows it.
 #[derive(Debug, Serialize)]
 pub(crate) struct Details {
     run: Listed,
+    /// Names of the curve that it is a seed of; runs with one in common are seeds of the same.
+    curve: Vec<String>,
     configuration: String,
     differences: Vec<Difference>,
     summary: Option<Summary>,
@@ -41,6 +43,7 @@ impl Details {
         let summary = Summary::of_finished(folder, |remark| trouble.push(remark.to_owned()));
         Ok(Details {
             run,
+            curve: seeds::curve(folder, &config),
             configuration: config.to_text(),
             differences: repeat::differences(&config),
             published: published::success_rate(&config),

@@ -98,9 +98,11 @@ pub(crate) struct Episodes {
     readers: Vec<(PathBuf, FileReader)>,
     listed: Vec<Episode>,
     by_name: HashMap<Name, usize>,
+    /// Iteration of the episode of training that was recorded last.
+    newest: u64,
     /// Episodes before this one will change no more, but by being recorded again.
     settled: usize,
-    /// How often episodes were recorded again, as after a process died.
+    /// How often rows that were handed out have changed, as after a process died.
     generation: u64,
     /// What cannot be read, a line each.
     trouble: Vec<String>,
@@ -125,6 +127,7 @@ pub(crate) struct Recorded {
 impl Episodes {
     /// Reads what a run's log has got since the last time.
     pub(crate) fn read_log(&mut self, folder: &Path) {
+        self.go_on();
         // A run that has only begun has no log yet, which is no trouble.
         let files = if folder.exists() { log_files(folder) } else { Ok(Vec::new()) };
         let files = files.unwrap_or_else(|error| {
@@ -132,17 +135,33 @@ impl Episodes {
             Vec::new()
         });
         let files = files.into_iter().filter(|file| file.contents == Contents::Trajectories);
-        self.read(files.map(|file| file.path));
+        self.read_new(files.map(|file| file.path));
     }
 
-    /// Reads what files have got since the last time.
-    pub(crate) fn read(&mut self, files: impl Iterator<Item = PathBuf>) {
+    /// Reads what a file has got since the last time.
+    pub(crate) fn read_file(&mut self, file: PathBuf) {
+        self.go_on();
+        self.read_new(std::iter::once(file));
+    }
+
+    /// Reads on in the files that are known; forgets all of them where another file has the place of one, as
+    /// one that was repaired has its records elsewhere.
+    fn go_on(&mut self) {
         for place in 0..self.readers.len() {
-            if let Err(error) = self.readers[place].1.go_on() {
-                self.tell(error.to_string());
+            match self.readers[place].1.go_on() {
+                Ok(true) => self.read_on(place),
+                Ok(false) => {
+                    let generation = self.generation + 1;
+                    *self = Episodes { generation, ..Episodes::default() };
+                    return;
+                }
+                Err(error) => self.tell(error.to_string()),
             }
-            self.read_on(place);
         }
+    }
+
+    /// Reads the files that are not known yet.
+    fn read_new(&mut self, files: impl Iterator<Item = PathBuf>) {
         let sealed = |path: &Path| path.with_extension("");
         for path in files {
             let is_known = |known: &PathBuf| *known == path || sealed(known) == path;
@@ -250,6 +269,9 @@ impl Episodes {
             trajectory: place,
             score: None,
         };
+        if found.source == Source::Training as i32 {
+            self.newest = found.iteration;
+        }
         let next = self.listed.len();
         let at = *self.by_name.entry((found.source, found.lane, found.episode)).or_insert(next);
         if at < next {
@@ -271,15 +293,19 @@ impl Episodes {
             uncertainty: mean.is_finite().then_some(mean),
             place,
         });
+        self.generation += u64::from(at < self.settled);
     }
 
-    /// Finds the first episode that may still be scored: one of the newest iteration of a log that is written.
+    /// Finds the first episode that may still be scored: one of training in a log that is written. Actors are an
+    /// iteration ahead of the scores, and with `rollout.lag` 1 another one.
     fn settle(&mut self) {
         let is_written = |(_, reader): &(_, FileReader)| reader.ending() == Some(&Ending::Unsealed);
-        let newest = self.listed.last().map(|episode| episode.iteration);
-        let newest = newest.filter(|_| self.readers.last().is_some_and(is_written));
-        let may_be_scored =
-            |episode: &Episode| episode.score.is_none() && Some(episode.iteration) == newest;
+        let is_written = self.readers.last().is_some_and(is_written);
+        let may_be_scored = |episode: &Episode| {
+            let is_new = episode.iteration >= self.newest.saturating_sub(1);
+            let is_of_training = episode.source == Source::Training as i32;
+            is_written && is_of_training && is_new && episode.score.is_none()
+        };
         let unsettled = self.listed[self.settled..].iter().position(may_be_scored);
         self.settled = unsettled.map_or(self.listed.len(), |first| self.settled + first);
     }
@@ -288,5 +314,54 @@ impl Episodes {
         if !self.trouble.contains(&trouble) {
             self.trouble.push(trouble);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
+    use protocol::trajectory::Encoded;
+
+    use super::*;
+
+    #[test]
+    fn rows_whose_scores_are_to_come_are_held_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let metadata = Metadata::new(Kind::Run, "navigation", 1);
+        let mut log = LogWriter::create(folder.path(), &metadata, LogOptions::default()).unwrap();
+        let act = |log: &mut LogWriter, iteration| {
+            let episode = Trajectory { iteration, episode: iteration, ..Trajectory::default() };
+            log.trajectory(&Encoded::encode(episode)).unwrap();
+        };
+        let score = |log: &mut LogWriter, iteration| {
+            let rewards = vec![0.5];
+            let score = Score { iteration, episode: iteration, rewards, ..Score::default() };
+            log.score(&score).unwrap();
+        };
+        let mut episodes = Episodes::default();
+        let mut returns = |log: &mut LogWriter| {
+            log.flush().unwrap();
+            episodes.read_log(folder.path());
+            let Rows { generation, rows, .. } = episodes.rows(0, 0);
+            (generation, rows.iter().map(|row| row.9).collect::<Vec<Option<f32>>>())
+        };
+        // With `rollout.lag` 1 actors are ahead of the scores.
+        act(&mut log, 0);
+        act(&mut log, 1);
+        assert_eq!(returns(&mut log), (0, vec![]));
+        score(&mut log, 0);
+        assert_eq!(returns(&mut log), (0, vec![Some(0.5)]));
+        act(&mut log, 2);
+        assert_eq!(returns(&mut log), (0, vec![Some(0.5)]));
+        // What comes later than anybody expects is told again.
+        act(&mut log, 3);
+        assert_eq!(returns(&mut log), (0, vec![Some(0.5), None]));
+        score(&mut log, 1);
+        assert_eq!(returns(&mut log), (1, vec![Some(0.5); 2]));
+        // A run that goes back scores again.
+        act(&mut log, 1);
+        assert_eq!(returns(&mut log), (2, vec![Some(0.5)]));
+        score(&mut log, 1);
+        assert_eq!(returns(&mut log), (2, vec![Some(0.5); 2]));
     }
 }

@@ -1,14 +1,22 @@
 //! Who may ask: browsers of this machine, or whoever has the token. A page of somebody else's in the same
 //! browser may not, whatever name it has given to this address (DNS rebinding), nor may its forms and frames.
 
+use std::net::IpAddr;
+
 use axum::http::{HeaderMap, Uri, header};
 
 /// What a question must have.
 #[derive(Clone, Debug)]
 pub(crate) struct Guard {
+    /// The address that the page listens on.
+    pub(crate) host: IpAddr,
     /// Without one, only this machine's own names are answered to.
     pub(crate) token: Option<String>,
 }
+
+/// What questions of runs begin with; the page's own files, which a browser asks for without the token, are no
+/// secret.
+const OF_RUNS: &str = "/api/";
 
 /// Names by which a browser reaches its own machine.
 const OWN_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
@@ -19,12 +27,13 @@ impl Guard {
         let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(header::HOST).unwrap_or_default();
         if let Some(token) = &self.token {
-            if !given_token(uri).is_some_and(|given| is_same(given, token)) {
+            let is_given = given_token(uri).is_some_and(|given| is_same(given, token));
+            if uri.path().starts_with(OF_RUNS) && !is_given {
                 return Err(
                     "expected the token of the address that goalward page printed".to_owned()
                 );
             }
-        } else if !OWN_NAMES.contains(&without_port(host)) {
+        } else if !self.is_own(without_port(host)) {
             return Err(
                 "expected this machine's own name in the address, such as 127.0.0.1".to_owned()
             );
@@ -44,6 +53,10 @@ impl Guard {
             );
         }
         Ok(())
+    }
+
+    fn is_own(&self, name: &str) -> bool {
+        OWN_NAMES.contains(&name) || name.parse::<IpAddr>() == Ok(self.host)
     }
 }
 
@@ -68,10 +81,19 @@ mod tests {
     use super::*;
 
     fn admitted(token: Option<&str>, path: &str, headers: &[(&'static str, &str)]) -> bool {
+        admitted_at("127.0.0.1", token, path, headers)
+    }
+
+    fn admitted_at(
+        host: &str,
+        token: Option<&str>,
+        path: &str,
+        headers: &[(&'static str, &str)],
+    ) -> bool {
         let headers = headers
             .iter()
             .map(|(name, value)| (header::HeaderName::from_static(name), value.parse().unwrap()));
-        let guard = Guard { token: token.map(str::to_owned) };
+        let guard = Guard { host: host.parse().unwrap(), token: token.map(str::to_owned) };
         guard.admit(&path.parse().unwrap(), &headers.collect()).is_ok()
     }
 
@@ -87,12 +109,24 @@ mod tests {
     }
 
     #[test]
+    fn the_address_it_listens_on_is_a_name_of_its_own() {
+        let asked = |host, name| admitted_at(host, None, "/api/runs", &[("host", name)]);
+        assert!(asked("127.0.0.2", "127.0.0.2:7878") && asked("127.0.0.2", "localhost:7878"));
+        assert!(!asked("127.0.0.2", "127.0.0.3:7878") && !asked("127.0.0.1", "127.0.0.2:7878"));
+    }
+
+    #[test]
     fn a_token_is_asked_for_where_there_is_one() {
         let host = ("host", "10.0.0.5:7878");
         assert!(admitted(Some("abc"), "/api/runs?token=abc", &[host]));
         assert!(admitted(Some("abc"), "/api/runs?from=3&token=abc", &[host]));
-        for path in ["/", "/?token=", "/?token=abd", "/?token=abcd", "/?nottoken=abc"] {
-            assert!(!admitted(Some("abc"), path, &[host]), "{path}");
+        for query in ["", "?token=", "?token=abd", "?token=abcd", "?nottoken=abc"] {
+            assert!(!admitted(Some("abc"), &format!("/api/runs{query}"), &[host]), "{query}");
+        }
+        for path in ["/", "/?token=abc", "/app.js", "/style.css"] {
+            assert!(admitted(Some("abc"), path, &[host]), "{path}");
+            let foreign = ("origin", "http://evil.example");
+            assert!(!admitted(Some("abc"), path, &[host, foreign]), "{path}");
         }
     }
 

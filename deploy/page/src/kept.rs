@@ -74,7 +74,7 @@ mod tests {
         assert_eq!([number(1), number(2)], [1, 1]);
         fs::write(directory.path().join("config.toml"), "ab").unwrap();
         assert_eq!([number(3), number(4)], [3, 3]);
-        let lock = fs::File::open(directory.path()).unwrap();
+        let lock = fs::File::create(RunFolder::new(directory.path()).lock_file()).unwrap();
         lock.lock().unwrap();
         assert_eq!(number(5), 5, "it is trained now");
         assert_eq!(kept.get(Path::new("elsewhere"), |_| 6), 6);

@@ -14,6 +14,7 @@
 //! | `kept` | what was read of runs, until their files change |
 //! | `curves` | what a run's log has of its updates |
 //! | `details` | what a run is |
+//! | `seeds` | which runs are seeds of one curve |
 //! | `published` | the end of the authors' curve of its method |
 //! | `collections` | the log, demonstrations, evaluations |
 //! | `episodes` | what each episode came to, and where it lies |
@@ -36,6 +37,7 @@ mod programs;
 mod published;
 mod runs;
 mod scenes;
+mod seeds;
 mod server;
 mod shown;
 mod state;

@@ -8,6 +8,7 @@ use std::time::SystemTime;
 use anyhow::Result;
 use run::folder::RunFolder;
 use run::overview::Overview;
+use run::updates::begun;
 
 use crate::curves::Curves;
 use crate::details::Details;
@@ -28,13 +29,16 @@ const TROUBLE_SHOWN: usize = 10;
 /// The runs in some folders, which may be runs themselves.
 pub(crate) struct Runs {
     places: Vec<PathBuf>,
-    overviews: Kept<Result<Overview, String>>,
+    overviews: Kept<Result<Line, String>>,
     curves: Kept<Arc<Curves>>,
     pub(crate) shown: Shown,
 }
 
 /// A run's folder and the name that addresses have for it.
 type Found = (String, PathBuf);
+
+/// When a run was begun, seconds since 1970, and how far it is.
+type Line = (u64, Overview);
 
 impl Runs {
     /// Those in `places`.
@@ -48,10 +52,8 @@ impl Runs {
         let (found, mut trouble) = self.find();
         let mut runs = Vec::new();
         for (id, path) in &found {
-            match self.overview(path) {
-                Ok(overview) => {
-                    runs.push(Listed { id: id.clone(), begun: begun(path), overview });
-                }
+            match self.listed(id, path) {
+                Ok(listed) => runs.push(listed),
                 Err(error) => trouble.push(error),
             }
         }
@@ -77,8 +79,7 @@ impl Runs {
     /// # Errors
     /// When its configuration cannot be read.
     pub(crate) fn details(&self, id: &str, folder: &RunFolder) -> Result<Details> {
-        let overview = self.overview(folder.path()).map_err(anyhow::Error::msg)?;
-        let listed = Listed { id: id.to_owned(), begun: begun(folder.path()), overview };
+        let listed = self.listed(id, folder.path()).map_err(anyhow::Error::msg)?;
         Details::of(folder, listed, &self.curves(folder))
     }
 
@@ -88,9 +89,13 @@ impl Runs {
     }
 
     /// A damaged summary is told where the run is shown.
-    fn overview(&self, path: &Path) -> Result<Overview, String> {
-        let read = |folder: &RunFolder| Overview::of(folder, |_| {}).map_err(|e| e.to_string());
-        self.overviews.get(path, read)
+    fn listed(&self, id: &str, path: &Path) -> Result<Listed, String> {
+        let read = |folder: &RunFolder| -> Result<Line, String> {
+            let overview = Overview::of(folder, |_| {}).map_err(|error| error.to_string())?;
+            Ok((seconds(begun(folder)), overview))
+        };
+        let (begun, overview) = self.overviews.get(path, read)?;
+        Ok(Listed { id: id.to_owned(), begun, overview })
     }
 
     fn find(&self) -> (Vec<Found>, Vec<String>) {
@@ -140,9 +145,8 @@ fn named(paths: Vec<PathBuf>) -> Vec<Found> {
     found
 }
 
-fn begun(path: &Path) -> u64 {
-    let modified =
-        fs::metadata(RunFolder::new(path).config_file()).and_then(|file| file.modified());
-    let since = modified.ok().and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
+/// Seconds since 1970.
+fn seconds(time: Option<SystemTime>) -> u64 {
+    let since = time.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
     since.map_or(0, |since| since.as_secs())
 }

@@ -48,7 +48,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Begins to listen. Outside this machine it answers those alone who have the token.
+    /// Begins to listen. Outside this machine it tells those alone of runs who have the token.
     ///
     /// # Errors
     /// When the port is taken or may not be had.
@@ -58,7 +58,7 @@ impl Server {
         let listener = TcpListener::bind(address).await;
         let listener = listener.with_context(|| format!("listening on {address}"))?;
         let token = (!host.is_loopback()).then(token).transpose()?;
-        let pages = Pages::new(Runs::in_folders(folders, programs), Guard { token });
+        let pages = Pages::new(Runs::in_folders(folders, programs), Guard { host, token });
         Ok(Server { listener, pages: Arc::new(pages) })
     }
 

@@ -9,19 +9,28 @@ import { RunView } from "./run.js";
 const state = { list: { folder: "", runs: [], trouble: [] }, view: null };
 const place = document.getElementById("view");
 
+/** What the address asks for: a kind of view, and names; neither where it is no address of the page's. */
+function asked() {
+  const [, kind, rest] = location.hash.match(/^#\/(run|compare|episodes)\/(.+)$/) ?? [];
+  try {
+    return { kind, names: rest?.split(kind === "compare" ? "," : "/").map(decodeURIComponent) ?? [] };
+  } catch {
+    // A `%` that begins no byte, as in a name that somebody has typed.
+    return { names: [] };
+  }
+}
+
 /** Shows what the address asks for. */
 function route() {
   state.view?.close();
-  const [, kind, rest] = location.hash.match(/^#\/(run|compare|episodes)\/(.+)$/) ?? [];
-  const ids = kind === "compare" ? rest.split(",").map(decodeURIComponent) : [];
-  const parts = rest?.split("/").map(decodeURIComponent) ?? [];
+  const { kind, names } = asked();
   state.view = {
-    run: () => new RunView(place, parts.slice(0, 1)),
-    compare: () => new RunView(place, ids),
-    episodes: () => new EpisodesView(place, parts),
+    run: () => new RunView(place, names.slice(0, 1)),
+    compare: () => new RunView(place, names),
+    episodes: () => new EpisodesView(place, names),
   }[kind]?.() ?? new ListView(place);
   state.view.show(state.list);
-  const name = kind === "compare" ? ids.join(", ") : parts[0];
+  const name = kind === "compare" ? names.join(", ") : names[0];
   document.title = name ? `${name} - Goalward` : "Goalward";
 }
 

@@ -26,6 +26,29 @@ export function button(label, onclick, attributes = {}) {
   return element("button", { type: "button", onclick, ...attributes }, label);
 }
 
+/** Gives a node other children. One that stays keeps the keyboard, and is not touched unless its place is another. */
+export function arrange(parent, children) {
+  const focused = document.activeElement;
+  children.forEach((child, index) => {
+    if (parent.children[index] !== child) parent.insertBefore(child, parent.children[index] ?? null);
+  });
+  while (parent.children.length > children.length) parent.lastElementChild.remove();
+  if (parent.contains(focused)) focused.focus({ preventScroll: true });
+}
+
+/** The same where children are made anew: those that come out equal stay, and details that are open stay open. */
+export function renew(parent, children) {
+  const old = [...parent.children];
+  const isDetails = (node) => node.tagName === "DETAILS";
+  const kept = children.map((child) => {
+    const before = isDetails(child) && old.find((other) => isDetails(other) && other.firstChild.isEqualNode(child.firstChild));
+    if (before?.open) child.open = true;
+    const at = old.findIndex((other) => other.isEqualNode(child));
+    return at < 0 ? child : old.splice(at, 1)[0];
+  });
+  arrange(parent, kept);
+}
+
 /** Offers text or an image as a file. */
 export function save(name, blob) {
   const link = element("a", { href: URL.createObjectURL(blob), download: name });

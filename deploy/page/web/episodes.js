@@ -65,8 +65,7 @@ export class EpisodesView {
   shortcut([label, filter, sorting]) {
     return button(label, () => {
       this.filter.value = filter;
-      this.table.sorting = sorting;
-      this.table.drawHead();
+      this.table.head.sort(sorting);
       this.draw();
     });
   }
@@ -132,7 +131,7 @@ export class EpisodesView {
   }
 
   draw() {
-    this.shown = this.rows.chosen(this.filter.value, this.table.sorting);
+    this.shown = this.rows.chosen(this.filter.value, this.table.head.sorting);
     this.told.textContent = `${count(this.shown.length)} of ${count(this.rows.rows.length)} episodes`;
     this.table.show(this.shown);
   }

@@ -25,11 +25,12 @@ export function compared(all) {
   const differing = keys.filter((key) => new Set(all.map((details) => value(details, key))).size > 1);
   const row = (name, cells) => element("tr", {},
     element("td", { class: "text" }, element("code", {}, name)), cells.map((cell) => element("td", { class: "text wrap" }, cell)));
-  const facts = [["task", "task"], ["method", "method"], ["preset", "preset"], ["seed", "seed"]];
+  const facts = [["task", "task"], ["method", "method"], ["preset", "preset"], ["seed", "seed"], ["steps", "steps_wanted"]];
   const rows = [
     ...facts.map(([name, key]) => row(name, all.map(({ run }) => String(run[key])))),
     ...differing.map((key) => row(key, all.map((details) => value(details, key)))),
     row("evaluation", all.map(({ run }) => percent(run.evaluated_success_rate))),
+    row("build", all.map(({ summary }) => (summary ? builds(summary) : "-"))),
     row("policy SHA-256", all.map(({ summary }) => summary?.policy_sha256.slice(0, 16) ?? "-")),
   ];
   const head = ["", ...all.map(({ run }) => run.id)].map((name) => element("th", { class: "text", scope: "col" }, name));
@@ -56,7 +57,6 @@ function standing(run, summary) {
   ];
   if (!summary) return rows;
   const { evaluation, time_to_success: times } = summary;
-  const builds = summary.builds.map((build) => Object.values(build).filter((part) => typeof part === "string").join(" "));
   return [
     ...rows,
     ["success, evaluation", `${percent(evaluation.success_rate)} of ${count(evaluation.episodes)} episodes`],
@@ -64,8 +64,13 @@ function standing(run, summary) {
     ...times.map((time) => [`${percent(time.success_rate)} for good`, `${duration(time.wall_s)}, ${count(time.env_steps)} steps`]),
     ["policy SHA-256", element("code", {}, summary.policy_sha256)],
     ["reward model SHA-256", element("code", {}, summary.proximity_sha256)],
-    ["build", builds.join("; ") || "unknown"],
+    ["build", builds(summary)],
   ];
+}
+
+function builds(summary) {
+  const all = summary.builds.map((build) => Object.values(build).filter((part) => typeof part === "string").join(" "));
+  return all.join("; ") || "unknown";
 }
 
 function list(rows) {

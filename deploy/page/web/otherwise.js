@@ -8,7 +8,7 @@ const EXAMPLES = ["reward.form=absolute", "reward.form=difference", "reward.unce
 /** Asks for another reward; `ontold` gets what it says, or null where there is none any more. */
 export class Otherwise {
   constructor(ontold, oncomplain) {
-    Object.assign(this, { ontold, oncomplain, name: null });
+    Object.assign(this, { ontold, oncomplain, name: null, ticket: 0 });
     const known = element("datalist", { id: `rewards-${Math.random().toString(36).slice(2)}` },
       EXAMPLES.map((value) => element("option", { value })));
     this.settings = element("input", {
@@ -23,7 +23,7 @@ export class Otherwise {
 
   /** Another episode; runs of its task may lend their models. */
   take(name, task, runs) {
-    this.name = name;
+    [this.name, this.ticket] = [name, this.ticket + 1];
     const others = runs.filter((run) => run.task === task && run.id !== name[0]);
     const chosen = this.model.value;
     this.model.replaceChildren(element("option", { value: "" }, "this run's model"),
@@ -32,7 +32,9 @@ export class Otherwise {
   }
 
   async ask() {
-    const { name } = this;
+    // Whoever has asked again meanwhile, or asks no more, does not want the answer.
+    this.ticket += 1;
+    const { name, ticket } = this;
     this.isAsked = this.settings.value !== "" || this.model.value !== "";
     if (!this.isAsked) {
       this.ontold(null);
@@ -40,14 +42,14 @@ export class Otherwise {
     }
     try {
       const told = await api.reward(name, this.settings.value, this.model.value);
-      if (this.name === name) this.ontold(told);
+      if (this.ticket === ticket) this.ontold(told);
     } catch (error) {
-      this.oncomplain(error.message);
+      if (this.ticket === ticket) this.oncomplain(error.message);
     }
   }
 
   clear() {
-    [this.settings.value, this.model.value, this.isAsked] = ["", "", false];
-    this.ontold(null);
+    [this.settings.value, this.model.value] = ["", ""];
+    this.ask();
   }
 }

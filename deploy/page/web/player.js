@@ -54,7 +54,7 @@ export class Player {
       const episode = await api.episode(...name);
       if (this.name === name) await this.take(episode);
     } catch (error) {
-      this.complain(error.message);
+      if (this.name === name) this.complain(error.message);
     }
   }
 
@@ -82,7 +82,7 @@ export class Player {
       try {
         solids = await api.scenes(...name);
       } catch (error) {
-        this.complain(error.message);
+        if (this.name === name) this.complain(error.message);
       }
     }
     if (this.name !== name) return;
@@ -116,7 +116,7 @@ export class Player {
         this.shown.show(this.at);
         render.remove();
       } catch (error) {
-        this.complain(error.message);
+        if (this.name === name) this.complain(error.message);
         [render.disabled, render.textContent] = [false, "Render"];
       }
     });
@@ -139,10 +139,13 @@ export class Player {
       this.shown.heat?.(null);
       return;
     }
+    const { name } = this;
+    const isAsked = () => this.name === name && this.heated === checkpoint;
     try {
-      this.shown.heat?.(await api.grid(this.name, checkpoint));
+      const said = await api.grid(name, checkpoint);
+      if (isAsked()) this.shown.heat?.(said);
     } catch (error) {
-      this.complain(error.message);
+      if (isAsked()) this.complain(error.message);
     }
   }
 

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { Chart } from "./chart.js";
-import { button, element } from "./dom.js";
+import { button, element, renew } from "./dom.js";
 import { compared, facts } from "./facts.js";
 import { Processes } from "./processes.js";
 import { band, CHARTS, points, smoothed, Updates } from "./series.js";
@@ -76,7 +76,7 @@ export class RunView {
         const found = await api.details(updates.id);
         [updates.run, updates.details] = [found.run, found];
         lines.push(...found.trouble);
-        if (this.ids.length === 1 && this.isOpen) this.facts.replaceChildren(...facts(found));
+        if (this.ids.length === 1 && this.isOpen) renew(this.facts, facts(found));
       } catch (error) {
         lines.push(`${updates.id}: ${error.message}`);
       }
@@ -84,7 +84,7 @@ export class RunView {
     if (!this.isOpen) return;
     this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
     if (this.ids.length > 1) {
-      this.facts.replaceChildren(...compared(this.updates.flatMap(({ details }) => details ?? [])));
+      renew(this.facts, compared(this.updates.flatMap(({ details }) => details ?? [])));
     }
     this.pictures.hidden = this.updates.every((updates) => !updates.run);
     this.draw();
@@ -106,13 +106,18 @@ export class RunView {
 
   /** Runs that are drawn as one line: each by itself, or those that differ in the seed alone. */
   groups() {
-    const byName = new Map();
+    const groups = [];
     for (const updates of this.updates) {
-      const { task, method, preset } = updates.run ?? {};
-      const name = this.looks.bands && task ? `${task}, ${method}, ${preset}` : updates.id;
-      byName.set(name, [...(byName.get(name) ?? []), updates]);
+      const known = this.looks.bands && groups.find(([first]) => isSeedOfOneCurve(first, updates));
+      if (known) known.push(updates);
+      else groups.push([updates]);
     }
-    return [...byName].map(([name, all], index) => ({ name, all, color: `var(--c${index % COLORS})` }));
+    const names = groups.map(([{ id, run }]) => (this.looks.bands && run ? `${run.task}, ${run.method}, ${run.preset}` : id));
+    const isOnly = (name) => names.indexOf(name) === names.lastIndexOf(name);
+    return groups.map((all, index) => ({
+      name: isOnly(names[index]) ? names[index] : `${names[index]}, as ${all[0].id}`,
+      all, color: `var(--c${index % COLORS})`,
+    }));
   }
 
   lines({ name, all, color }, { columns, rate }) {
@@ -128,6 +133,11 @@ export class RunView {
       return { ...look, raw: this.looks.weight > 0 ? found[0] : null, points: smoothed(found[0], this.looks.weight) };
     });
   }
+}
+
+/** Whether two runs differ in the seed alone, as the server says. */
+function isSeedOfOneCurve(one, other) {
+  return one.details?.curve.some((name) => other.details?.curve.includes(name)) ?? false;
 }
 
 /** The end of the authors' curve, where all runs of a group have the same. */

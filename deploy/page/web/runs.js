@@ -1,8 +1,8 @@
 // The list of runs: sorted, filtered, chosen to be compared.
 
-import { button, element } from "./dom.js";
+import { arrange, button, element } from "./dom.js";
 import { count, date, duration, percent } from "./format.js";
-import { compare, head } from "./sorting.js";
+import { compare, Head } from "./sorting.js";
 
 const COLUMNS = [
   { key: "id", label: "run", text: true, show: link },
@@ -16,15 +16,18 @@ const COLUMNS = [
   { key: "evaluated_success_rate", label: "evaluation", show: (run) => percent(run.evaluated_success_rate) },
   { key: "wall_s", label: "time", show: (run) => duration(run.wall_s) },
   { key: "begun", label: "begun", show: (run) => date(run.begun) },
-  { key: "id", label: "", show: (run) => element("a", { href: `#/episodes/${encodeURIComponent(run.id)}` }, "watch") },
+  { label: "", show: (run) => element("a", { href: `#/episodes/${encodeURIComponent(run.id)}` }, "watch") },
 ];
 
 /** The view of all runs. */
 export class ListView {
   constructor(place) {
-    this.sorting = { key: "begun", falls: true };
     this.chosen = new Set();
     this.list = null;
+    this.head = new Head(COLUMNS, { key: "begun", falls: true }, () => this.draw());
+    this.head.row.prepend(element("th", { "aria-label": "chosen" }));
+    // The row of each run: while it trains it changes, and whoever has the keyboard in it keeps it.
+    this.rows = new Map();
     this.filter = element("input", {
       id: "filter", type: "search", placeholder: "Filter ( / )", "aria-label": "Filter runs",
       oninput: () => this.draw(),
@@ -32,11 +35,14 @@ export class ListView {
     this.compare = button("Compare", () => {
       location.hash = `#/compare/${[...this.chosen].map(encodeURIComponent).join(",")}`;
     });
-    this.body = element("div");
+    this.told = element("div");
+    this.body = element("tbody");
+    this.table = element("div", { class: "scroll" }, element("table", {},
+      element("thead", {}, this.head.row), this.body));
     place.replaceChildren(
       element("h1", {}, "Runs"),
       element("div", { class: "controls" }, this.filter, this.compare),
-      this.body,
+      this.told, this.table,
     );
   }
 
@@ -51,8 +57,13 @@ export class ListView {
   draw() {
     this.compare.disabled = this.chosen.size < 2;
     const { runs, trouble } = this.list;
+    const shown = this.shown(runs);
     const lines = trouble.map((line) => element("p", { class: "trouble" }, line));
-    this.body.replaceChildren(...lines, runs.length === 0 ? empty() : this.table(this.shown(runs)));
+    if (runs.length === 0) lines.push(empty());
+    else if (shown.length === 0) lines.push(element("p", {}, "No run matches the filter."));
+    this.told.replaceChildren(...lines);
+    this.table.hidden = shown.length === 0;
+    arrange(this.body, shown.map((run) => this.row(run)));
   }
 
   shown(runs) {
@@ -61,21 +72,21 @@ export class ListView {
       const text = [run.id, run.task, run.method, run.preset, run.state, `seed ${run.seed}`].join(" ").toLowerCase();
       return words.every((word) => text.includes(word));
     };
-    const { key, falls } = this.sorting;
+    const { key, falls } = this.head.sorting;
     const order = (a, b) => compare(a[key], b[key]) * (falls ? -1 : 1);
     return runs.filter(matches).sort(order);
   }
 
-  table(runs) {
-    if (runs.length === 0) return element("p", {}, "No run matches the filter.");
-    const heads = head(COLUMNS, this.sorting, (sorting) => {
-      this.sorting = sorting;
-      this.draw();
+  /** The row of a run, of which only what has changed is made anew. */
+  row(run) {
+    const cells = COLUMNS.map((column) => cell(column, run));
+    const row = this.rows.get(run.id) ?? element("tr", {}, this.choice(run), cells);
+    this.rows.set(run.id, row);
+    cells.forEach((cell, index) => {
+      const old = row.children[index + 1];
+      if (!old.isEqualNode(cell)) old.replaceWith(cell);
     });
-    const rows = runs.map((run) => element("tr", {}, this.choice(run), COLUMNS.map((column) => cell(column, run))));
-    return element("div", { class: "scroll" }, element("table", {},
-      element("thead", {}, element("tr", {}, element("th", { "aria-label": "chosen" }), heads)),
-      element("tbody", {}, rows)));
+    return row;
   }
 
   choice(run) {

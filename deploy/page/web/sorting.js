@@ -2,13 +2,32 @@
 
 import { button, element } from "./dom.js";
 
-/** The cells of a head, one for each `{key, label, text}`; `onsort` is told of the order `{key, falls}` that is asked for. */
-export function head(columns, { key: sorted, falls }, onsort) {
-  return columns.map(({ key, label, text }) => {
-    const order = key === sorted ? (falls ? "descending" : "ascending") : null;
-    const sort = button(label, () => onsort({ key, falls: key === sorted ? !falls : !text }));
-    return element("th", { class: text ? "text" : null, "aria-sort": order, scope: "col" }, sort);
-  });
+/** The head of a table with `columns` of `{key, label, text}`; one without a label is not sorted by. */
+export class Head {
+  constructor(columns, sorting, onsort) {
+    Object.assign(this, { columns, onsort });
+    this.cells = columns.map((column) => this.cell(column));
+    this.row = element("tr", {}, this.cells);
+    this.sort(sorting);
+  }
+
+  cell({ key, label, text }) {
+    const press = () => {
+      const { key: sorted, falls } = this.sorting;
+      this.sort({ key, falls: key === sorted ? !falls : !text });
+      this.onsort();
+    };
+    return element("th", { class: text ? "text" : null, scope: "col" }, label ? button(label, press) : null);
+  }
+
+  /** Takes another order, `{key, falls}`. */
+  sort(sorting) {
+    this.sorting = sorting;
+    this.columns.forEach(({ key, label }, index) => {
+      if (label && key === sorting.key) this.cells[index].setAttribute("aria-sort", sorting.falls ? "descending" : "ascending");
+      else this.cells[index].removeAttribute("aria-sort");
+    });
+  }
 }
 
 /** Which of two values comes first in a rising order; what is not known does. */

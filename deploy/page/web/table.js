@@ -1,7 +1,7 @@
 // A long table of which only what is seen is in the page.
 
 import { element } from "./dom.js";
-import { head } from "./sorting.js";
+import { Head } from "./sorting.js";
 
 const ROW_HEIGHT = 28;
 const ROWS_BEYOND = 8;
@@ -9,17 +9,16 @@ const ROWS_BEYOND = 8;
 /** A table with `columns` of `{key, label, text, show}`; `onchoose` is told of the row that is chosen. */
 export class LongTable {
   constructor(columns, sorting, { onsort, onchoose }) {
-    Object.assign(this, { columns, sorting, onsort, onchoose });
+    Object.assign(this, { columns, onchoose });
     [this.rows, this.chosen] = [[], null];
-    this.head = element("tr");
+    this.head = new Head(columns, sorting, onsort);
     this.body = element("tbody");
     this.above = element("tr", { "aria-hidden": "true" });
     this.below = element("tr", { "aria-hidden": "true" });
     this.place = element("div", {
       class: "long", tabindex: 0, role: "region", "aria-label": "Episodes",
       onscroll: () => this.draw(), onkeydown: (event) => this.step(event),
-    }, element("table", {}, element("thead", {}, this.head), this.body));
-    this.drawHead();
+    }, element("table", {}, element("thead", {}, this.head.row), this.body));
   }
 
   /** Shows other rows. */
@@ -43,14 +42,6 @@ export class LongTable {
     if (!direction || !next) return;
     event.preventDefault();
     this.onchoose(next);
-  }
-
-  drawHead() {
-    this.head.replaceChildren(...head(this.columns, this.sorting, (sorting) => {
-      this.sorting = sorting;
-      this.drawHead();
-      this.onsort();
-    }));
   }
 
   draw() {

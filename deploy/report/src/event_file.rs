@@ -49,8 +49,8 @@ struct Value {
 }
 
 /// A file that is written.
-pub(crate) struct EventFile {
-    file: BufWriter<File>,
+pub(crate) struct EventFile<W: Write = File> {
+    file: BufWriter<W>,
 }
 
 impl EventFile {
@@ -65,7 +65,9 @@ impl EventFile {
         })?;
         Ok(file)
     }
+}
 
+impl<W: Write> EventFile<W> {
     /// Writes numbers by their tags; those that are none are left out.
     pub(crate) fn scalars(
         &mut self,
@@ -88,13 +90,14 @@ impl EventFile {
         self.file.flush()
     }
 
+    /// Writes a record whole or, where that fails, not at all: the buffer, which is larger, takes it once the
+    /// system has taken what was there before, and keeps what it has not. Behind half a record nobody would find
+    /// the next one.
     fn record(&mut self, event: &Event) -> io::Result<()> {
         let content = event.encode_to_vec();
         let length = (content.len() as u64).to_le_bytes();
-        self.file.write_all(&length)?;
-        self.file.write_all(&masked_crc(&length))?;
-        self.file.write_all(&content)?;
-        self.file.write_all(&masked_crc(&content))
+        let parts: [&[u8]; 4] = [&length, &masked_crc(&length), &content, &masked_crc(&content)];
+        self.file.write_all(&parts.concat())
     }
 }
 
@@ -124,5 +127,52 @@ mod tests {
         let written = fs::read(folder.join(NAME)).unwrap();
         let written: String = written.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(written, THEIRS);
+    }
+
+    /// A disk that takes so many bytes, is full once, and then takes everything.
+    struct Disk {
+        taken: Vec<u8>,
+        room: Option<usize>,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let taken = self.room.unwrap_or(bytes.len()).min(bytes.len());
+            if self.room == Some(0) {
+                self.room = None;
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.room = self.room.map(|room| room - taken);
+            self.taken.extend(&bytes[..taken]);
+            Ok(taken)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// What a disk has of records that are written until it takes them, and how often it did not.
+    fn written(room: Option<usize>) -> (Vec<u8>, usize) {
+        let mut file = EventFile { file: BufWriter::new(Disk { taken: Vec::new(), room }) };
+        let mut failures = 0;
+        for step in 0..1_000 {
+            while file.scalars(0.0, step, &[("rollout/success_rate", 0.5)]).is_err() {
+                failures += 1;
+            }
+        }
+        while file.flush().is_err() {
+            failures += 1;
+        }
+        (file.file.get_ref().taken.clone(), failures)
+    }
+
+    #[test]
+    fn a_disk_that_was_full_has_no_half_of_a_record() {
+        let (undisturbed, failures) = written(None);
+        assert_eq!(failures, 0);
+        for room in [0, 5_000, 20_000, undisturbed.len() - 1] {
+            assert!(written(Some(room)) == (undisturbed.clone(), 1), "full after {room} bytes");
+        }
     }
 }

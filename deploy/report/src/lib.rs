@@ -56,6 +56,7 @@ use crate::measured::{MeasuredCurve, MeasuredFigure};
 use crate::origin::apart;
 use crate::pictures::Pictures;
 use crate::programs::Programs;
+pub use crate::runs::OF_NO_CURVE;
 pub use crate::tensorboard::TensorBoard;
 
 /// Folders of runs as a figure.

@@ -57,18 +57,32 @@ impl Origin {
         shown(&self.builds)
     }
 
+    /// What it is known by: two runs of one configuration are seeds of one curve if theirs have one of these in
+    /// common.
+    pub fn marks(&self) -> Vec<String> {
+        let marks = self.demonstrations.marks().into_iter();
+        marks.map(|mark| format!("{mark} {:?}", self.builds)).collect()
+    }
+
     fn is_alike(&self, other: &Origin) -> bool {
-        self.builds == other.builds && self.demonstrations.are_alike(&other.demonstrations)
+        have_one_in_common(&self.marks(), &other.marks())
     }
 }
 
+fn have_one_in_common(one: &[String], other: &[String]) -> bool {
+    one.iter().any(|mark| other.contains(mark))
+}
+
 impl Imitated {
-    fn are_alike(&self, other: &Imitated) -> bool {
-        match (self, other) {
-            (Imitated::Known(own), Imitated::Known(other)) => own.are_alike(other),
-            (Imitated::Nobody, Imitated::Nobody) | (Imitated::Unknown, Imitated::Unknown) => true,
-            _ => false,
+    fn marks(&self) -> Vec<String> {
+        match self {
+            Imitated::Known(known) => known.marks(),
+            Imitated::Nobody | Imitated::Unknown => vec![self.phrase()],
         }
+    }
+
+    fn are_alike(&self, other: &Imitated) -> bool {
+        have_one_in_common(&self.marks(), &other.marks())
     }
 
     fn phrase(&self) -> String {

@@ -1,7 +1,7 @@
 //! Folders of runs as a figure: a panel for each task, a curve for each method and setting, runs that
 //! differ in their seeds alone together.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::Result;
 use protocol::task::Task;
@@ -10,11 +10,11 @@ use run::folder::RunFolder;
 
 use crate::figure::{Curve, Figure, Panel};
 use crate::measured::Measured;
-use run::repeat::settings;
+use run::repeat::{changes, is_of_ours, settings, unquoted};
 use run::tasks::place;
 
 /// Keys by which runs of one curve may differ.
-const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
+pub const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
 
 /// What a run is besides its task and method, as phrases: preset, number of steps, settings.
 type Phrases = BTreeSet<String>;
@@ -22,35 +22,53 @@ type Phrases = BTreeSet<String>;
 /// A run with its method and what else it is.
 type Described = (RunFolder, String, Phrases);
 
+/// A run and what it was configured to be.
+type Configured = (RunFolder, RunConfig);
+
 /// Groups runs into a figure.
 ///
 /// # Errors
 /// Of wrong usage for the first folder that holds no run, no log or no policy update.
 pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
-    let mut described = Vec::new();
+    let mut tasks: Vec<(Task, Vec<Configured>)> = Vec::new();
     for folder in folders {
         let Measured { folder, config, .. } = Measured::of(folder)?;
-        let phrases = phrases(&config);
-        described.push((config.task, (folder, config.method, phrases)));
-    }
-    let mut tasks: Vec<(Task, Vec<Described>)> = Vec::new();
-    for (task, run) in described {
-        match tasks.iter_mut().find(|(known, _)| *known == task) {
-            Some((_, runs)) => runs.push(run),
-            None => tasks.push((task, vec![run])),
+        match tasks.iter_mut().find(|(known, _)| *known == config.task) {
+            Some((_, runs)) => runs.push((folder, config)),
+            None => tasks.push((config.task.clone(), vec![(folder, config)])),
         }
     }
     tasks.sort_by_key(|(task, _)| place(&task.name));
-    let panels = tasks.into_iter().map(|(task, runs)| panel(task, runs)).collect();
+    let panels = tasks.into_iter().map(|(task, runs)| panel(task, described(runs))).collect();
     Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
 }
 
-fn phrases(config: &RunConfig) -> Phrases {
-    let settings = settings(config).into_iter().filter(|(key, _)| !OF_NO_CURVE.contains(&&**key));
-    let mut phrases: Phrases = settings.map(|(key, value)| format!("{key}={value}")).collect();
-    phrases.insert(format!("preset {}", config.preset));
-    phrases.insert(format!("{} steps", terminal::numbers::count(config.steps)));
-    phrases
+/// What the runs of a task are besides that.
+fn described(runs: Vec<Configured>) -> Vec<Described> {
+    let configs: Vec<RunConfig> = runs.iter().map(|(_, config)| config.clone()).collect();
+    let described = runs.into_iter().map(|(folder, config)| {
+        let settings =
+            if is_of_ours(&config) { settings(&config) } else { differing(&config, &configs) };
+        let settings = settings.into_iter().filter(|(key, _)| !OF_NO_CURVE.contains(&&**key));
+        let mut phrases: Phrases = settings.map(|(key, value)| format!("{key}={value}")).collect();
+        phrases.insert(format!("preset {}", config.preset));
+        phrases.insert(format!("{} steps", terminal::numbers::count(config.steps)));
+        (folder, config.method, phrases)
+    });
+    described.collect()
+}
+
+/// The settings of a run in which those of its method differ, as keys and values: what a task of the user's own
+/// has by itself is not known.
+fn differing(config: &RunConfig, all: &[RunConfig]) -> Vec<(String, String)> {
+    let of_method = || all.iter().filter(|one| one.method == config.method);
+    let first = of_method().next().unwrap_or(config);
+    let mut values = BTreeMap::new();
+    for change in of_method().flat_map(|one| changes(one, first)) {
+        values.insert(change.key, change.default);
+    }
+    values.extend(changes(config, first).into_iter().map(|change| (change.key, change.value)));
+    values.into_iter().map(|(key, value)| (key, unquoted(&value))).collect()
 }
 
 /// A panel whose title says what all runs have in common, and whose curves say what they have not.
@@ -99,6 +117,31 @@ mod tests {
         let curves: Vec<_> =
             panel.curves.iter().map(|curve| (curve.name.as_str(), curve.runs.len())).collect();
         let expected = [("goal-proximity", 2), ("reward.uncertainty=0.1", 1)];
+        assert_eq!(curves, expected);
+    }
+
+    #[test]
+    fn runs_of_a_task_of_ones_own_are_told_apart_by_what_they_differ_in() {
+        let run = |name: &str, set: &[&str]| {
+            let set: Vec<String> = set.iter().map(|set| (*set).to_owned()).collect();
+            let mut config = configuration("fetch-push", None, &set).unwrap();
+            config.task.name = "own".to_owned();
+            (RunFolder::new(name), config)
+        };
+        let runs = described(vec![
+            run("a", &["seed=1"]),
+            run("b", &["seed=2", "ppo.clip=0.3"]),
+            run("c", &["seed=3", "method=gaifo"]),
+            run("d", &["seed=4"]),
+        ]);
+        let curves = panel(run("a", &[]).1.task, runs).curves;
+        let curves: Vec<_> =
+            curves.iter().map(|curve| (curve.name.as_str(), curve.runs.len())).collect();
+        let expected = [
+            ("goal-proximity, ppo.clip=0.2", 2),
+            ("goal-proximity, ppo.clip=0.3", 1),
+            ("gaifo", 1),
+        ];
         assert_eq!(curves, expected);
     }
 }

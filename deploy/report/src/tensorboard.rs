@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use mcap_log::{Contents, read_contents};
 use run::folder::RunFolder;
 use run::summary::Summary;
-use run::updates::{Update, updates};
+use run::updates::{Update, begun, updates};
 
 use crate::event_file::EventFile;
 
@@ -27,9 +27,8 @@ impl TensorBoard {
     /// # Errors
     /// When it cannot be written.
     pub fn of(run: RunFolder, folder: &Path) -> Result<TensorBoard> {
-        let begun = run.config_file().metadata().and_then(|metadata| metadata.modified());
-        let begun = begun.context("when the run was begun")?.duration_since(UNIX_EPOCH)?;
-        let begun = begun.as_secs_f64();
+        let begun = begun(&run).context("when the run was begun")?;
+        let begun = begun.duration_since(UNIX_EPOCH)?.as_secs_f64();
         let shown = || folder.display().to_string();
         let file = EventFile::create(folder, begun).with_context(shown)?;
         Ok(TensorBoard { run, file, begun, next: 0 })
@@ -71,10 +70,12 @@ impl TensorBoard {
         if policy.iteration < self.next {
             return Ok(());
         }
-        self.next = policy.iteration + 1;
+        let next = policy.iteration + 1;
         // Cloning takes no steps of an environment.
-        let step = if policy.environment_steps > 0 { policy.environment_steps } else { self.next };
-        Ok(self.file.scalars(self.begun + policy.wall_s, step, &scalars(update))?)
+        let step = if policy.environment_steps > 0 { policy.environment_steps } else { next };
+        self.file.scalars(self.begun + policy.wall_s, step, &scalars(update))?;
+        self.next = next;
+        Ok(())
     }
 }
 

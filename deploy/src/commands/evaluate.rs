@@ -27,6 +27,9 @@ pub(crate) struct Arguments {
     /// How actions are chosen: drawn or the most probable; by default as at the end of training.
     #[arg(long, value_name = "CHOICE", value_parser = choices::actions())]
     actions: Option<ActionChoice>,
+    /// Seed of the episodes; by default the run's own, whose episodes are those at the end of training.
+    #[arg(long)]
+    seed: Option<u64>,
     /// Replaces the file of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
@@ -51,15 +54,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
     let actions = arguments.actions.unwrap_or(config.evaluation.actions);
+    let other_seed = arguments.seed.filter(|seed| *seed != config.seed);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
     // The one that the actor takes: a damaged one is passed over.
     if let Some(found) = checkpoint::newest(&folder, &[POLICY_FILE])?.newest {
-        let file = folder.evaluation_file(found.iteration, episodes, actions);
+        let file = folder.evaluation_file(found.iteration, episodes, actions, other_seed);
         destination::own_file(&file, arguments.force)?;
     }
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string(), "--actions", actions.name()]);
+    actor.args(other_seed.map(|seed| format!("--seed={seed}")));
     arguments.figures.print(&programs::result(&mut actor, "evaluating")?, table)
 }
 

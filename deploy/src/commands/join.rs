@@ -1,7 +1,7 @@
 //! `goalward join`: this machine's actors for a run of another machine.
 
 use std::ffi::OsString;
-use std::fs::{self, DirEntry, File};
+use std::fs::{self, DirEntry};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -136,13 +136,12 @@ fn remove_if_left(path: &Path) -> Result<()> {
     if !is_ours || found.modified()?.elapsed().unwrap_or_default() < YOUNG {
         return Ok(());
     }
-    let lock = File::open(path)?;
-    if lock.try_lock().is_err() {
-        return Ok(());
-    }
+    let Ok(lock) = plan::lock(&RunFolder::new(path)) else { return Ok(()) };
     if let Some(bus) = BusAddress::if_started(path)? {
         bus.remove()?;
     }
+    // A folder on NFS cannot be removed while a file in it is open.
+    drop(lock);
     Ok(fs::remove_dir_all(path)?)
 }
 
@@ -184,7 +183,7 @@ mod tests {
         fs::write(&shared, "").unwrap();
         let _lock = plan::lock(&RunFolder::new(&held)).unwrap();
         for old in [&left, &held, &another] {
-            File::open(old).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+            fs::File::open(old).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
         }
         sweep(directory.path());
         assert!(!left.exists() && !shared.exists());

@@ -6,6 +6,7 @@ use std::time::SystemTime;
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
 use run::overview::{Overview, State};
+use run::updates::begun;
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
@@ -42,8 +43,9 @@ fn runs_in(folder: &Path) -> Result<Vec<(SystemTime, PathBuf)>> {
     let mut runs = Vec::new();
     for entry in entries {
         let path = entry.with_context(|| folder.display().to_string())?.path();
-        if let Ok(metadata) = RunFolder::new(&path).config_file().metadata() {
-            runs.push((metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH), path));
+        let run = RunFolder::new(&path);
+        if run.config_file().exists() {
+            runs.push((begun(&run).unwrap_or(SystemTime::UNIX_EPOCH), path));
         }
     }
     Ok(runs)

@@ -1,8 +1,10 @@
 //! `goalward scale`: more or fewer actors for a run that is being trained.
 
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
+use bus::BusAddress;
 use protocol::MAX_ACTORS;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
@@ -10,8 +12,15 @@ use run::hosts::{Host, Hosts};
 
 use crate::listening::require_an_actor;
 use crate::machine::Machine;
-use terminal::print::print_line;
+use crate::processes::Processes;
+use terminal::print::{print_line, print_remark};
 use terminal::refusal::wrong_usage;
+
+/// How long another machine may take to have as many actors as it is to.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// How often it is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Flags of `goalward scale`.
 #[derive(Debug, clap::Args)]
@@ -37,18 +46,69 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             run.display()
         )));
     }
+    let present = Hosts::of_run(&folder).present;
     let Some(host) = host else {
         // A run whose gateway keeps no hosts lets nobody in.
         require_an_actor(*actors, folder.hosts_file().exists())?;
+        require_places(*actors, places_of_others(&present, ""))?;
         Machine::here().require_room_for_actors(*actors)?;
         ActorsWanted::here(&folder).want(*actors)?;
         print_line(&format!("actors: {actors}"));
         return Ok(());
     };
-    require_host(&Hosts::of_run(&folder).present, host)?;
+    require_host(&present, host)?;
+    require_places(*actors, actors_here(&folder)? + places_of_others(&present, host))?;
     ActorsWanted::of_host(&folder, host).want(*actors)?;
     print_line(&format!("actors of {host}: {actors}"));
+    if let Some(remark) = await_actors(&folder, host, *actors, PATIENCE) {
+        print_remark(&remark);
+    }
     Ok(())
+}
+
+fn actors_here(folder: &RunFolder) -> Result<u64> {
+    let address = BusAddress::if_started(folder.path())?;
+    let found = address.map(|address| Processes::on(&address)).transpose()?;
+    Ok(found.map_or(0, |processes| processes.actors_here() as u64))
+}
+
+/// Places of a run that machines take beside the one called `host`, each at least one.
+fn places_of_others(present: &[Host], host: &str) -> u64 {
+    let others = present.iter().filter(|other| other.name != host);
+    others.map(|other| other.actors.max(1)).sum()
+}
+
+/// Checks that a run has places for so many actors of one machine beside those that are taken.
+fn require_places(actors: u64, taken: u64) -> Result<()> {
+    let room = (MAX_ACTORS as u64).saturating_sub(taken);
+    let words = format!(
+        "--actors: expected at most {room}, as other machines take {taken} of the {MAX_ACTORS} places of \
+         a run, found {actors}"
+    );
+    ensure!(actors <= room, wrong_usage(words));
+    Ok(())
+}
+
+/// Waits until a machine has so many actors; says what there is to say if that takes long.
+fn await_actors(folder: &RunFolder, host: &str, actors: u64, patience: Duration) -> Option<String> {
+    let begun = Instant::now();
+    loop {
+        let present = Hosts::of_run(folder).present;
+        let found = present.iter().find(|one| one.name == host).map(|one| one.actors);
+        if found == Some(actors) {
+            return None;
+        }
+        if begun.elapsed() >= patience || !folder.is_trained() {
+            let Some(found) = found else { return Some(format!("{host} takes part no more")) };
+            let log = folder.output().join("gateway.log");
+            return Some(format!(
+                "{host} has {found} actors so far, {actors} are wanted: its `goalward join` or {} may \
+                 say why",
+                log.display()
+            ));
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
 }
 
 fn require_host(present: &[Host], host: &str) -> Result<()> {
@@ -65,14 +125,35 @@ fn require_host(present: &[Host], host: &str) -> Result<()> {
 mod tests {
     use super::*;
 
+    fn host(name: &str) -> Host {
+        Host { name: name.to_owned(), build: String::new(), actors: 2, distance_ms: None }
+    }
+
+    #[test]
+    fn a_run_has_places_for_so_many_actors() {
+        let present = [host("node-1"), Host { actors: 0, ..host("node-2") }];
+        assert_eq!(places_of_others(&present, "node-1"), 1);
+        assert_eq!(places_of_others(&present, ""), 3);
+        require_places(61, 3).unwrap();
+        let refused = require_places(62, 3).unwrap_err().to_string();
+        assert!(refused.contains("at most 61, as other machines take 3 of the 64"), "{refused}");
+    }
+
+    #[test]
+    fn a_machine_that_does_not_come_to_what_is_wanted_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::create_dir(folder.output()).unwrap();
+        Hosts { present: vec![host("node-1")], expelled: Vec::new() }.write(&folder).unwrap();
+        let remark = |host| await_actors(&folder, host, 2, Duration::ZERO);
+        assert_eq!(remark("node-1"), None);
+        assert_eq!(remark("node-2").as_deref(), Some("node-2 takes part no more"));
+        let remark = await_actors(&folder, "node-1", 8, Duration::ZERO).unwrap();
+        assert!(remark.starts_with("node-1 has 2 actors so far, 8 are wanted"), "{remark}");
+    }
+
     #[test]
     fn a_machine_that_takes_part_is_named() {
-        let host = |name: &str| Host {
-            name: name.to_owned(),
-            build: String::new(),
-            actors: 2,
-            distance_ms: None,
-        };
         let present = [host("node-1"), host("node-2")];
         require_host(&present, "node-2").unwrap();
         let refused = |present: &[Host]| require_host(present, "node-7").unwrap_err().to_string();

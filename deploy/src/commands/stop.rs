@@ -6,14 +6,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use bus::BusAddress;
 use run::folder::RunFolder;
-use run::repeat::quoted;
 use run::summary::Summary;
 use rustix::process::{Pid, Signal, kill_process};
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
+use crate::listening::how_to_resume;
 use crate::processes::Processes;
-use crate::programs;
 
 /// How long a run may take to end.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -48,8 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         print_line("the run had come to its end");
         return Ok(());
     }
-    let (goalward, run) = (programs::own_command(), quoted(shown));
-    print_line(&format!("stopped; continue it with\n  {goalward} train --resume --run {run}"));
+    print_line(&format!("stopped; continue it with\n  {}", how_to_resume(&folder)));
     Ok(())
 }
 

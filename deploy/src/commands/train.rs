@@ -17,7 +17,7 @@ use crate::companion_page::CompanionPage;
 use crate::event_files::EventFiles;
 use crate::experiment::estimate;
 use crate::figures::Figures;
-use crate::listening::ListenOptions;
+use crate::listening::{ListenOptions, how_to_resume};
 use crate::machine::Machine;
 use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
@@ -120,6 +120,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let Arguments { other_build, no_page, dry_run, listening, figures, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
+    let (task, settings) = (arguments.task.clone(), arguments.settings.clone());
     tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
     let mut plan = begin(arguments.wishes()?)?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
@@ -127,7 +128,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
         return print_end(figures, &plan.folder, summary);
     }
-    let changes = Changes::of(&plan.config);
+    let changes = dry_run.then(|| Changes::of(&plan.config, task.as_deref(), &settings));
     programs::check_all()?;
     listening.check(&plan.config)?;
     if plan.resumed {
@@ -139,13 +140,14 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     if plan.resumed && !other_build {
         plan::refuse_other_build(&plan.folder)?;
     }
-    if dry_run {
+    if let Some(changes) = changes {
         let start = start_line(&plan, if plan.resumed { "would continue" } else { "would train" });
         remarks.iter().for_each(|remark| print_remark(remark));
         let planned = Planned::of(&plan, changes);
         return figures.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
     }
     let _lock = plan.lay_out()?;
+    listening.keep(&plan.folder)?;
     let place = plan.folder.place()?;
     let page = if no_page { None } else { CompanionPage::start(plan.folder.path()) };
     print_start(&plan, page.as_ref());
@@ -166,7 +168,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             print_end(figures, &plan.folder, summary)
         }
         Outcome::Stopped => {
-            print_how_to_resume(&plan.folder, listening);
+            let (shown, how) = (quoted(plan.folder.path().display()), how_to_resume(&plan.folder));
+            print_remark(&format!("stopped; the run is in {shown}. Continue it with\n  {how}"));
             Err(stopped())
         }
         Outcome::EndOfLog => Ok(()),
@@ -279,8 +282,12 @@ struct Changes {
 }
 
 impl Changes {
-    fn of(config: &RunConfig) -> Changes {
-        Changes { settings: repeat::differences(config), processor_s: estimate::measured(config) }
+    fn of(config: &RunConfig, task: Option<&str>, settings: &[String]) -> Changes {
+        // A task of the user's own is known by what it was called.
+        let usual = task.and_then(|task| plan::usual(task, config, settings).ok());
+        let settings = usual
+            .map_or_else(|| repeat::differences(config), |usual| repeat::changes(config, &usual));
+        Changes { settings, processor_s: estimate::measured(config) }
     }
 
     fn table(&self) -> String {
@@ -314,14 +321,6 @@ fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<(
             summary::table(summary)
         )
     })
-}
-
-fn print_how_to_resume(folder: &RunFolder, listening: ListenOptions) {
-    let (goalward, shown) = (programs::own_command(), quoted(folder.path().display()));
-    print_remark(&format!(
-        "stopped; the run is in {shown}. Continue it with\n  \
-         {goalward} train --resume --run {shown}{listening}"
-    ));
 }
 
 #[cfg(test)]

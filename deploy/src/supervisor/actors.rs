@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
+use run::hosts::Hosts;
 use run::process::FINAL_CODE;
 
 use super::process::Process;
@@ -173,7 +174,8 @@ impl Actors {
     /// log.
     ///
     /// # Errors
-    /// When all of them die too often, or one says that every other would die as well.
+    /// When all of them die too often and no other machine has any, or one says that every other would die as
+    /// well.
     pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<bool> {
         for process in &mut self.leaving {
             process.reap()?;
@@ -209,7 +211,7 @@ impl Actors {
 
     fn note_death(&mut self, place: usize, how: &str, view: &ProgressView) -> Result<()> {
         let said = self.working[place].note_death(how);
-        if self.working.iter().all(|actor| actor.rests) {
+        if self.nobody_works(&self.hosts()) {
             let history = format!("{}, and no other actor works", too_often());
             return Err(self.working[place].process.give_up(how, &history));
         }
@@ -217,8 +219,47 @@ impl Actors {
         Ok(())
     }
 
+    /// The other machines that take part.
+    fn hosts(&self) -> Hosts {
+        match self.source {
+            Source::Environments { listening: Some(_), .. } => Hosts::of_run(&self.folder),
+            _ => Hosts::default(),
+        }
+    }
+
+    /// Whether all actors are left alone, and no other machine has any.
+    fn nobody_works(&self, hosts: &Hosts) -> bool {
+        let others_work = hosts.present.iter().any(|host| host.actors > 0);
+        !others_work && self.working.iter().all(|actor| actor.rests)
+    }
+
     /// All processes, those included that are leaving.
     pub(super) fn processes(&mut self) -> impl Iterator<Item = &mut Process> {
         self.working.iter_mut().map(|actor| &mut actor.process).chain(&mut self.leaving)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use run::hosts::Host;
+
+    use super::*;
+
+    #[test]
+    fn a_run_goes_on_as_long_as_an_actor_works_on_any_machine() {
+        let source = Source::Environments { count: 2, program: Program::Actor, listening: None };
+        let mut actors = Actors::new(&RunFolder::new("run"), &source);
+        actors.take_on();
+        let with = |actors| {
+            let (name, build) = ("node-7".to_owned(), "0.0.9".to_owned());
+            let present = vec![Host { name, build, actors, distance_ms: None }];
+            Hosts { present, expelled: Vec::new() }
+        };
+        actors.working[0].rests = true;
+        assert!(!actors.nobody_works(&Hosts::default()), "the other one works");
+        actors.working[1].rests = true;
+        assert!(actors.nobody_works(&Hosts::default()));
+        assert!(actors.nobody_works(&with(0)), "a machine that takes part without actors");
+        assert!(!actors.nobody_works(&with(3)));
     }
 }

@@ -1,7 +1,8 @@
 //! Watches over a run: starts its processes, starts again what dies, shows progress, ends it all.
 //!
 //! An actor that dies is started again under its name; its leases are handed out again by the
-//! learner. One that dies again and again is left alone for a while, as long as another works. Learner and proximity service hold one state between them, so if one dies both are
+//! learner. One that dies again and again is left alone for a while, as long as another works, here or
+//! on another machine. Learner and proximity service hold one state between them, so if one dies both are
 //! started again, and continue from their last common checkpoint. Neither changes the result.
 
 mod actors;

@@ -168,6 +168,21 @@ mod tests {
     }
 
     #[test]
+    fn where_nothing_is_held_out_all_passes_are_trained_and_the_last_counts() {
+        let few = vec![Trajectory::default(); 4];
+        let (held_out, training) = split(&few, 0.2, 1);
+        assert_eq!((held_out.len(), training.len()), (0, 4));
+        let mut best = Best { loss: f64::MAX, parameters: vec![0.0], age: 0, finished: false };
+        let mut parameters = vec![0.0];
+        for pass in 1..=3_u8 {
+            assert!(!best.finished);
+            parameters = vec![f32::from(pass)];
+            best.judge(&mut parameters, None, 1, pass == 3);
+        }
+        assert!(best.finished && parameters == [3.0]);
+    }
+
+    #[test]
     fn whole_demonstrations_are_held_out() {
         let demonstrations: Vec<Trajectory> =
             (0..10).map(|episode| Trajectory { episode, ..Trajectory::default() }).collect();

@@ -31,7 +31,7 @@ use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use protocol::weights::Weights;
 use run::folder::Place;
-use run::process::Stop;
+use run::process::{Final, Stop};
 
 use crate::ledger::{LeaseLedger, Unusable};
 
@@ -103,7 +103,7 @@ pub struct Setup {
     pub run_seed: u64,
     /// Longest encoded weights.
     pub weights_bytes: usize,
-    /// A lease held longer is handed out again.
+    /// A lease held longer is handed out again, once no other is open.
     pub lease_timeout: Duration,
     /// The run's log, open.
     pub log: LogWriter,
@@ -233,9 +233,15 @@ impl Desk {
         Ok(())
     }
 
-    /// What is not on the disk when the run is to stop is done again after it is resumed.
+    /// What is not on the disk when the run is to stop is done again after it is resumed. After a sync that failed
+    /// no waiting helps: the learner ends, and whoever starts it again repairs the log and takes the last checkpoint.
     fn wait_for_room(&mut self, error: Error) -> Result<()> {
-        let Error::LogWrite { .. } = &error else { return Err(error.into()) };
+        match error {
+            Error::LogWrite { .. } => {}
+            // Started again, the learner comes to the same message.
+            Error::LogRefused { .. } => return Err(Final(error.to_string()).into()),
+            _ => return Err(error.into()),
+        }
         self.place.check()?;
         if self.stop.is_requested() {
             bail!("stopped while the log could not be written: {error}");
@@ -293,7 +299,8 @@ impl Desk {
         }
     }
 
-    /// Appends what actors published, then takes it into the rollout.
+    /// Takes what actors published into the rollout, then appends it. The batch is handed over later still,
+    /// so nothing is learned from that is not in the log.
     fn take_trajectories(&mut self) -> Result<()> {
         for _ in 0..TAKEN_AT_ONCE {
             let Some(published) = self.trajectories.receive()? else { break };
@@ -410,9 +417,16 @@ impl Desk {
         self.alive = self.bus.alive()?;
         self.heard.keep(&self.alive);
         let Some(ledger) = &mut self.ledger else { return Ok(()) };
-        let reopened = ledger.reopen(&self.alive, self.lease_timeout, Instant::now());
-        if reopened > 0 {
-            tracing::warn!("{reopened} leases of lost actors are open again");
+        let lost = ledger.reopen_lost(&self.alive);
+        if lost > 0 {
+            tracing::warn!("{lost} leases of lost actors are open again");
+        }
+        let overdue = ledger.reopen_overdue(self.lease_timeout, Instant::now());
+        if overdue > 0 {
+            let seconds = self.lease_timeout.as_secs_f64();
+            tracing::warn!(
+                "{overdue} leases held longer than {seconds} s are open again: no others are left"
+            );
         }
         Ok(())
     }

@@ -33,7 +33,8 @@ pub const LONGEST_MESSAGE: usize = LONGEST_RECORD / 2;
 /// **Errors.** [`Error::LogWrite`] says that the disk did not take some finished chunk. Nothing is
 /// lost by it: what was handed over is in memory. The owner writes no more, calls
 /// [`flush`](Self::flush) until it succeeds, and goes on; nothing is missing or twice in the file.
-/// [`Error::LogRefused`] says that a message is not in the file and will not be.
+/// [`Error::LogRefused`] says that a message is not in the file and will not be. [`Error::LogUnsynced`] says
+/// that what was written may be lost, and is the answer to every later sync as well.
 ///
 /// **Names.** The file is `PATH.active` until [`seal`](Self::seal). A writer dropped unsealed
 /// flushes and leaves `PATH.active`, which reads well and which [`repair`](super::repair()) seals. The
@@ -46,6 +47,8 @@ pub struct FileWriter {
     writer: mcap::Writer<NoSeek<Memory>>,
     channels: BTreeMap<Topic, Channel>,
     bytes: u64,
+    /// The sync that failed, if one has.
+    unsynced: Option<Error>,
     state: State,
 }
 
@@ -90,8 +93,9 @@ impl FileWriter {
         let active = with_ending(path, ACTIVE);
         let file = OpenOptions::new().write(true).create_new(true).open(&active);
         let file = file.map_err(|cause| write_error(&active, "create the file", &cause))?;
-        // So that nobody seals it meanwhile. Where files cannot be locked, a run's own lock must do.
-        file.try_lock().ok();
+        // So that nobody seals it meanwhile; whoever asks for the lock has it for a moment. Where files cannot be
+        // locked, a run's own lock must do.
+        file.lock().ok();
         let mut writer = Self::begin(path, Box::new(file), metadata, topics)
             .map_err(|cause| failed(&active, cause))?;
         if let Err(error) = writer.drain().and_then(|()| sync_folder_of(&active)) {
@@ -131,8 +135,17 @@ impl FileWriter {
             channels.insert(topic, Channel { id, messages: 0 });
         }
         let (path, active) = (path.to_owned(), with_ending(path, ACTIVE));
-        let state = State::Open;
-        Ok(FileWriter { path, active, storage, memory, writer, channels, bytes: 0, state })
+        Ok(FileWriter {
+            path,
+            active,
+            storage,
+            memory,
+            writer,
+            channels,
+            bytes: 0,
+            unsynced: None,
+            state: State::Open,
+        })
     }
 
     /// Appends a trajectory's encoded bytes as they are.
@@ -196,17 +209,21 @@ impl FileWriter {
     /// the machine.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] for a full or failing disk.
+    /// [`Error::LogWrite`] for a full or failing disk, [`Error::LogUnsynced`] once it has failed to sync.
     pub fn sync(&mut self) -> Result<(), Error> {
         self.flush()?;
-        self.storage.sync().map_err(|cause| write_error(&self.active, "sync", &cause))
+        if self.unsynced.is_none() {
+            let failed = self.storage.sync().err();
+            self.unsynced = failed.map(|cause| unsynced(&self.active, &cause));
+        }
+        self.unsynced.clone().map_or(Ok(()), Err)
     }
 
     /// Ends the file with its index, syncs it and gives it its name. Can be called again after an
     /// error.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] for a full or failing disk.
+    /// As [`FileWriter::sync`].
     pub fn seal(&mut self) -> Result<(), Error> {
         if self.state == State::Sealed {
             return Ok(());
@@ -297,6 +314,13 @@ fn failed(path: &Path, cause: McapError) -> Error {
     Error::LogRefused { path: path.to_owned(), message: format!("cannot lay out: {cause}") }
 }
 
+/// A sync that failed: what the system had taken is not in memory any more, so nobody can write it again.
+fn unsynced(path: &Path, cause: &io::Error) -> Error {
+    let message =
+        format!("cannot sync: {cause}; what was written cannot be known to be on the disk");
+    Error::LogUnsynced { path: path.to_owned(), message }
+}
+
 /// What a file is written to.
 trait Storage: Write + Send {
     /// Returns when the disk has all that was written.
@@ -357,6 +381,52 @@ mod tests {
         fn sync(&mut self) -> io::Result<()> {
             Ok(())
         }
+    }
+
+    /// A disk that loses what it has taken, and says so once.
+    #[derive(Default)]
+    struct LosingDisk {
+        has_told: bool,
+    }
+
+    impl Write for LosingDisk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Storage for LosingDisk {
+        fn sync(&mut self) -> io::Result<()> {
+            match std::mem::replace(&mut self.has_told, true) {
+                true => Ok(()),
+                false => Err(io::Error::other("a bad sector")),
+            }
+        }
+    }
+
+    #[test]
+    fn a_sync_that_failed_is_not_made_good_by_the_next() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file.mcap");
+        let metadata = Metadata::new(Kind::Run, "navigation", 1);
+        let storage = Box::new(LosingDisk::default());
+        let mut writer =
+            FileWriter::begin(&path, storage, &metadata, &[Topic::Trajectory]).unwrap();
+        fs::write(&writer.active, b"").unwrap();
+        writer.message(Topic::Trajectory, 1, &noise(1)).unwrap();
+        for _ in 0..2 {
+            for failed in [writer.sync(), writer.seal()] {
+                let error = failed.unwrap_err();
+                assert!(matches!(error, Error::LogUnsynced { .. }), "{error:?}");
+                let error = error.to_string();
+                assert!(error.contains("file.mcap.active: cannot sync: a bad sector"), "{error}");
+            }
+        }
+        assert!(writer.active.exists() && !path.exists(), "it is left for a repair");
     }
 
     /// Bytes that no compressor makes smaller.

@@ -13,6 +13,7 @@
 //! | `chunk` | chunks taken apart, within limits |
 //! | `record` | records parsed, their lengths measured first |
 //! | `source` | outermost records of a file |
+//! | `summary` | the end of a sealed file, which says what it has |
 //! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
@@ -24,7 +25,8 @@
 //!
 //! What a crash can lose: messages since the last [`LogWriter::flush`], at most one chunk (1 MiB)
 //! and the message after it. What was flushed survives the death of the process; what was synced
-//! survives the death of the machine. A full disk loses nothing: see [`FileWriter`].
+//! survives the death of the machine. A full disk loses nothing, and one that fails to sync is told of for good:
+//! see [`FileWriter`].
 //!
 //! What a file can cost who reads it: a record has 64 MiB at most, and a chunk taken apart has no more,
 //! and 1,048,576 records at most; a file has no more than that and one record for every two bytes, and
@@ -45,6 +47,7 @@ pub mod rewrite;
 pub mod run;
 mod scan;
 mod source;
+mod summary;
 pub mod topic;
 mod undone;
 pub mod writer;

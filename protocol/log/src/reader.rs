@@ -197,17 +197,21 @@ impl FileReader {
     }
 
     /// Iterates on over what a file has now that was being written when the iterator ended. Its writer may
-    /// have sealed it since.
+    /// have sealed it since. False if another file has its place, as after a repair: its records lie
+    /// elsewhere, and whoever wants them opens it.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the file is gone.
-    pub fn go_on(&mut self) -> Result<(), Error> {
-        if self.ending == Some(Ending::Unsealed) {
-            self.scanner.go_on()?;
+    pub fn go_on(&mut self) -> Result<bool, Error> {
+        if self.ending != Some(Ending::Unsealed) {
+            return Ok(!self.scanner.is_replaced());
+        }
+        let is_same = self.scanner.go_on()?;
+        if is_same {
             self.path = followed(std::mem::take(&mut self.path));
             self.ending = None;
         }
-        Ok(())
+        Ok(is_same)
     }
 
     /// The topics that the file has declared so far.

@@ -108,8 +108,14 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
 
 /// Keeps other repairs away, and refuses a file that its writer still holds.
 fn hold(path: &Path) -> Result<File, Error> {
-    let file =
-        File::open(path).map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
+    use io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
+    // NFS gives the lock to one alone only where the file is open for writing.
+    let opened = File::options().read(true).write(true).open(path);
+    let opened = opened.or_else(|cause| match cause.kind() {
+        PermissionDenied | ReadOnlyFilesystem => File::open(path),
+        _ => Err(cause),
+    });
+    let file = opened.map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
             Err(read_error(path, "expected a file that nobody writes, found it being written"))

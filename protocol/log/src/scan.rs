@@ -18,7 +18,7 @@ use super::folder::followed;
 use super::metadata::{Metadata, not_ours};
 use super::read_error;
 use super::record::{self, LONGEST_RECORD, Trouble};
-use super::source::{Damage, Frame, Source, Tail};
+use super::source::{Damage, Frame, Source, Tail, identity};
 use super::topic::Topic;
 
 /// Longest record that declares something. Ours have some thousand bytes; in memory they become
@@ -124,15 +124,24 @@ impl Scanner {
         self.offset
     }
 
-    /// Takes the file as it is now, behind what was whole when it ended.
+    /// Takes the file as it is now, behind what was whole when it ended; false if another one has its place.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the system cannot open it.
-    pub(super) fn go_on(&mut self) -> Result<(), Error> {
-        self.path = followed(std::mem::take(&mut self.path));
-        self.source = Source::open_at(&self.path, self.source.end())?;
-        self.tail = None;
-        Ok(())
+    pub(super) fn go_on(&mut self) -> Result<bool, Error> {
+        let path = followed(self.path.clone());
+        let source = Source::open_at(&path, self.source.end())?;
+        let is_same = source.identity() == self.source.identity();
+        if is_same {
+            (self.path, self.source, self.tail) = (path, source, None);
+        }
+        Ok(is_same)
+    }
+
+    /// Whether another file has the place of this one.
+    pub(super) fn is_replaced(&self) -> bool {
+        let found = followed(self.path.clone()).metadata();
+        found.is_ok_and(|found| identity(&found) != self.source.identity())
     }
 
     /// The messages of the chunk that begins at `offset`, whose channels this scanner has met.

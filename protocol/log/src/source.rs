@@ -1,7 +1,8 @@
 //! The outermost records of a file, one after another, from its beginning or from a record on.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use mcap::McapError;
@@ -35,6 +36,7 @@ pub(super) enum Tail {
 /// The outermost records of a file.
 pub(super) struct Source {
     file: BufReader<File>,
+    identity: (u64, u64),
     records: LinearReader,
     kind: u8,
     content: Vec<u8>,
@@ -81,12 +83,14 @@ impl Source {
     }
 
     fn new(file: File, options: LinearReaderOptions, offset: u64) -> io::Result<Self> {
-        let length = file.metadata()?.len().max(offset);
+        let found = file.metadata()?;
+        let length = found.len().max(offset);
         let records = LinearReader::new_with_options(options);
         let file = BufReader::with_capacity(64 << 10, file);
         let (kind, content) = (0, Vec::new());
         Ok(Source {
             file,
+            identity: identity(&found),
             records,
             kind,
             content,
@@ -100,6 +104,11 @@ impl Source {
     /// The file itself.
     pub(super) fn file(&self) -> &File {
         self.file.get_ref()
+    }
+
+    /// Device of the file and its number there, which no other file gets while this one is open.
+    pub(super) fn identity(&self) -> (u64, u64) {
+        self.identity
     }
 
     /// Length of the file when it was opened.
@@ -156,6 +165,11 @@ impl Source {
             cause => Tail::Lost(Damage { offset: self.end, reason: cause.to_string() }),
         }
     }
+}
+
+/// Device of a file and its number there.
+pub(super) fn identity(found: &Metadata) -> (u64, u64) {
+    (found.dev(), found.ino())
 }
 
 fn options() -> LinearReaderOptions {

@@ -13,8 +13,10 @@ use protocol::trajectory::Encoded;
 use protocol::{Error, durable};
 
 use super::file::FileWriter;
-use super::folder::{next_number, path};
+use super::folder::{log_files, next_number, path};
+use super::info::info;
 use super::metadata::Metadata;
+use super::summary::statistics;
 use super::topic::{Contents, Topic};
 use super::write_error;
 
@@ -38,7 +40,8 @@ impl Default for LogOptions {
 ///
 /// An [`Error::LogRefused`] means that a message is not recorded and will not be. An
 /// [`Error::LogWrite`] of any call means that the disk refuses, not that the message is lost:
-/// pause, call [`flush`](Self::flush) until it succeeds, go on; do not append the message again.
+/// pause, call [`flush`](Self::flush) until it succeeds, go on; do not append the message again. An
+/// [`Error::LogUnsynced`] means that what was appended since the last sync may be lost, and no pause helps.
 pub struct LogWriter {
     trajectories: Stream,
     updates: Stream,
@@ -47,19 +50,21 @@ pub struct LogWriter {
 }
 
 impl LogWriter {
-    /// Opens the next file of both contents in `folder`, which is made if it is not there.
+    /// Opens the next file of both contents in `folder`, which is made if it is not there. Log times go on behind
+    /// those of the files that are there.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] for a full or failing disk.
+    /// [`Error::LogWrite`] for a full or failing disk, [`Error::LogRead`] if the folder cannot be listed.
     pub fn create(folder: &Path, metadata: &Metadata, options: LogOptions) -> Result<Self, Error> {
         durable::create_folder(folder)
             .map_err(|cause| write_error(folder, "make the folder", &cause))?;
+        let clock = Clock { last_ns: newest_log_time_ns(folder)? };
         let stream = |contents| Stream::open(folder, contents, metadata, options);
         Ok(LogWriter {
             trajectories: stream(Contents::Trajectories)?,
             updates: stream(Contents::Updates)?,
             observations: options.observations,
-            clock: Clock::default(),
+            clock,
         })
     }
 
@@ -122,7 +127,7 @@ impl LogWriter {
     /// Flushes and waits for the disk: what was appended before survives the machine's death.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] for a full or failing disk.
+    /// As [`FileWriter::sync`].
     pub fn sync(&mut self) -> Result<(), Error> {
         self.flush()?;
         self.trajectories.current.sync()?;
@@ -132,7 +137,7 @@ impl LogWriter {
     /// Seals all files; can be called again after an error. Nothing can be appended afterwards.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] for a full or failing disk.
+    /// As [`FileWriter::sync`].
     pub fn finish(&mut self) -> Result<(), Error> {
         self.flush()?;
         self.trajectories.current.seal()?;
@@ -213,8 +218,22 @@ impl Stream {
     }
 }
 
-/// Log times: wall time that never goes back. The only clock of this crate; no result sees it.
-#[derive(Default)]
+/// The newest log time of a folder's files, as far as they can be read; 0 where there is none.
+fn newest_log_time_ns(folder: &Path) -> Result<u64, Error> {
+    let times = log_files(folder)?.into_iter().filter_map(|file| last_log_time_ns(&file.path));
+    Ok(times.max().unwrap_or(0))
+}
+
+/// That of a file. One that does not say it is read.
+fn last_log_time_ns(path: &Path) -> Option<u64> {
+    match statistics(path) {
+        Some(statistics) => Some(statistics.message_end_time),
+        None => info(path).ok()??.span_ns.map(|(_, last)| last),
+    }
+}
+
+/// Log times: wall time that always goes on, also from one sitting of a run to the next, for they tell what a
+/// run that went back has undone. The only clock of this crate; no result sees it.
 struct Clock {
     last_ns: u64,
 }
@@ -224,7 +243,7 @@ impl Clock {
     fn now_ns(&mut self) -> u64 {
         let elapsed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
-        self.last_ns = self.last_ns.max(wall_ns);
+        self.last_ns = wall_ns.max(self.last_ns.saturating_add(1));
         self.last_ns
     }
 }

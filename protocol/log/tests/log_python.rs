@@ -1,6 +1,6 @@
 //! The log is read by the public Python packages for MCAP and protobuf, with no help from us.
 //!
-//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON` (default `python3`);
+//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
 //! `GOALWARD_PYTHON=none` leaves the test out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
@@ -68,7 +68,9 @@ fn assert_line(line: &str, parts: &[&str]) {
 
 #[test]
 fn python_reads_the_log() {
-    let python = std::env::var("GOALWARD_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let named = std::env::var("GOALWARD_PYTHON").ok().filter(|python| !python.is_empty());
+    let python =
+        named.expect("GOALWARD_PYTHON: expected an interpreter, or `none`; deploy/test.sh sets it");
     if python == "none" {
         return;
     }

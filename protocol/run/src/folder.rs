@@ -1,11 +1,10 @@
 //! The folder of a run: what lies where, and which checkpoint is the newest.
 
-use std::fs::{File, TryLockError};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use mcap_log::log_files;
-use protocol::Error;
+use protocol::{Error, durable};
 
 use crate::config::{ActionChoice, RunConfig};
 
@@ -28,8 +27,13 @@ impl RunFolder {
 
     /// Whether a `goalward train` has the folder right now. Asking takes its lock for a moment.
     pub fn is_trained(&self) -> bool {
-        let asked = File::open(&self.path).map(|folder| folder.try_lock_shared());
-        matches!(asked, Ok(Err(TryLockError::WouldBlock)))
+        durable::is_locked(&self.lock_file())
+    }
+
+    /// The file whose lock a `goalward train` holds: on NFS and Lustre the lock of a folder keeps nobody out on
+    /// another machine.
+    pub fn lock_file(&self) -> PathBuf {
+        self.path.join("lock")
     }
 
     /// The effective configuration.
@@ -72,20 +76,28 @@ impl RunFolder {
         self.output().join("hosts.json")
     }
 
+    /// How the run listened for them when it was trained last; none where it did not.
+    pub fn listening_file(&self) -> PathBuf {
+        self.output().join("listening.json")
+    }
+
     /// Summary of the finished run.
     pub fn summary_file(&self) -> PathBuf {
         self.path.join("summary.json")
     }
 
-    /// What an evaluation of a version of the policy in so many episodes is recorded in.
+    /// What an evaluation of a version of the policy in so many episodes is recorded in; it names a seed that
+    /// is not the run's.
     pub fn evaluation_file(
         &self,
         policy_version: u64,
         episodes: u64,
         actions: ActionChoice,
+        other_seed: Option<u64>,
     ) -> PathBuf {
         let actions = actions.name();
-        self.path.join(format!("evaluation-v{policy_version:06}-{episodes}-{actions}.mcap"))
+        let seed = other_seed.map(|seed| format!("-seed{seed}")).unwrap_or_default();
+        self.path.join(format!("evaluation-v{policy_version:06}-{episodes}-{actions}{seed}.mcap"))
     }
 
     /// How many actors the run is to have from now on, if that was changed while it trained.

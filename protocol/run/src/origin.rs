@@ -66,8 +66,16 @@ impl Demonstrations {
             return Ok(None);
         }
         let path = file_of(folder, config);
-        let failed = |message: String| Error::Demonstrations { path: path.clone(), message };
-        let sha256 = digest::sha256_of_file(&path).map_err(|error| failed(error.to_string()))?;
+        let failed = |cause: std::io::Error| {
+            let message = cause.to_string();
+            Error::Demonstrations { path: path.clone(), message }
+        };
+        // A log that tells it saves reading all of the file.
+        let log = recorded_metadata(&folder.log()).unwrap_or_default();
+        let sha256 = match log.iter().find_map(|file| file.get(DEMONSTRATIONS_SHA256)) {
+            Some(recorded) => recorded.to_owned(),
+            None => digest::sha256_of_file(&path).map_err(failed)?,
+        };
         let reader = FileReader::open(&path)?;
         let metadata = reader.metadata();
         let is_of_seed = metadata.get("seed") == Some(config.seed.to_string().as_str());
@@ -79,10 +87,11 @@ impl Demonstrations {
         }))
     }
 
-    /// Whether two runs that differ in nothing but their seeds imitated the same.
-    pub fn are_alike(&self, other: &Demonstrations) -> bool {
-        let of_seeds = self.of_own_seed && other.of_own_seed && self.build == other.build;
-        of_seeds || self.sha256 == other.sha256
+    /// What they are known by: two runs that differ in nothing but their seeds imitated the same if theirs
+    /// have one of these in common.
+    pub fn marks(&self) -> Vec<String> {
+        let of_own_seed = self.of_own_seed.then(|| format!("of its own seed, by {:?}", self.build));
+        std::iter::once(self.sha256.clone()).chain(of_own_seed).collect()
     }
 }
 

@@ -28,12 +28,21 @@ pub struct Difference {
 /// steps left out.
 pub fn differences(config: &RunConfig) -> Vec<Difference> {
     // A preset or method of another version: the run's own configuration says all there is.
-    let Ok(usual) = usual(config) else { return Vec::new() };
-    let differences = config.result_differences(&usual).into_iter();
+    usual(config).map(|usual| changes(config, &usual)).unwrap_or_default()
+}
+
+/// The same where it is known what they have by themselves, also of a task of the user's own.
+pub fn changes(config: &RunConfig, usual: &RunConfig) -> Vec<Difference> {
+    let differences = config.result_differences(usual).into_iter();
     differences
         .filter(|(key, _)| !WITH_FLAGS.contains(&key.as_str()))
         .map(|(key, [value, default])| Difference { key, value, default })
         .collect()
+}
+
+/// Whether it is known what a run's task has by itself, as it is of those that come with Goalward.
+pub fn is_of_ours(config: &RunConfig) -> bool {
+    usual(config).is_ok()
 }
 
 /// The configuration that a run's task, preset and method have by themselves.
@@ -49,14 +58,14 @@ pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
 }
 
 /// A value as `--set` takes it.
-fn unquoted(value: &str) -> String {
+pub fn unquoted(value: &str) -> String {
     value.trim_matches('"').to_owned()
 }
 
 /// The command line; a task of the user's own is in the run's own configuration.
 pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     let RunConfig { task, method, preset, seed, steps, .. } = config;
-    if usual(config).is_err() {
+    if !is_of_ours(config) {
         return format!("goalward train {}", quoted(folder.config_file().display()));
     }
     let mut line = format!("goalward train {task} --method {method} --preset {preset}");

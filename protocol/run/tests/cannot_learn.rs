@@ -132,7 +132,7 @@ fn the_ensemble_gets_what_it_trains_on() {
     judge(
         "fetch-pick",
         &[
-            ("reward.batch=2048", &["`reward.samples`", "at least a batch", "found 1024"]),
+            ("reward.batch=2048", &["`reward.samples`", "reward.batch = 2048", "found 1024"]),
             // Whoever draws no samples may have any batch.
             ("reward.batch=2048 reward.samples=0", &[]),
             ("method=temporal-distance reward.batch=2048", &[]),
@@ -208,7 +208,10 @@ fn no_minibatch_can_be_empty() {
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=4", &[]),
             ("rollout.lanes=4 rollout.lane_steps=100 ppo.minibatches=5", &["`ppo.minibatches`"]),
             ("rollout.lanes=1 rollout.lane_steps=115", &[]),
-            ("ppo.minibatches=2049", &["`ppo.minibatches`", "half the steps", "found 2049"]),
+            (
+                "ppo.minibatches=2049",
+                &["`ppo.minibatches`", "at most 2048, half the steps", "2049"],
+            ),
             // Whoever makes no minibatches of a rollout may have the shortest.
             ("method=sqil rollout.lanes=1 rollout.lane_steps=100", &[]),
         ],
@@ -291,8 +294,14 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=bc cloning.patience=3", &[]),
             (
                 "method=bc cloning.patience=3 cloning.validation=0",
-                &["`cloning.patience`", OUT, "cloning.validation = 0"],
+                &["`cloning.patience`", OUT, "cloning.validation = 0 holds out none"],
             ),
+            (
+                "method=bc cloning.patience=3 demonstrations.episodes=4",
+                &["`cloning.patience`", OUT, "cloning.validation = 0.2 holds out none of 4"],
+            ),
+            ("method=bc cloning.patience=3 demonstrations.episodes=5", &[]),
+            ("method=bc demonstrations.episodes=4", &[]),
             ("method=bc cloning.deviations=true", &["`cloning.deviations`", OUT, "discrete"]),
             ("method=bco cloning.patience=3", &["`cloning.patience`", OUT, "bco"]),
             ("method=bco inverse_dynamics.hidden=[8]", &["`inverse_dynamics.hidden`", OUT]),
@@ -328,6 +337,39 @@ fn what_nobody_reads_is_refused_unless_it_is_the_files() {
             ("method=sqil sqil.tune_temperature=false", &[]),
         ],
     );
+}
+
+#[test]
+fn tables_of_other_learners_in_a_task_s_file_are_not_judged() {
+    let own = "[task]\nname = \"cart\"\nobservation.vector.len = 4\n\
+               action.discrete.count = 2\nhorizon_steps = 80\n[inverse_dynamics]\nbatch = 0\n";
+    for method in ["goal-proximity", "bc", "sqil", "environment-reward"] {
+        let config = of_text(own, "cart", None, &[format!("method={method}")]).unwrap();
+        assert!(config.inverse_dynamics.is_none(), "{method}");
+    }
+    let said = of_text(own, "cart", None, &["method=bco".to_owned()]).unwrap_err().to_string();
+    assert!(said.contains("`inverse_dynamics.batch` must be at least 1"), "{said}");
+}
+
+/// A task of a few lines, with more of them, under a setting.
+fn line(more: &str, setting: &str) -> Result<RunConfig, Error> {
+    let own = "[task]\nname = \"line\"\nobservation.vector.len = 2\naction.discrete.count = 2\n";
+    of_text(&format!("{own}{more}"), "line", None, &[setting.to_owned()])
+}
+
+#[test]
+fn lanes_hold_the_longest_episode_where_somebody_acts() {
+    line("horizon_steps = 200\n", "method=bc").unwrap();
+    let said = line("horizon_steps = 200\n", "method=goal-proximity").unwrap_err().to_string();
+    assert!(said.contains("`rollout.lane_steps` must be at least the longest episode"), "{said}");
+}
+
+#[test]
+fn what_is_seen_after_the_goal_is_refused_where_nobody_tells_of_it() {
+    let judged = |more| line(more, "reward.experience_after_goal=true");
+    judged("horizon_steps = 80\n").unwrap();
+    let said = judged("horizon_steps = 80\ntells_success = false\n").unwrap_err().to_string();
+    assert!(said.contains("`reward.experience_after_goal`") && said.contains(OUT), "{said}");
 }
 
 #[test]

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use protocol::Error;
 use protocol::description::Description;
+use protocol::trajectory::{Encoded, Trajectory};
 use run::config::{RewardModel, RunConfig, UpdateOrder};
-use run::tasks::configuration;
+use run::tasks::{configuration, of_text};
 
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
@@ -77,8 +78,8 @@ fn what_is_wrong_is_named() {
         ("log.file_mib=9223372036854775807", "at most 1048576"),
         ("rollout.lag=2", "0 or 1"),
         ("rollout.lane_steps=64", "at least the longest episode, 100, found 64"),
-        ("reward.samples=8", "0 or at least a batch"),
-        ("reward.ensemble=1", "2 for uncertainty"),
+        ("reward.samples=8", "0 or at least reward.batch = 32, found 8"),
+        ("reward.ensemble=1", "at least 2 with reward.uncertainty = 0.01, found 1"),
         ("steps=-1", "-1"),
         ("task=chess", "chess"),
         ("method=magic", "`method` must be one of absolute, "),
@@ -93,9 +94,71 @@ fn what_is_wrong_is_named() {
         assert!(message.contains(words), "{setting}: expected {words} in: {message}");
         assert!(!message.contains('\n'), "{setting}: one line, found: {message}");
     }
-    let message = refusal("goalward", &["method=ranking", "reward.bootstrap=true"]);
-    assert!(message.contains("`reward.bootstrap` must be false with ranking"), "{message}");
+    for (method, setting, words) in [
+        ("ranking", "reward.bootstrap=true", "`reward.bootstrap` must be false with ranking"),
+        ("bco", "inverse_dynamics.samples=8", "at least inverse_dynamics.batch = 128, found 8"),
+        ("bco", "inverse_dynamics.experience=8", "at least inverse_dynamics.samples = 8192"),
+        ("sqil", "sqil.experience=8", "at least sqil.batch = 32, found 8"),
+    ] {
+        let method = format!("method={method}");
+        let message = refusal("goalward", &[method.as_str(), setting]);
+        assert!(message.contains(words), "{method} {setting}: expected {words} in: {message}");
+    }
     assert!(refusal("best", &[]).contains("one of goalward, authors, paper"));
+}
+
+#[test]
+fn a_message_of_the_log_holds_the_longest_episode() {
+    let pixels = "[task]\nname = \"pixels\"\nobservation.vector.len = 27648\n\
+                  action.discrete.count = 4\nhorizon_steps = 1000\n[rollout]\nlane_steps = 1250\n";
+    let judged = |text: &str, settings: &[&str]| {
+        let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+        of_text(text, "pixels", None, &settings)
+    };
+    let refusal = |text: &str, settings: &[&str]| judged(text, settings).unwrap_err().to_string();
+    let why = "an episode of 1000 steps has 110712616 bytes, a message of the log at most 33554432";
+    let said = refusal(pixels, &[]);
+    assert!(
+        said.contains(&format!("`log.observations` must be false: {why}, found true")),
+        "{said}"
+    );
+    let without = judged(pixels, &["log.observations=false"]).unwrap();
+    judged(&pixels.replace("1000", "300"), &[]).unwrap();
+    // What was recorded is what it is.
+    let text = without.to_text().replace("\nobservations = false", "\nobservations = true");
+    assert!(RunConfig::from_text(&text, "an old run").unwrap().log.observations);
+    // Where observations cannot be left out, or actions alone are too many.
+    let changing = pixels.replace("[rollout]", "deterministic = false\n[rollout]");
+    for said in [refusal(pixels, &["method=sqil"]), refusal(&changing, &[])] {
+        assert!(said.contains(&format!("`task.horizon_steps` must be smaller: {why}")), "{said}");
+    }
+    let endless = pixels.replace("1000", "1000000").replace("1250", "1250000");
+    let endless = endless.replace("discrete.count = 4", "continuous.len = 9");
+    let said = refusal(&endless, &["log.observations=false"]);
+    assert!(said.contains("`task.horizon_steps` must be smaller"), "{said}");
+}
+
+#[test]
+fn an_encoded_episode_has_as_many_bytes_as_foreseen() {
+    let spec = assemble("goalward", &[]).unwrap().task.spec();
+    let steps = spec.horizon_steps;
+    let of_steps = |bytes: usize| vec![1_u8; steps as usize * bytes];
+    let longest = Trajectory {
+        task: "navigation".to_owned(),
+        steps,
+        observation_shape: spec.observation.shape(),
+        cells: vec![1_u8; (steps as usize + 1) * spec.observation.bytes()].into(),
+        discrete_actions: of_steps(spec.action.bytes()).into(),
+        log_probs: of_steps(4).into(),
+        environment_rewards: of_steps(4).into(),
+        ..Trajectory::default()
+    };
+    let without = longest.clone().actions_only(7);
+    for (trajectory, observations) in [(longest, true), (without, false)] {
+        let found = Encoded::encode(trajectory).bytes.len() as u64;
+        let most = Trajectory::most_bytes(&spec, observations);
+        assert!((most - 1024..=most).contains(&found), "{found} of {most}");
+    }
 }
 
 #[test]

@@ -197,6 +197,8 @@ fn too_few_rows_for_a_batch_are_refused() {
     let gail = |rows| batch(rows).with("method=gail").with(&format!("reward.batch={rows}"));
     gail(17).load().unwrap();
     assert!(gail(18).refusal().contains("found 17"));
+    // One that proximity is multiplied by does.
+    batch(19).with("method=proximity-discriminator").load().unwrap();
 }
 
 #[test]

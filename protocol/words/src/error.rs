@@ -90,6 +90,15 @@ pub enum Error {
         /// What was expected and what was found.
         message: String,
     },
+    /// A log file that the disk took and did not sync. The system tells of that once, and drops what was to be
+    /// written: no later attempt says whether it is there.
+    #[error("log {}: {message}", path.display())]
+    LogUnsynced {
+        /// The file.
+        path: PathBuf,
+        /// What the writer met.
+        message: String,
+    },
     /// A log file that cannot be read.
     #[error("log {}: {message}", path.display())]
     LogRead {

@@ -51,13 +51,15 @@ pub fn flat(table: &Table) -> BTreeMap<String, Value> {
     values
 }
 
+/// The values of a configuration that decide a result, by dotted key.
+pub fn deciding(table: &Table) -> BTreeMap<String, Value> {
+    let mut table = table.clone();
+    table.retain(|part, _| !CHANGES_NO_RESULT.contains(&part));
+    flat(&table)
+}
+
 /// The keys of two configurations that decide a result and have different values, with both, in order.
 pub fn result_differences(expected: &Table, found: &Table) -> Vec<(String, [String; 2])> {
-    let deciding = |table: &Table| {
-        let mut table = table.clone();
-        table.retain(|part, _| !CHANGES_NO_RESULT.contains(&part));
-        flat(&table)
-    };
     let both = [deciding(expected), deciding(found)];
     let keys: BTreeSet<&String> = both.iter().flat_map(BTreeMap::keys).collect();
     let shown = |key: &String| {

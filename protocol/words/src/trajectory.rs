@@ -13,6 +13,9 @@ use crate::error::FOUND_CHARS;
 use crate::task::{ActionSpec, ObservationSpec, Spec};
 use crate::{Error, seed};
 
+/// More than an encoded trajectory has beside what its steps have: names, shapes and lengths.
+const HEAD_BYTES: u64 = 1 << 10;
+
 /// One whole episode: `steps` actions and one more observation than actions.
 #[derive(Clone, PartialEq, Message)]
 pub struct Trajectory {
@@ -168,6 +171,16 @@ impl Trajectory {
             .map_err(|source| Error::Undecodable { what: "trajectory", source })?;
         trajectory.check(spec)?;
         Ok(trajectory)
+    }
+
+    /// Bytes of the longest episode of a task, encoded with its observations or without; somewhat more than
+    /// it has.
+    pub fn most_bytes(spec: &Spec, observations: bool) -> u64 {
+        let (steps, observation) = (u64::from(spec.horizon_steps), spec.observation.bytes() as u64);
+        let observed = if observations { (steps + 1).saturating_mul(observation) } else { 0 };
+        // A log-probability and a reward have four bytes each.
+        let acted = steps.saturating_mul(spec.action.bytes() as u64 + 8);
+        observed.saturating_add(acted).saturating_add(HEAD_BYTES)
     }
 
     /// Whether its observations were left out.

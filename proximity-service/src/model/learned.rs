@@ -87,7 +87,7 @@ impl<O: Objective> Learned<O> {
             run_seed,
             demonstrations: rows,
             resamples: Resamples::new(config, run_seed, &counts),
-            replay_buffer: ReplayBuffer::new(config.experience, O::kept_bytes(&input)),
+            replay_buffer: ReplayBuffer::new(config.experience_kept(), O::kept_bytes(&input)),
             ensemble,
             version: 0,
             offline: None,
@@ -151,7 +151,7 @@ impl<O: Objective> Learned<O> {
     fn train_online(&mut self, iteration: u64) -> Result<Progress, Final> {
         let mut taken = Progress::default();
         let learning_rate = self.learning_rate.at(iteration);
-        if learning_rate <= 0.0 || self.config.samples == 0 {
+        if learning_rate <= 0.0 {
             return Ok(taken);
         }
         let agent = self.replay_buffer.len();
@@ -250,7 +250,7 @@ impl<O: Objective> RewardModel for Learned<O> {
     fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final> {
         let begun = Instant::now();
         let mut taken = Progress::default();
-        if self.config.model.online {
+        if self.config.trains_online() {
             self.remember(batch);
             taken = self.train_online(iteration)?;
         }
@@ -327,9 +327,11 @@ impl<O: Objective> RewardModel for Learned<O> {
         let bytes = tensors.u8("experience")?;
         let size = O::kept_bytes(&self.input);
         if !bytes.len().is_multiple_of(size) {
-            return Err(format!("array `experience`: found {} bytes", bytes.len()));
+            let found = bytes.len();
+            let message = format!("expected whole rows of {size} bytes, found {found} bytes");
+            return Err(format!("array `experience`: {message}"));
         }
-        self.replay_buffer = ReplayBuffer::new(self.config.experience, size);
+        self.replay_buffer = ReplayBuffer::new(self.config.experience_kept(), size);
         self.replay_buffer.push(&bytes);
         (self.offline, self.resumed) = (None, Progress::restored(tensors)?);
         self.ensemble.restore(tensors)

@@ -73,7 +73,7 @@ pub trait RewardModel {
     /// When the model cannot tell them from single observations.
     fn estimate(&self, observations: &[u8]) -> Result<Estimates>;
 
-    /// The ensemble that it learns; none where nothing is learned.
+    /// The ensemble that it learns; none where it learns none, or several.
     fn ensemble(&self) -> Option<&TrainedEnsemble> {
         None
     }

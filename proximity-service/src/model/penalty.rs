@@ -13,7 +13,8 @@ use rand::RngExt;
 
 use super::input::Rows;
 
-/// Half the distance of the central difference, in the units of normalized observations.
+/// Half the distance of the central difference, in the units of what the network sees. Where observations are
+/// not normalized those are their own: of numbers that vary by less than this the derivative is coarse.
 const STEP: f32 = 0.01;
 
 /// Where a discriminator's gradient is measured, and how much its norm matters.

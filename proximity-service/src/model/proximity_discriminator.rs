@@ -4,15 +4,18 @@
 use std::time::Duration;
 
 use anyhow::Result;
+use networks::Squashing;
 use protocol::digest;
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::tensors::Tensors;
-use protocol::trajectory::Encoded;
-use run::config::{RewardConfig, RewardForm, RunConfig};
+use protocol::trajectory::{Encoded, Trajectory};
+use run::config::{RewardConfig, RunConfig};
 use run::folder::RunFolder;
 use run::process::Final;
 
-use super::{Discriminator, GoalProximity, Learned, RewardModel, Slice};
+use super::input::Input;
+use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::{Discriminator, GoalProximity, Learned, Learning, Objective, RewardModel, Slice};
 use crate::reward::rewards;
 
 /// Both models, with the same settings. Losses are those of proximity. Both begin with the same weights and
@@ -20,17 +23,14 @@ use crate::reward::rewards;
 pub struct ProximityDiscriminator {
     config: RewardConfig,
     proximity: Learned<GoalProximity>,
-    discriminator: Learned<Discriminator>,
+    discriminator: Learned<StateDiscriminator>,
 }
 
 impl ProximityDiscriminator {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
-        // A discriminator has a form of its own; its rewards are not used.
-        let told_apart = RewardConfig { form: RewardForm::Airl, ..config.reward.clone() };
-        let told_apart = RunConfig { reward: told_apart, ..config.clone() };
         Ok(Box::new(ProximityDiscriminator {
             proximity: Learned::of_run(folder, config)?,
-            discriminator: Learned::of_run(folder, &told_apart)?,
+            discriminator: Learned::of_run(folder, config)?,
             config: config.reward.clone(),
         }))
     }
@@ -107,6 +107,26 @@ impl RewardModel for ProximityDiscriminator {
 /// What the names of its arrays in a checkpoint begin with.
 const DISCRIMINATOR: &str = "discriminator.";
 
+/// A discriminator of every state that proximity is learned of, the one at the goal included: the last
+/// step is rewarded by it.
+struct StateDiscriminator;
+
+impl Objective for StateDiscriminator {
+    const SQUASHING: Squashing = Discriminator::SQUASHING;
+
+    fn new(_config: &RewardConfig, _input: &Input, _demonstrations: &[Trajectory]) -> Self {
+        StateDiscriminator
+    }
+
+    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
+        Discriminator.offline(learning)
+    }
+
+    fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
+        Discriminator.losses(minibatch, outputs, gradients)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use run::learning_rate::LearningRate;
@@ -120,20 +140,18 @@ mod tests {
     }
 
     fn model(threads: usize) -> ProximityDiscriminator {
-        let rate = LearningRate { first: 0.01, iterations: None };
-        let threads = || rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let demonstrations = [walk(0.0, Source::Demonstration)];
-        let told_apart = RewardConfig { form: RewardForm::Airl, ..settings() };
+        shown(&[walk(0.0, Source::Demonstration)], threads)
+    }
+
+    fn shown(demonstrations: &[Trajectory], threads: usize) -> ProximityDiscriminator {
+        fn learned<O: Objective>(demonstrations: &[Trajectory], threads: usize) -> Learned<O> {
+            let rate = LearningRate { first: 0.01, iterations: None };
+            let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            Learned::new(&CORRIDOR, &settings(), rate, 1, demonstrations, threads)
+        }
         ProximityDiscriminator {
-            proximity: Learned::new(&CORRIDOR, &settings(), rate, 1, &demonstrations, threads()),
-            discriminator: Learned::new(
-                &CORRIDOR,
-                &told_apart,
-                rate,
-                1,
-                &demonstrations,
-                threads(),
-            ),
+            proximity: learned(demonstrations, threads),
+            discriminator: learned(demonstrations, threads),
             config: settings(),
         }
     }
@@ -153,9 +171,28 @@ mod tests {
             (whole, model.proximity.estimate(&at).unwrap().proximity[0])
         });
         assert!(experts.0 > 0.5 && agents.0 < 0.2 && agents.0 < agents.1, "{experts:?} {agents:?}");
+        let at_the_end =
+            [0.0, 1.0].map(|row| model.estimate(&place(1.0, row)).unwrap().proximity[0]);
+        assert!(at_the_end[0] > 0.5 && at_the_end[1] < 0.2, "{at_the_end:?}");
         let scores = model.score(60, &batch);
         let expected = rewards(&scores[1].proximity, &scores[1].uncertainty, &settings());
         assert_eq!(scores[1].rewards, expected);
+    }
+
+    /// The goal lies where states on the way there say that it is the agent's.
+    #[test]
+    fn the_state_at_the_goal_is_learned_too() {
+        let expert = walk(0.0, Source::Demonstration);
+        let goal = place(1.0, 3.0);
+        let values = [&expert.values[..10 * goal.len()], &goal[..]].concat();
+        let mut model = shown(&[Trajectory { values: values.into(), ..expert }], 1);
+        pretrained(&mut model);
+        let batch = [Encoded::encode(walk(1.0, Source::Training))];
+        for iteration in 0..250 {
+            model.improve(iteration, &batch).unwrap();
+        }
+        let found = model.estimate(&goal).unwrap().proximity[0];
+        assert!(found > 0.5, "{found}");
     }
 
     #[test]

@@ -82,10 +82,12 @@ struct Stopped {
 impl Status {
     fn of(folder: RunFolder) -> Result<Status> {
         let config = folder.config()?;
-        let address = BusAddress::if_started(folder.path())?;
-        let processes = address.as_ref().map(Processes::on).transpose()?;
-        let training = processes.filter(Processes::train);
-        let standing = if let (Some(address), Some(processes)) = (address, training) {
+        let training = match in_training(&folder) {
+            // A bus is open to its user alone; that nobody trains the run everybody can see.
+            Err(_) if !folder.is_trained() => None,
+            found => found?,
+        };
+        let standing = if let Some((address, processes)) = training {
             let progress = listen(&address)?.map(Box::new);
             let (times, hosts) = (times_to_success(&folder), Hosts::of_run(&folder));
             Standing::Live { processes, progress, times, hosts }
@@ -113,6 +115,13 @@ impl Stopped {
             times: times_to_success(folder),
         }
     }
+}
+
+/// The bus of a run and its processes; none where no training is on it.
+fn in_training(folder: &RunFolder) -> Result<Option<(BusAddress, Processes)>> {
+    let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(None) };
+    let processes = Processes::on(&address)?;
+    Ok(processes.train().then_some((address, processes)))
 }
 
 /// The newest progress of a run; none while its learner says nothing.

@@ -160,6 +160,20 @@ mod tests {
     }
 
     #[test]
+    fn a_run_whose_bus_cannot_be_seen_is_told_by_its_files_unless_it_is_trained() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::write(folder.config_file(), config().to_text()).unwrap();
+        // Root reads the file of another user, but not this.
+        std::fs::create_dir(directory.path().join("bus")).unwrap();
+        let table = || Status::of(folder.clone()).map(|status| status.table());
+        assert!(table().unwrap().starts_with("never started"));
+        let _lock = crate::plan::lock(&folder).unwrap();
+        let said = table().unwrap_err().to_string();
+        assert!(said.contains("who alone can reach the run's processes"), "{said}");
+    }
+
+    #[test]
     fn a_live_run_without_an_update_has_a_table() {
         let table = numbers::table(&live_rows(&Progress::default(), &config()));
         assert!(table.contains("offline"), "{table}");

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use mcap_log::{Contents, Ending, Entry, FileReader, FileWriter, Record};
+use mcap_log::{Contents, Ending, Entry, FileReader, FileWriter, Record, repair};
 
 use crate::{layout, metadata, trajectory, write_file};
 
@@ -48,6 +48,36 @@ fn a_file_that_grows_is_read_on_until_it_is_sealed() {
     assert!(found == written);
     reader.go_on().unwrap();
     assert!(rest(&mut reader).is_empty(), "a sealed file has an end");
+}
+
+#[test]
+fn a_file_that_another_one_has_replaced_is_not_read_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trajectories-00000.mcap");
+    let active = folder.path().join("trajectories-00000.mcap.active");
+    let topics = Contents::Trajectories.topics();
+    let mut writer = FileWriter::create(&path, &metadata(), topics).unwrap();
+    for episode in 0..3 {
+        writer.trajectory(&trajectory(0, episode, 5000), episode).unwrap();
+        writer.flush().unwrap();
+    }
+    let mut reader = FileReader::open(&active).unwrap();
+    assert_eq!(rest(&mut reader).len(), 3);
+    // A writer that dies, and whoever begins again.
+    writer.trajectory(&trajectory(0, 3, 5000), 3).unwrap();
+    drop(writer);
+    assert!(reader.go_on().unwrap() && rest(&mut reader).len() == 1);
+    repair(&active).unwrap();
+    assert!(!reader.go_on().unwrap(), "the repaired file is another one");
+    assert!(rest(&mut reader).is_empty() && !reader.go_on().unwrap());
+
+    let mut reader = FileReader::open(&path).unwrap();
+    assert_eq!(rest(&mut reader).len(), 4);
+    assert!(reader.go_on().unwrap());
+    let other = folder.path().join("other");
+    fs::copy(&path, &other).unwrap();
+    fs::rename(&other, &path).unwrap();
+    assert!(!reader.go_on().unwrap(), "nor is one that was sealed");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use mcap_log::{Contents, Ending, FileReader, FileWriter, info, repair};
+use mcap_log::{Contents, Ending, FileReader, FileWriter, info, is_being_written, repair};
 use protocol::Error;
 
 use crate::{layout, metadata, names, read, trajectory, write_file};
@@ -40,6 +40,20 @@ fn a_file_that_is_written_is_not_repaired_and_has_lost_nothing() {
     assert_eq!(reader.by_ref().count(), 1);
     assert_eq!(reader.ending(), Some(&Ending::Unsealed), "its writer went on");
     assert_eq!(read(&path).0.len(), 2);
+}
+
+#[test]
+fn a_file_is_locked_however_often_somebody_asks() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file.mcap");
+    std::thread::scope(|scope| {
+        let asking = scope.spawn(|| (0..50_000).filter(|_| is_being_written(&path)).count());
+        while !asking.is_finished() {
+            let mut writer = FileWriter::create(&path, &metadata(), &[]).unwrap();
+            assert!(is_being_written(&path), "somebody else could remove it");
+            writer.discard().unwrap();
+        }
+    });
 }
 
 #[test]

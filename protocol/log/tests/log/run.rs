@@ -1,9 +1,11 @@
 //! A run's folder: rotation, resumption, and what was recorded twice.
 
 use std::fs;
+use std::ops::Range;
 
 use mcap_log::{
-    Contents, Kind, LogOptions, LogWriter, Metadata, Record, log_files, read_contents, read_run,
+    Contents, FileWriter, Kind, LogOptions, LogWriter, Metadata, Record, Topic, log_files,
+    read_contents, read_run,
 };
 use prost::Message;
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
@@ -155,6 +157,58 @@ fn what_going_back_undid_does_not_come_ahead_of_what_is_done_again() {
     assert_eq!(run.left_out(), 3 * 4);
     let updates = read_contents(folder.path(), Contents::Updates).unwrap();
     assert_eq!(updates.count(), 2 * 2 + 1, "also told from updates alone");
+}
+
+#[test]
+fn a_sitting_comes_behind_the_earlier_ones_whatever_the_clock_says() {
+    const YEAR_2100_NS: u64 = 4_102_444_800_000_000_000;
+    for is_sealed in [true, false] {
+        let folder = tempfile::tempdir().unwrap();
+        let create = |name: &str, contents: Contents| {
+            FileWriter::create(&folder.path().join(name), &metadata(), contents.topics()).unwrap()
+        };
+        let mut trajectories = create("trajectories-00000.mcap", Contents::Trajectories);
+        let mut updates = create("updates-00000.mcap", Contents::Updates);
+        let update = |iteration| PolicyUpdate { iteration, ..PolicyUpdate::default() };
+        for iteration in 0..3 {
+            let now_ns = YEAR_2100_NS + 2 * iteration;
+            trajectories.trajectory(&trajectory(iteration, iteration, 100), now_ns).unwrap();
+            let bytes = update(iteration).encode_to_vec();
+            updates.message(Topic::PolicyUpdate, now_ns + 1, &bytes).unwrap();
+        }
+        if is_sealed {
+            trajectories.seal().unwrap();
+            updates.seal().unwrap();
+        }
+        drop((trajectories, updates));
+
+        let sit = |iterations: Range<u64>| {
+            let options = LogOptions::default();
+            let mut writer = LogWriter::create(folder.path(), &metadata(), options).unwrap();
+            for iteration in iterations {
+                writer.trajectory(&trajectory(iteration, iteration, 100)).unwrap();
+                writer.policy_update(&update(iteration)).unwrap();
+            }
+            writer.finish().unwrap();
+        };
+        let read = || {
+            let mut run = read_run(folder.path()).unwrap();
+            let iteration = |record: Record| match record {
+                Record::Trajectory(bytes) => Trajectory::decode(bytes).unwrap().iteration,
+                Record::PolicyUpdate(update) => update.iteration,
+                other => panic!("{other:?}"),
+            };
+            let records = run.by_ref().map(|entry| iteration(entry.unwrap().record));
+            (records.collect::<Vec<u64>>(), run.left_out())
+        };
+        let in_turns = |iterations: Range<u64>| -> Vec<u64> {
+            iterations.flat_map(|number| [number; 2]).collect()
+        };
+        sit(3..6);
+        assert_eq!(read(), (in_turns(0..6), 0), "nothing was undone");
+        sit(4..5);
+        assert_eq!(read(), (in_turns(0..5), 4), "4 was done again, 5 not yet");
+    }
 }
 
 #[test]

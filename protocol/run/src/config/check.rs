@@ -5,7 +5,7 @@ use protocol::error::within;
 use protocol::task::ObservationSpec;
 use protocol::{Error, MAX_ACTORS};
 
-use super::{InverseDynamicsConfig, RewardForm, RewardInput, RewardModel, RunConfig};
+use super::{InverseDynamicsConfig, RewardConfig, RewardForm, RewardInput, RewardModel, RunConfig};
 
 /// The place of a number in its pooled square is kept in a byte.
 const POOL_MOST: usize = 16;
@@ -150,7 +150,8 @@ impl RunConfig {
         within("rollout.lanes", self.rollout.lanes <= 4096, "at most 4096", self.rollout.lanes)?;
         let (lane_steps, horizon) = (self.rollout.lane_steps, self.task.spec().horizon_steps);
         let expected = format!("at least the longest episode, {horizon}");
-        within("rollout.lane_steps", lane_steps >= u64::from(horizon), &expected, lane_steps)?;
+        let holds = lane_steps >= u64::from(horizon) || !self.learner.acts();
+        within("rollout.lane_steps", holds, &expected, lane_steps)?;
         let normalized = self.policy.normalize_observations;
         let vector = matches!(self.task.spec().observation, ObservationSpec::Vector { .. });
         within("policy.normalize_observations", vector || !normalized, "false for a grid", true)?;
@@ -162,13 +163,14 @@ impl RunConfig {
         let timeout_ms = self.resources.lease_timeout_ms;
         let expected = "at most a day, 86400000";
         within("resources.lease_timeout_ms", timeout_ms <= 86_400_000, expected, timeout_ms)?;
-        let ensemble = self.reward.ensemble;
+        let RewardConfig { ensemble, uncertainty, samples, batch, .. } = self.reward;
         within("reward.ensemble", (1..=32).contains(&ensemble), "1 to 32", ensemble)?;
-        let needs_two = self.reward.uncertainty > 0.0;
-        within("reward.ensemble", ensemble >= 2 || !needs_two, "2 for uncertainty", ensemble)?;
-        let samples = self.reward.samples;
-        let fits = !self.reward.trains_online() || samples >= self.reward.batch;
-        within("reward.samples", fits, "0 or at least a batch", samples)
+        let holds = ensemble >= 2 || uncertainty <= 0.0;
+        let expected = format!("at least 2 with reward.uncertainty = {uncertainty}");
+        within("reward.ensemble", holds, &expected, ensemble)?;
+        let fits = !self.reward.trains_online() || samples >= batch;
+        let expected = format!("0 or at least reward.batch = {batch}");
+        within("reward.samples", fits, &expected, samples)
     }
 
     fn check_fractions(&self) -> Result<(), Error> {

@@ -34,6 +34,9 @@ const DEMONSTRATION_COPIES: f64 = 3.0;
 /// Copies of what it keeps of the agent: its own, and two while a checkpoint is written or read.
 const EXPERIENCE_COPIES: f64 = 3.0;
 
+/// Comparisons of two states that take as long as a row's pass through a network, about.
+const COMPARISONS_PER_PASS: f64 = 100.0;
+
 /// Bytes of a position among rows that are drawn.
 const POSITION_BYTES: f64 = 8.0;
 
@@ -52,7 +55,7 @@ pub struct Estimate {
     pub environment_steps: f64,
     /// Optimizer steps of the policy and of every member of the ensemble.
     pub gradient_steps: f64,
-    /// Rows that pass through a network, forwards or both ways.
+    /// Rows that pass through a network, forwards or both ways, or what takes as long as so many.
     pub row_passes: f64,
 }
 
@@ -178,7 +181,8 @@ impl RunConfig {
         let scored = threads as f64 * SHARD_ROWS * size.row_numbers;
         let rows = self.demonstration_rows();
         let drawn = reward.pretraining_epochs as f64 * rows * pairs * POSITION_BYTES;
-        let kept = EXPERIENCE_COPIES * reward.experience as f64 + DEMONSTRATION_COPIES * rows;
+        let experience = EXPERIENCE_COPIES * reward.experience_kept() as f64;
+        let kept = experience + DEMONSTRATION_COPIES * rows;
         NUMBER_BYTES * (members * numbers + scored) + self.ensembles() * row * kept + drawn
     }
 
@@ -194,16 +198,18 @@ impl RunConfig {
 
     fn reward_work(&self) -> Work {
         let reward = &self.reward;
-        if !reward.model.trains {
-            return Work::default();
-        }
         let (rows, iterations) = (self.demonstration_rows(), self.iterations() as f64);
+        let scored = iterations * self.iteration_steps() as f64;
+        if !reward.model.trains {
+            let compared = if reward.model.imitates { rows / reward.segments as f64 } else { 0.0 };
+            let row_passes = scored * compared / COMPARISONS_PER_PASS;
+            return Work { row_passes, ..Work::default() };
+        }
         let (members, batch) = (self.reward_members(), reward.batch as f64);
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let offline = reward.pretraining_epochs as f64 * rows;
         let samples = if reward.model.online { reward.samples as f64 } else { 0.0 };
         let online = iterations * samples.min(rows);
-        let scored = iterations * self.iteration_steps() as f64;
         Work {
             gradient_steps: members * (offline + online) / batch,
             row_passes: members * (pairs * (offline + 2.0 * online) + scored),
@@ -231,6 +237,25 @@ mod tests {
         let experience = ["reward.experience=10000", "reward.experience=11000"];
         assert_eq!(observations_more("goal-proximity", experience), 3_000.0);
         assert_eq!(observations_more("proximity-discriminator", experience), 6_000.0);
+        let [learns, does_not] = ["goal-proximity", "no-online"].map(|method| {
+            let bytes = service_bytes(method, "seed=1");
+            (bytes / 361.0).round()
+        });
+        assert_eq!(learns - does_not, 3.0 * 10_000.0);
+    }
+
+    #[test]
+    fn states_are_compared_with_all_that_are_demonstrated() {
+        let row_passes = |method: &str, episodes: u64| {
+            let settings =
+                [format!("method={method}"), format!("demonstrations.episodes={episodes}")];
+            configuration("navigation", None, &settings).unwrap().reward_work().row_passes
+        };
+        let whole = row_passes("nearest-state", 250);
+        assert!(whole > 0.0);
+        assert_eq!(row_passes("nearest-state", 500), 2.0 * whole);
+        assert!((10.0 * row_passes("segment-matching", 250) / whole - 1.0).abs() < 1e-9);
+        assert_eq!(row_passes("environment-reward", 250), 0.0);
     }
 
     #[test]

@@ -2,8 +2,10 @@
 //! one may contradict each other. This is asked of what somebody wants to train; a recorded
 //! configuration is what it is.
 
+use mcap_log::file::LONGEST_MESSAGE;
 use protocol::Error;
 use protocol::error::within;
+use protocol::trajectory::Trajectory;
 
 use super::{Discounting, RewardModel, RunConfig};
 
@@ -13,6 +15,7 @@ const LEAST_LABEL: f64 = 0.01;
 impl RunConfig {
     pub(super) fn check_learning(&self) -> Result<(), Error> {
         self.check_magnitudes()?;
+        self.check_longest_episode()?;
         self.check_policy_learner()?;
         self.check_segments()?;
         if self.reward.model.trains {
@@ -61,6 +64,23 @@ impl RunConfig {
             within(key, (least..=most).contains(&found), &expected, found)?;
         }
         Ok(())
+    }
+
+    /// The log takes no longer message: the first long episode would end the run. Without observations it may
+    /// be short enough, where they can be left out.
+    fn check_longest_episode(&self) -> Result<(), Error> {
+        let (spec, kept) = (self.task.spec(), self.log.observations);
+        let [bytes, acted] = [kept, false].map(|kept| Trajectory::most_bytes(&spec, kept));
+        let most = LONGEST_MESSAGE as u64;
+        let (steps, holds) = (spec.horizon_steps, bytes <= most);
+        let why = format!(
+            "an episode of {steps} steps has {bytes} bytes, a message of the log at most {most}"
+        );
+        if self.task.deterministic && !self.learner.replays() && acted <= most {
+            within("log.observations", holds, &format!("false: {why}"), kept)
+        } else {
+            within("task.horizon_steps", holds, &format!("smaller: {why}"), steps)
+        }
     }
 
     fn check_policy_learner(&self) -> Result<(), Error> {

@@ -209,6 +209,8 @@ impl RunConfig {
         let task = table.get("task").and_then(|task| task.get("name")).and_then(Value::as_str);
         let changes = method::changes(&methods, &method, task.unwrap_or("none"))?;
         merge(&mut table, changes);
+        let learner = settings.get("learner").or(table.get("learner")).cloned();
+        unread::leave_out_tables(learner, &mut table);
         Self::changed(table, settings)
     }
 

@@ -67,7 +67,8 @@ pub struct RewardConfig {
     /// Rows of each kind drawn for an online update, fewer where there are not as many yet; 0 switches
     /// online training off.
     pub samples: usize,
-    /// Agent observations kept, newest first.
+    /// Agent observations kept, the newest. A batch comes lane by lane, so of one that has more of them the
+    /// last lanes stay.
     pub experience: usize,
     /// Whether what the agent saw after it reached the goal is among them. Where it is not, the reward
     /// model hears of success from the environment.
@@ -103,8 +104,13 @@ impl RewardConfig {
     }
 
     /// Whether an ensemble goes on learning while the agent acts.
-    pub(super) fn trains_online(&self) -> bool {
+    pub fn trains_online(&self) -> bool {
         self.model.trains && self.model.online && self.samples > 0
+    }
+
+    /// Agent observations that each ensemble keeps: none where it learns nothing of them.
+    pub fn experience_kept(&self) -> usize {
+        if self.trains_online() { self.experience } else { 0 }
     }
 
     /// Why a run with it does not read this key of its table; none if it does.
@@ -230,10 +236,10 @@ impl RewardModel {
         self.adversarial || self.discriminates
     }
 
-    /// Rows of a demonstration of so many steps, those of whichever of its ensembles has fewer: a
-    /// discriminator, and whatever sees actions, has one for each step, the others one for each observation.
+    /// Rows of a demonstration of so many steps, in each of its ensembles: one that is adversarial, or sees
+    /// actions, has one for each step, the others have one for each observation.
     pub fn rows(&self, input: RewardInput, steps: u64) -> u64 {
-        let of_steps = self.has_discriminator() || input == RewardInput::StateAction;
+        let of_steps = self.adversarial || input == RewardInput::StateAction;
         steps + u64::from(!of_steps)
     }
 

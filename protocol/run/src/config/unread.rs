@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use protocol::Error;
 use protocol::error::within;
-use toml::Value;
+use toml::{Table, Value};
 
 use super::learner::is_of_learners;
 use super::{Learner, RunConfig};
@@ -15,7 +15,7 @@ const NO_GRID: &str = "the task's observations are no grid";
 const DISCRETE: &str = "the task's actions are discrete";
 const NO_DECAY: &str = "the learning rate does not fall";
 const NO_STEPS: &str = "the learner takes no environment steps";
-const NOTHING_HELD_OUT: &str = "with cloning.validation = 0 nothing is held out";
+const NO_GOAL: &str = "the task's episodes do not say when they reached the goal";
 
 /// Whether a key is one of the encoder of grids.
 fn is_of_encoder(key: &str) -> bool {
@@ -25,6 +25,13 @@ fn is_of_encoder(key: &str) -> bool {
 /// Whether a configuration has a table only with a learner that reads it.
 fn is_optional(table: &str) -> bool {
     is_of_learners(table) && table != "ppo"
+}
+
+/// Leaves out tables of other learners, which a task's file may have for those; none if there is no such
+/// learner.
+pub(super) fn leave_out_tables(learner: Option<Value>, table: &mut Table) {
+    let Some(Ok(learner)) = learner.map(Value::try_into::<Learner>) else { return };
+    table.retain(|name, _| !is_optional(name) || learner.tables().contains(&name));
 }
 
 /// Refuses keys in tables of other learners, which are whole only with those.
@@ -61,6 +68,9 @@ impl RunConfig {
 
     /// Why the run reads this key nowhere; none if it does.
     fn unread(&self, table: &str, name: &str) -> Option<String> {
+        if let ("cloning", "patience", Some(why)) = (table, name, self.nothing_held_out()) {
+            return Some(why);
+        }
         let (grid, discrete) = (self.is_of_cells(), self.acts_by_choice());
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
@@ -74,18 +84,22 @@ impl RunConfig {
             ("ppo", "decay_steps") if !self.ppo.learning_rate_decay => NO_DECAY,
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
             ("rollout", "lag" | "lane_steps") if !self.learner.acts() => NO_STEPS,
-            ("cloning", "patience") if self.holds_nothing_out() => NOTHING_HELD_OUT,
             ("demonstrations", "file") if !self.imitates() => "the method learns from none",
+            ("reward", "experience_after_goal") if !self.task.tells_success => NO_GOAL,
             ("reward", name) => return self.reward.unread(name),
             (table, name) => return self.unread_of_learner(table, name),
         };
         Some(why.to_owned())
     }
 
-    /// Whether what is cloned could be held out, and is not.
-    fn holds_nothing_out(&self) -> bool {
+    /// Why nothing of what is cloned is held out, though it could be; none where something is.
+    fn nothing_held_out(&self) -> Option<String> {
         let reads = self.learner.reads(self, "cloning", "validation");
-        reads && self.cloning.as_ref().is_some_and(|cloning| cloning.validation == 0.0)
+        let part = self.cloning.as_ref().filter(|_| reads)?.validation;
+        let episodes = self.demonstrations.episodes;
+        let why =
+            || format!("cloning.validation = {part} holds out none of {episodes} demonstrations");
+        ((part * episodes as f64) < 1.0).then(why)
     }
 
     fn unread_of_learner(&self, table: &str, name: &str) -> Option<String> {

@@ -27,10 +27,11 @@ pub struct CloningConfig {
     /// Whether the standard deviations of continuous actions are fitted, too. Otherwise they stay at one, and
     /// the loss is half the squared error of the means, but for a constant. Squashed ones always are.
     pub deviations: bool,
-    /// Part of the demonstrations held out, in [0, 1); 0 trains for all epochs.
+    /// Part of the demonstrations held out, in [0, 1), rounded down to whole ones; where that is none,
+    /// behavioral cloning trains for all epochs.
     pub validation: f64,
-    /// Behavioral cloning ends after so many passes without a lower loss on the part held out, and
-    /// keeps the weights of the lowest.
+    /// Behavioral cloning ends after so many passes without a lower loss on what is held out, and keeps the
+    /// weights of the lowest; where nothing is, it keeps those of the last pass.
     pub patience: u64,
 }
 

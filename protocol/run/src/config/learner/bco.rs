@@ -55,9 +55,11 @@ impl InverseDynamicsConfig {
         within("inverse_dynamics.features", self.features >= 1, "at least 1", self.features)?;
         let (batch, samples) = (self.batch, self.samples);
         within("inverse_dynamics.batch", batch >= 1, "at least 1", batch)?;
-        within("inverse_dynamics.samples", samples >= batch, "at least a batch", samples)?;
+        let expected = format!("at least inverse_dynamics.batch = {batch}");
+        within("inverse_dynamics.samples", samples >= batch, &expected, samples)?;
         let kept = self.experience;
-        within("inverse_dynamics.experience", kept >= samples, "at least the samples", kept)
+        let expected = format!("at least inverse_dynamics.samples = {samples}");
+        within("inverse_dynamics.experience", kept >= samples, &expected, kept)
     }
 }
 

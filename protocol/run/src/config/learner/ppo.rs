@@ -72,8 +72,13 @@ impl LearnerRules for Ppo {
     }
 
     fn check(&self, config: &RunConfig) -> Result<(), Error> {
-        let (minibatches, steps) = (config.ppo.minibatches, config.iteration_steps());
-        within("ppo.minibatches", minibatches <= steps / 2, "at most half the steps", minibatches)
+        let (minibatches, most) = (config.ppo.minibatches, config.iteration_steps() / 2);
+        let (lanes, lane_steps) = (config.rollout.lanes, config.rollout.lane_steps);
+        let expected = format!(
+            "at most {most}, half the steps of an iteration, with rollout.lanes = {lanes} and \
+             rollout.lane_steps = {lane_steps}"
+        );
+        within("ppo.minibatches", minibatches <= most, &expected, minibatches)
     }
 
     /// An iteration of a lane ends with an episode, so one that began long before the last iteration's

@@ -75,7 +75,7 @@ impl SqilConfig {
         within("sqil.target_rate", rate > 0.0 && rate <= 1.0, "above 0 and at most 1", rate)?;
         let (batch, kept) = (self.batch, self.experience);
         within("sqil.batch", batch >= 1, "at least 1", batch)?;
-        within("sqil.experience", kept >= batch, "at least a batch", kept)
+        within("sqil.experience", kept >= batch, &format!("at least sqil.batch = {batch}"), kept)
     }
 }
 

@@ -1,0 +1,55 @@
+//! The end of a sealed file, which says in short what the file has, read without the rest.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use mcap::records::{Record, Statistics, op};
+
+use super::chunk::{RECORD_HEADER, each};
+use super::record::{self, LONGEST_RECORD};
+
+/// Bytes of the last record, which says where the summary begins and ends with the summary's checksum.
+const FOOTER: usize = RECORD_HEADER + 20;
+
+/// Bytes of that checksum.
+const CHECKSUM: usize = 4;
+
+/// What a sealed file says of its messages; none if it does not, or not as it was written.
+pub(super) fn statistics(path: &Path) -> Option<Statistics> {
+    let summary = summary(path)?;
+    let mut statistics = None;
+    let take = |kind: u8, content: &[u8]| {
+        if kind == op::STATISTICS
+            && let Ok(Record::Statistics(found)) = record::parse(kind, content)
+        {
+            statistics = Some(found);
+        }
+        Ok(())
+    };
+    each(&summary, take).ok()?;
+    statistics
+}
+
+/// The records between data and footer, whose checksum is right.
+fn summary(path: &Path) -> Option<Vec<u8>> {
+    let mut file = File::open(path).ok()?;
+    let behind = (FOOTER + mcap::MAGIC.len()) as u64;
+    let end = file.metadata().ok()?.len().checked_sub(behind)?;
+    file.seek(SeekFrom::Start(end)).ok()?;
+    let mut last = [0; FOOTER];
+    file.read_exact(&mut last).ok()?;
+    let (header, content) = last.split_first_chunk::<RECORD_HEADER>()?;
+    let Ok(Record::Footer(footer)) = record::parse(header[0], content) else { return None };
+    let length = end.checked_sub(footer.summary_start)?;
+    if footer.summary_start == 0 || length > LONGEST_RECORD as u64 {
+        return None;
+    }
+    file.seek(SeekFrom::Start(footer.summary_start)).ok()?;
+    let mut summary = Vec::new();
+    file.take(length).read_to_end(&mut summary).ok()?;
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&summary);
+    checksum.update(&last[..FOOTER - CHECKSUM]);
+    (checksum.finalize() == footer.summary_crc).then_some(summary)
+}
