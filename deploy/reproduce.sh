@@ -4,6 +4,7 @@
 #
 #   deploy/reproduce.sh --quick             # every figure at reduced size
 #   deploy/reproduce.sh 3 4                 # Figures 3 and 4 at full size
+#   deploy/reproduce.sh paper               # the paper's tables as they are written, a run for each task
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -20,7 +21,8 @@ Reproduces figures of the paper: trains every run of their plans and writes a re
 Usage: deploy/reproduce.sh [--quick] [--dry-run] [--out DIR] [--jobs N] [FIGURE...]
 
 FIGURE is 3, 4, 5, 6, 7, 8, 9, 11 or 12; without one all of them. Figure 4d and Figure 10 are in the
-report of any.
+report of any. `paper` is no figure, so it has to be named: a run for each task with the values of the
+paper's tables, beside the default.
 
   --quick      reduced size: fewer steps and panels, one seed
   --dry-run    trains nothing: says what is done and how many core-hours the rest takes
@@ -42,8 +44,10 @@ while [ $# -gt 0 ]; do
             shift
             ;;
         *)
-            plan=$root/deploy/experiments/figure$1.toml
-            [ -f "$plan" ] || refuse "expected a figure with a plan in deploy/experiments, found $1"
+            name=figure$1
+            [ "$1" != paper ] || name=paper
+            plan=$root/deploy/experiments/$name.toml
+            [ -f "$plan" ] || refuse "expected a figure with a plan in deploy/experiments, or paper, found $1"
             plans+=("$plan")
             ;;
     esac

@@ -8,7 +8,7 @@
 use std::process::Command;
 
 use serde_json::Value;
-use system_tests::{SMALL, SMALL_PHYSICS, TestRun, programs, read_by};
+use system_tests::{SMALL, SMALL_PHYSICS, TestRun, programs, python, read_by};
 
 /// The largest difference that single precision may make.
 const LARGEST: f64 = 1e-5;
@@ -37,10 +37,6 @@ const METHODS: [(&str, &str, &[&str]); 9] = [
         ],
     ),
 ];
-
-fn python() -> Option<String> {
-    std::env::var("GOALWARD_PYTHON").ok().filter(|python| python != "none")
-}
 
 fn train(task: &str, method: &str, settings: &[&str]) -> TestRun {
     let run = TestRun::new(programs!());

@@ -58,9 +58,7 @@ fn matches(pattern: &str, line: &str) -> bool {
 
 /// Runs the blocks of a page, whose text may be changed before; `begin` is run first.
 fn run(page: &str, change: impl Fn(String) -> String, begin: &str) {
-    let Some(python) = std::env::var("GOALWARD_PYTHON").ok().filter(|it| it != "none") else {
-        return;
-    };
+    let Some(python) = system_tests::python() else { return };
     let home = TestRun::new(programs!());
     let text = change(fs::read_to_string(Path::new(REPOSITORY).join(page)).unwrap());
     let path = [

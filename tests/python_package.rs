@@ -8,14 +8,10 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use system_tests::{SMALL_PHYSICS, TestRun, programs};
+use system_tests::{SMALL_PHYSICS, TestRun, programs, python};
 
 /// The package as it lies in the repository.
 const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/src");
-
-fn python() -> Option<String> {
-    std::env::var("GOALWARD_PYTHON").ok().filter(|python| python != "none")
-}
 
 fn with_package(mut command: Command) -> Vec<u8> {
     let output = command.env("PYTHONPATH", PACKAGE).output().unwrap();

@@ -8,13 +8,9 @@ use std::fs;
 
 use run::folder::RunFolder;
 use serde_json::Value;
-use system_tests::{Hashes, Page, SMALL_PHYSICS, Signal, TestRun, programs, send};
+use system_tests::{Hashes, Page, SMALL_PHYSICS, Signal, TestRun, programs, python, send};
 
 const LINE: &str = "python:python_environments:line";
-
-fn has_python() -> bool {
-    std::env::var("GOALWARD_PYTHON").is_ok_and(|python| python != "none")
-}
 
 /// A run in whose folder Python finds the environments.
 fn with_environments() -> TestRun {
@@ -40,7 +36,7 @@ fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
 
 #[test]
 fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
-    if !has_python() {
+    if python().is_none() {
         return;
     }
     let (run, alone) = train(&["resources.actors=1"], false);
@@ -100,8 +96,24 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
 }
 
 #[test]
+fn a_dry_run_lists_what_is_changed_in_an_environment_of_python() {
+    if python().is_none() {
+        return;
+    }
+    let run = with_environments();
+    let mut arguments = vec!["train", LINE, "--dry-run", "--method", "environment-reward"];
+    arguments.extend(["--set", "ppo.clip=0.3", "--set", "environment.kwargs.start=0.25"]);
+    let (well, said) = run.goalward(&arguments);
+    assert!(well, "{said}");
+    for words in ["(default 0.2)", "environment.kwargs.start", "0.25"] {
+        assert!(said.contains(words), "expected {words} in {said}");
+    }
+    assert!(!said.contains("task.") && !said.contains("versions"), "{said}");
+}
+
+#[test]
 fn an_environment_of_python_renders_its_episodes() {
-    if !has_python() {
+    if python().is_none() {
         return;
     }
     let (run, _) = train(&[], false);
@@ -145,7 +157,7 @@ fn minigrid_gives_the_same_bits() {
 /// Trains in an environment of others with one, two and four actors, the last time with an actor and a child
 /// killed and the run stopped and resumed; then acts its episodes again.
 fn gives_the_same_bits(task: &str, settings: &[&str]) {
-    if !has_python() {
+    if python().is_none() {
         return;
     }
     let settings = [&["method=environment-reward"], settings].concat();
@@ -176,7 +188,7 @@ fn gives_the_same_bits(task: &str, settings: &[&str]) {
 
 #[test]
 fn an_expert_of_python_demonstrates_for_a_run_or_into_a_file() {
-    if !has_python() {
+    if python().is_none() {
         return;
     }
     let run = with_environments();
@@ -200,7 +212,7 @@ fn an_expert_of_python_demonstrates_for_a_run_or_into_a_file() {
 
 #[test]
 fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none() {
-    if !has_python() {
+    if python().is_none() {
         return;
     }
     let run = with_environments();

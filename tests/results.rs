@@ -3,7 +3,7 @@
 //! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
 //! which a number of a table, of a run, or of a plan is another. Its statistics over panels are those of the
 //! library `rliable`. It needs the packages of
-//! `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON` (default `python3`);
+//! `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
 //! `GOALWARD_PYTHON=none` leaves this out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
@@ -32,10 +32,9 @@ const PLANS: &str = "deploy/experiments";
 
 /// What Python makes of some arguments in the folder of the results.
 fn python(root: &Path, arguments: &[&str]) -> Option<Output> {
-    let python = std::env::var("GOALWARD_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let python = system_tests::python()?;
     let folder = root.join("docs/results");
-    let output = || Command::new(&python).current_dir(folder).args(arguments).output().unwrap();
-    (python != "none").then(output)
+    Some(Command::new(python).current_dir(folder).args(arguments).output().unwrap())
 }
 
 /// Whether the script is content with a repository, and what it says.
@@ -129,4 +128,13 @@ print(*interquartile_mean(ours), *interquartile_mean(other), *improvement(other,
     for ((found, expected), tolerance) in found.iter().zip(expected).zip(tolerances) {
         assert!((found - expected).abs() < tolerance, "{found} against {expected} in {said}");
     }
+}
+
+#[test]
+fn what_is_no_run_is_not_replayed() {
+    let arguments = ["replays.py", "goalward", "/nowhere"];
+    let Some(output) = python(Path::new(REPOSITORY), &arguments) else { return };
+    let said = String::from_utf8(output.stderr).unwrap();
+    let expected = "/nowhere: expected the folder of a finished run, found no summary.json there\n";
+    assert_eq!((output.status.code(), said.as_str()), (Some(1), expected));
 }

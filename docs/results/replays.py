@@ -25,6 +25,14 @@ def said(*command: str | Path) -> dict:
     return json.loads(output.stdout)
 
 
+def policy_of(run: Path) -> str:
+    """The hash of a run's final policy; ends this command where no finished run is."""
+    summary = run / "summary.json"
+    if not summary.is_file():
+        raise SystemExit(f"{run}: expected the folder of a finished run, found no summary.json there")
+    return json.loads(summary.read_text())["policy_sha256"]
+
+
 def fill(row: Row, run: Path, options: argparse.Namespace) -> None:
     """Measures what a run's row lacks: episodes acted again, updates trained again, shares of success."""
     goalward = options.goalward
@@ -46,9 +54,9 @@ def main() -> None:
     parser.add_argument("--retrain", action="store_true", help="train again from the log alone")
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     options = parser.parse_args()
+    policies = {run: policy_of(run) for run in options.runs}
     rows = {row["run"]: row for row in read(REPLAYS)}
-    for run in options.runs:
-        policy = json.loads((run / "summary.json").read_text())["policy_sha256"]
+    for run, policy in policies.items():
         known = rows.get(run.name, {})
         # Whatever was measured of other weights under the same name says nothing of these.
         kept = known if known.get("policy_sha256") == policy else {}

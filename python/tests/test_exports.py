@@ -177,5 +177,5 @@ def test_nothing_of_a_lerobot_data_set_is_left_when_it_fails(log: Log, tmp_path:
         write_lerobot(log, tmp_path / "set", 0)
     assert sorted(tmp_path.iterdir()) == before
     (tmp_path / "set").mkdir()
-    with pytest.raises(Error, match="expected no such file or folder, found one"):
+    with pytest.raises(Error, match="expected no such file or folder, found one$"):
         write_lerobot(log, tmp_path / "set", 10)

@@ -87,6 +87,12 @@ def test_without_keys_all_numbers_observed_are_taken(tmp_path: Path) -> None:
     np.testing.assert_array_equal(episode.observations, walk(4, 0))
 
 
+def test_a_file_without_rows_has_no_episodes(tmp_path: Path) -> None:
+    source = stored(tmp_path / "set", "v2.1")
+    pyarrow.parquet.write_table(frames(4, True).slice(0, 0), source / "data/chunk-000/episode_000004.parquet")
+    assert len(load(source, REACH).episodes) == 3
+
+
 def test_all_episodes_are_taken_where_all_succeed(tmp_path: Path) -> None:
     assert len(load(stored(tmp_path / "set", "v2.1"), REACH, success="all").episodes) == 4
 

@@ -152,7 +152,7 @@ def test_a_bag_of_another_storage_is_refused_with_the_remedy(tmp_path: Path) -> 
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
     (tmp_path / "bag_0.db3").write_text("")
     with pytest.raises(Error, match="expected MCAP files, found none; `ros2 bag convert`"):
-        load(tmp_path, REACH, keys=KEYS, success="all", format="mcap")
+        load(tmp_path, REACH, keys=KEYS, success="all")
 
 
 def test_messages_of_another_encoding_are_refused(tmp_path: Path) -> None:

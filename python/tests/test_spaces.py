@@ -56,3 +56,16 @@ def test_every_choice_is_of_its_space_and_comes_back(space: Space[Any]) -> None:
 def test_a_choice_outside_of_its_space_is_refused(action: list[int]) -> None:
     with pytest.raises(ValueError, match=r"action: expected one of MultiDiscrete.*, found \["):
         actions_of(MultiDiscrete([1, 3], start=[1, 5])).encode(action)
+
+
+@pytest.mark.parametrize("space", [Discrete(3), Box(-1, 1, (2,))], ids=str)
+@pytest.mark.parametrize("action", [None, "left", 1 << 70, [[0], [0, 1]], {}, 1j])
+def test_what_is_no_number_is_refused(space: Space[Any], action: Any) -> None:
+    with pytest.raises(ValueError, match="^action: expected one of"):
+        actions_of(space).encode(action)
+
+
+@pytest.mark.parametrize("action", [0.5, 1.0, np.float32(1)])
+def test_a_choice_is_a_whole_number(action: Any) -> None:
+    with pytest.raises(ValueError, match=r"^action: expected one of Discrete\(3\), found "):
+        actions_of(Discrete(3)).encode(action)

@@ -70,6 +70,12 @@ def test_arrays_that_do_not_fit_together_are_refused(
         load(saved(tmp_path, **arrays), REACH, success="all")
 
 
+def test_no_demonstration_at_all_is_not_asked_for(tmp_path: Path) -> None:
+    source = saved(tmp_path, states=np.stack([walk(6, 0)]))
+    with pytest.raises(Error, match="episodes: expected a number from 1, found 0"):
+        load(source, REACH, success="all", episodes=0)
+
+
 def test_a_damaged_archive_is_refused(tmp_path: Path) -> None:
     source = saved(tmp_path, states=np.zeros((2, 4, 3)))
     source.write_bytes(source.read_bytes()[:100])

@@ -35,6 +35,19 @@ pub use summary::{Evaluation, Hashes, Log, Summary};
 /// The tasks that come with the programs.
 pub const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
 
+/// The interpreter for tests of Python; none where `GOALWARD_PYTHON=none` leaves them out.
+///
+/// # Panics
+/// If it is not set, so that nobody leaves them out unawares.
+pub fn python() -> Option<String> {
+    let named = std::env::var("GOALWARD_PYTHON").ok().filter(|python| !python.is_empty());
+    let python = named.expect(
+        "GOALWARD_PYTHON: expected an interpreter that has tests/requirements.txt, or `none`, which \
+         leaves tests of Python out; deploy/test.sh sets it",
+    );
+    (python != "none").then_some(python)
+}
+
 /// The shapes of one of them.
 pub fn spec(task: &str) -> Spec {
     environments::create(task, &Setting::default()).unwrap().spec()

@@ -87,7 +87,7 @@ class Policy:
         Raises:
             Error: if Gymnasium is missing, or the spaces are not those the policy was trained in.
         """
-        optional("gymnasium", "envs")
+        optional("gymnasium", "policy")
         from goalward import spaces
 
         observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)

@@ -38,7 +38,8 @@ def new_folder(path: Path) -> Iterator[Path]:
     Raises:
         Error: if `path` exists, or the disk refuses; nothing is left then.
     """
-    require_absent(path, overwrite=False)
+    if path.exists():
+        raise Error(f"{path}: expected no such file or folder, found one")
     temporary = _beside(path)
     try:
         with expecting(f"{path}: expected to write the folder", OSError):

@@ -55,7 +55,7 @@ def _is_minari(path: Path) -> bool:
 
 
 def _is_bag(path: Path) -> bool:
-    patterns = ("*.mcap", f"*/{mcap.BAG}")
+    patterns = ("*.mcap", mcap.BAG, f"*/{mcap.BAG}")
     return _ends(".mcap")(path) or any(any(path.glob(pattern)) for pattern in patterns)
 
 
@@ -95,6 +95,8 @@ def load(
         Error: if the data set cannot be read or does not fit; one line with the episode and the key.
     """
     source = Path(source)
+    if episodes is not None and episodes < 1:
+        raise Error(f"episodes: expected a number from 1, found {episodes}")
     chosen = _format(source, format)
     wanted = Wanted(keys, None if success == ALL else success)
     selection = Selection(task, keys, success, chosen.success, labels)

@@ -88,7 +88,7 @@ def _episodes(
 ) -> Iterator[Recording]:
     order = np.lexsort((arrays[FRAME], arrays[EPISODE]))
     episodes, firsts = np.unique(arrays[EPISODE][order], return_index=True)
-    for episode, rows in zip(episodes, np.split(order, firsts[1:]), strict=True):
+    for episode, rows in zip(episodes, np.split(order, firsts)[1:], strict=True):
         own = {name: arrays[name][rows] for name in observed}
         told = {name: arrays[name][rows] for name in signals if arrays[name][:1].size <= 1}
         shifted = {name: of_states(told[name]) if name.startswith(FOLLOWING) else told[name] for name in told}

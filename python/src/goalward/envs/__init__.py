@@ -6,10 +6,12 @@ Keyword arguments are keys of the task's `[environment]`.
 
 from __future__ import annotations
 
-from typing import Any
-
-from goalward.envs.environment import Environment
 from goalward.packages import optional
+
+# Ahead of the module that is made of it, so that whoever lacks it hears what installs it.
+gymnasium = optional("gymnasium", "envs")
+
+from goalward.envs.environment import Environment  # noqa: E402
 
 __all__ = ["TASKS", "Environment"]
 
@@ -21,10 +23,5 @@ TASKS = {
 }
 
 
-def _register() -> None:
-    registration: Any = optional("gymnasium", "envs").register
-    for name, task in TASKS.items():
-        registration(name, entry_point="goalward.envs:Environment", kwargs={"task": task})
-
-
-_register()
+for _name, _task in TASKS.items():
+    gymnasium.register(_name, entry_point="goalward.envs:Environment", kwargs={"task": _task})

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from goalward import spaces
 from goalward.envs.link import SUCCESS, TERMINATED, TRUNCATED, Link
-from goalward.error import Error, expecting
+from goalward.error import Error, one_line
 
 
 class Environment(gymnasium.Env[NDArray[Any], Any]):
@@ -42,6 +42,7 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         self.horizon_steps: int = hello["horizon_steps"]
         self.observation_space = _observation_space(hello["observation"])
         self.action_space = _action_space(hello["action"])
+        self._actions = spaces.actions_of(self.action_space)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -62,7 +63,7 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         return self._observed(observation), reward, *ended, {"is_success": bool(flags & SUCCESS)}
 
     def expert_action(self) -> Any:
-        """The action that the task's scripted expert takes now.
+        """The action that the task's scripted expert takes now; `step` clips it where it is out of bounds.
 
         Raises:
             Error: if there is no such expert, or no episode runs.
@@ -81,28 +82,11 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         return np.frombuffer(data, dtype=space.dtype).reshape(space.shape or ()).copy()
 
     def _bytes(self, action: Any) -> bytes:
-        space = self.action_space
-        if isinstance(space, gymnasium.spaces.Discrete):
-            return _choice(action, space)
-        return _numbers(action, space)
-
-
-def _choice(action: Any, space: gymnasium.spaces.Discrete) -> bytes:
-    expected = f"action: expected one of {space}"
-    with expecting(expected, TypeError):
-        choice = operator.index(action)
-    if choice not in range(space.n):
-        raise Error(f"{expected}, found {choice}")
-    return bytes([choice])
-
-
-def _numbers(action: Any, space: gymnasium.spaces.Space[Any]) -> bytes:
-    expected = f"action: expected shape {space.shape}"
-    with expecting(expected, TypeError, ValueError):
-        numbers = np.asarray(action, dtype="<f4")
-    if numbers.shape != space.shape:
-        raise Error(f"{expected}, found {numbers.shape}")
-    return numbers.tobytes()
+        try:
+            data: bytes = self._actions.encode(action)
+        except ValueError as refusal:
+            raise Error(one_line(refusal)) from refusal
+        return data
 
 
 def _observation_space(observation: dict[str, dict[str, int]]) -> gymnasium.spaces.Box:

@@ -123,10 +123,11 @@ class Link:
 
 
 def _program() -> str:
-    named = os.environ.get(PROGRAM) or shutil.which("goalward-actor")
-    if named is None or not os.path.isfile(named):
+    asked = os.environ.get(PROGRAM) or "goalward-actor"
+    found = shutil.which(asked)
+    if found is None:
         raise Error(
-            f"expected the program goalward-actor in PATH, or where {PROGRAM} says, found {named or 'none'}: "
-            "`deploy/run_local.sh --only-build` builds it"
+            f"expected the program goalward-actor in PATH, or where {PROGRAM} says, "
+            f"found no program {asked}: `deploy/run_local.sh --only-build` builds it"
         )
-    return named
+    return found

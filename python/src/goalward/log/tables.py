@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,18 +67,16 @@ def _episode(message: Any) -> list[Any]:
 
 def of_steps(messages: Iterable[Any], task: Task) -> Columns:
     """A row for each step: 1 for the first of its episode, its action, reward and log-probability."""
-    none = _steps(schema.Trajectory(), task)
-    return _joined([none, *(_steps(message, task) for message in messages)])
+    return _joined(messages, _NAMES, schema.Trajectory(), lambda message: _steps(message, task))
 
 
 def of_scores(messages: Iterable[Any]) -> Columns:
     """A row for each observation: 0 for the first of its episode, NaN where the model says nothing of it."""
-    return _joined([_scores(schema.Score()), *map(_scores, messages)])
+    return _joined(messages, (*_NAMES, "model_version"), schema.Score(), _scores)
 
 
 def _steps(message: Any, task: Task) -> Columns:
-    columns = _repeated(message, message.steps, _NAMES)
-    columns["step"] = np.arange(1, message.steps + 1)
+    columns: Columns = {"step": np.arange(1, message.steps + 1)}
     taken = actions(message, task)
     if isinstance(task.action, Discrete):
         columns["action"] = taken
@@ -90,8 +89,7 @@ def _steps(message: Any, task: Task) -> Columns:
 
 def _scores(message: Any) -> Columns:
     rows = len(message.rewards) + 1 if message.rewards else 0
-    columns = _repeated(message, rows, (*_NAMES, "model_version"))
-    columns["step"] = np.arange(rows)
+    columns: Columns = {"step": np.arange(rows)}
     for column, field in (("reward", "rewards"), ("proximity", "proximity"), ("uncertainty", "uncertainty")):
         columns[column] = _behind(np.array(getattr(message, field), np.float32), rows)
     return columns
@@ -104,12 +102,20 @@ def _behind(values: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
     return column
 
 
-def _repeated(message: Any, rows: int, names: Iterable[str]) -> Columns:
-    return {name: np.full(rows, getattr(message, name), np.int64) for name in names}
-
-
-def _joined(parts: list[Columns]) -> Columns:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+def _joined(
+    messages: Iterable[Any], names: tuple[str, ...], none: Any, columns_of: Callable[[Any], Columns]
+) -> Columns:
+    """The rows of all messages, each with the names of its message; those of `none` tell their types."""
+    named, parts = [], []
+    for message in chain([none], messages):
+        named.append([getattr(message, name) for name in names])
+        parts.append(columns_of(message))
+    counts = [len(part["step"]) for part in parts]
+    columns = {
+        name: np.repeat(np.array(values, np.int64), counts)
+        for name, values in zip(names, zip(*named, strict=True), strict=True)
+    }
+    return columns | {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _of_rows(rows: Iterable[list[Any]], types: Mapping[str, Any]) -> Columns:
