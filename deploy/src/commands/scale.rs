@@ -46,10 +46,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             run.display()
         )));
     }
-    let present = Hosts::of_run(&folder).present;
+    // The hosts of an earlier sitting, which listened, may still be told of.
+    let listens = folder.listening_file().exists();
+    let present = if listens { Hosts::of_run(&folder).present } else { Vec::new() };
     let Some(host) = host else {
-        // A run whose gateway keeps no hosts lets nobody in.
-        require_an_actor(*actors, folder.hosts_file().exists())?;
+        require_an_actor(*actors, listens)?;
         require_places(*actors, places_of_others(&present, ""))?;
         Machine::here().require_room_for_actors(*actors)?;
         ActorsWanted::here(&folder).want(*actors)?;

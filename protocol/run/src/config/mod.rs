@@ -168,7 +168,7 @@ pub struct ResourceConfig {
     pub learner_threads: usize,
     /// Threads of the proximity service; 0 takes one per core.
     pub service_threads: usize,
-    /// A lease not finished after this long is handed out again, milliseconds.
+    /// A lease not finished after this long is handed out again once no others are open, milliseconds.
     pub lease_timeout_ms: u64,
 }
 
