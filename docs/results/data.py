@@ -25,6 +25,14 @@ OPENING = [
     ("figure9", "pick-noise-2"),
     ("figure3", "ant-noise-0.05"),
 ]
+# The form of the reward that a task has by itself: the method of that name is `goal-proximity` there, to
+# the same bits.
+OWN_FORMS = {
+    "navigation": "difference",
+    "fetch-push": "difference",
+    "fetch-pick": "difference",
+    "ant-reach": "absolute",
+}
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]
@@ -97,8 +105,10 @@ def planned(plan: dict, panel: dict) -> dict[str, PlannedCurve]:
     for entry in [*entries, *panel.get("curve", [])]:
         own = [f"{name}={entry[name]}" for name in ("method", "preset") if name in entry]
         laid = [*shared, *own, *entry.get("set", [])]
-        settings = frozenset(dict(setting.split("=", 1) for setting in laid).items())
-        found[entry["name"]] = PlannedCurve(settings, entry.get("anchor"))
+        settings = dict(setting.split("=", 1) for setting in laid)
+        if "preset" not in settings and settings["method"] == OWN_FORMS[settings["task"]]:
+            settings["method"] = "goal-proximity"
+        found[entry["name"]] = PlannedCurve(frozenset(settings.items()), entry.get("anchor"))
     return found
 
 
