@@ -5,20 +5,20 @@
 //! where the next record is. Memory is bounded by one chunk, whose limits are in `chunk`.
 
 use std::collections::BTreeMap;
-use std::fs::{File, TryLockError};
-use std::io::{Read, Seek, SeekFrom};
+use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use mcap::records::{self, MessageHeader, op};
 use protocol::Error;
 
-use super::chunk::{Chunks, RECORD_HEADER, each};
+use super::chunk::{Chunks, each};
 use super::folder::followed;
 use super::metadata::{Metadata, not_ours};
 use super::read_error;
-use super::record::{self, LONGEST_RECORD, Trouble};
+use super::record::{self, Trouble};
 use super::source::{Damage, Frame, Source, Tail, identity};
+use super::summary::Summary;
 use super::topic::Topic;
 
 /// Longest record that declares something. Ours have some thousand bytes; in memory they become
@@ -111,7 +111,7 @@ impl Scanner {
 
     /// Messages that a sealed file says it has; none if the file is not sealed.
     pub(super) fn recorded_messages(&self) -> Option<u64> {
-        Summary::read(&self.path)?.messages
+        Repeated::read(&self.path)?.messages
     }
 
     /// Length of the file.
@@ -214,7 +214,7 @@ impl Scanner {
                     directory.forgive();
                     if directory.channels.is_empty() && !self.summary_read {
                         self.summary_read = true;
-                        directory.adopt(Summary::read(path));
+                        directory.adopt(Repeated::read(path));
                     }
                     return Ok(Some(Block::Damage(Damage { offset, reason })));
                 }
@@ -328,8 +328,8 @@ impl Directory {
     }
 
     /// Takes the channels from the end of a sealed file, for a file whose beginning is damaged.
-    fn adopt(&mut self, summary: Option<Summary>) {
-        for (id, topic) in summary.into_iter().flat_map(|summary| summary.directory.topics()) {
+    fn adopt(&mut self, repeated: Option<Repeated>) {
+        for (id, topic) in repeated.into_iter().flat_map(|repeated| repeated.directory.topics()) {
             self.channels.insert(id, Channel { topic, next: 0, forgiven: true });
         }
     }
@@ -358,35 +358,19 @@ fn metadata(content: &[u8]) -> Result<Metadata, String> {
     }
 }
 
-/// The end of a sealed file, which repeats the channels and counts the messages.
-struct Summary {
+/// What the end of a sealed file repeats and counts.
+struct Repeated {
     directory: Directory,
     messages: Option<u64>,
 }
 
-impl Summary {
-    /// Bytes of the last record, which says where the summary begins, and of the magic behind it.
-    const FOOTER: u64 = RECORD_HEADER as u64 + 20 + mcap::MAGIC.len() as u64;
-
-    /// Reads that of a file; none if it is not there or not readable.
-    fn read(path: &Path) -> Option<Summary> {
-        let mut file = File::open(path).ok()?;
-        let end = file.metadata().ok()?.len().checked_sub(Self::FOOTER)?;
-        file.seek(SeekFrom::Start(end)).ok()?;
-        let mut footer = [0; 17];
-        file.read_exact(&mut footer).ok()?;
-        let (header, begin) = footer.split_first_chunk::<RECORD_HEADER>()?;
-        let begin = u64::from_le_bytes(begin.try_into().ok()?);
-        let length = end.checked_sub(begin).filter(|&length| length <= LONGEST_RECORD as u64)?;
-        if header[0] != op::FOOTER || begin == 0 {
-            return None;
-        }
-        file.seek(SeekFrom::Start(begin)).ok()?;
-        let mut bytes = Vec::new();
-        file.take(length).read_to_end(&mut bytes).ok()?;
-        let mut summary = Summary { directory: Directory::default(), messages: None };
-        each(&bytes, |kind, content| summary.take(kind, content)).ok()?;
-        Some(summary)
+impl Repeated {
+    /// Reads that of a file, whatever its checksum says; none if it is not there or not readable.
+    fn read(path: &Path) -> Option<Repeated> {
+        let summary = Summary::read(path)?;
+        let mut repeated = Repeated { directory: Directory::default(), messages: None };
+        each(&summary.records, |kind, content| repeated.take(kind, content)).ok()?;
+        Some(repeated)
     }
 
     fn take(&mut self, kind: u8, content: &[u8]) -> Result<(), Trouble> {

@@ -15,9 +15,41 @@ const FOOTER: usize = RECORD_HEADER + 20;
 /// Bytes of that checksum.
 const CHECKSUM: usize = 4;
 
+/// The records between data and footer.
+pub(super) struct Summary {
+    pub(super) records: Vec<u8>,
+    has_right_checksum: bool,
+}
+
+impl Summary {
+    /// Reads that of a file; none if it is not there or not readable.
+    pub(super) fn read(path: &Path) -> Option<Summary> {
+        let mut file = File::open(path).ok()?;
+        let behind = (FOOTER + mcap::MAGIC.len()) as u64;
+        let end = file.metadata().ok()?.len().checked_sub(behind)?;
+        file.seek(SeekFrom::Start(end)).ok()?;
+        let mut last = [0; FOOTER];
+        file.read_exact(&mut last).ok()?;
+        let (header, content) = last.split_first_chunk::<RECORD_HEADER>()?;
+        let Ok(Record::Footer(footer)) = record::parse(header[0], content) else { return None };
+        let length = end.checked_sub(footer.summary_start)?;
+        if footer.summary_start == 0 || length > LONGEST_RECORD as u64 {
+            return None;
+        }
+        file.seek(SeekFrom::Start(footer.summary_start)).ok()?;
+        let mut records = Vec::new();
+        file.take(length).read_to_end(&mut records).ok()?;
+        let mut checksum = crc32fast::Hasher::new();
+        checksum.update(&records);
+        checksum.update(&last[..FOOTER - CHECKSUM]);
+        let has_right_checksum = checksum.finalize() == footer.summary_crc;
+        Some(Summary { records, has_right_checksum })
+    }
+}
+
 /// What a sealed file says of its messages; none if it does not, or not as it was written.
 pub(super) fn statistics(path: &Path) -> Option<Statistics> {
-    let summary = summary(path)?;
+    let summary = Summary::read(path).filter(|summary| summary.has_right_checksum)?;
     let mut statistics = None;
     let take = |kind: u8, content: &[u8]| {
         if kind == op::STATISTICS
@@ -27,29 +59,6 @@ pub(super) fn statistics(path: &Path) -> Option<Statistics> {
         }
         Ok(())
     };
-    each(&summary, take).ok()?;
+    each(&summary.records, take).ok()?;
     statistics
-}
-
-/// The records between data and footer, whose checksum is right.
-fn summary(path: &Path) -> Option<Vec<u8>> {
-    let mut file = File::open(path).ok()?;
-    let behind = (FOOTER + mcap::MAGIC.len()) as u64;
-    let end = file.metadata().ok()?.len().checked_sub(behind)?;
-    file.seek(SeekFrom::Start(end)).ok()?;
-    let mut last = [0; FOOTER];
-    file.read_exact(&mut last).ok()?;
-    let (header, content) = last.split_first_chunk::<RECORD_HEADER>()?;
-    let Ok(Record::Footer(footer)) = record::parse(header[0], content) else { return None };
-    let length = end.checked_sub(footer.summary_start)?;
-    if footer.summary_start == 0 || length > LONGEST_RECORD as u64 {
-        return None;
-    }
-    file.seek(SeekFrom::Start(footer.summary_start)).ok()?;
-    let mut summary = Vec::new();
-    file.take(length).read_to_end(&mut summary).ok()?;
-    let mut checksum = crc32fast::Hasher::new();
-    checksum.update(&summary);
-    checksum.update(&last[..FOOTER - CHECKSUM]);
-    (checksum.finalize() == footer.summary_crc).then_some(summary)
 }
