@@ -25,20 +25,40 @@ pub(super) fn parse(kind: u8, content: &[u8]) -> Result<Record<'_>, String> {
     mcap::parse_record(kind, content).map_err(|cause| cause.to_string())
 }
 
-/// Whether the texts of a record lie within it. Kinds without texts have none that do not.
+/// What a record begins with, as far as its texts go.
+enum Part {
+    Bytes(usize),
+    /// A length of four bytes and as many bytes.
+    Text,
+    /// A length of four bytes and, in as many bytes, pairs of texts.
+    Map,
+}
+
+/// Whether the texts of a record lie within it.
 fn texts_fit(kind: u8, content: &[u8]) -> bool {
-    let mut rest = Rest(content);
-    let measured = match kind {
-        op::METADATA => rest.text().and_then(|_| rest.map()),
-        op::SCHEMA => rest.bytes(2).and_then(|_| rest.text()).and_then(|_| rest.text()),
-        op::CHANNEL => {
-            let texts = rest.bytes(4).and_then(|_| rest.text()).and_then(|_| rest.text());
-            texts.and_then(|_| rest.map())
-        }
-        op::CHUNK => rest.bytes(28).and_then(|_| rest.text()),
-        _ => Some(content),
+    use Part::{Bytes, Map, Text};
+    let parts: &[Part] = match kind {
+        op::HEADER => &[Text, Text],
+        op::SCHEMA => &[Bytes(2), Text, Text],
+        op::CHANNEL => &[Bytes(4), Text, Text, Map],
+        op::CHUNK => &[Bytes(28), Text],
+        // A map of numbers has a length as a text has.
+        op::CHUNK_INDEX => &[Bytes(32), Text, Bytes(8), Text],
+        op::ATTACHMENT => &[Bytes(16), Text, Text],
+        op::ATTACHMENT_INDEX => &[Bytes(40), Text, Text],
+        op::METADATA => &[Text, Map],
+        op::METADATA_INDEX => &[Bytes(16), Text],
+        _ => &[],
     };
-    measured.is_some()
+    let mut rest = Rest(content);
+    parts.iter().all(|part| {
+        let measured = match *part {
+            Bytes(count) => rest.bytes(count),
+            Text => rest.text(),
+            Map => rest.map(),
+        };
+        measured.is_some()
+    })
 }
 
 /// What of a record is not measured yet.
@@ -51,13 +71,11 @@ impl<'a> Rest<'a> {
         Some(taken)
     }
 
-    /// A length of four bytes and as many bytes.
     fn text(&mut self) -> Option<&'a [u8]> {
         let length = self.bytes(4)?.try_into().expect("four bytes were taken");
         self.bytes(u32::from_le_bytes(length) as usize)
     }
 
-    /// A length of four bytes and, in as many bytes, pairs of texts.
     fn map(&mut self) -> Option<&'a [u8]> {
         let all = self.text()?;
         let mut pairs = Rest(all);
@@ -86,11 +104,35 @@ mod tests {
         assert!(parse(op::CHANNEL, &channel.concat()).is_ok());
         // The length of each text in turn.
         for at in [0, 8, 12, 19] {
-            let mut false_one = metadata.clone();
-            false_one[at + 3] = 0x7f;
-            let allocated =
-                allocation_counter::measure(|| assert!(parse(op::METADATA, &false_one).is_err()));
-            assert!(allocated.bytes_max < 1_000, "{at}: {} bytes", allocated.bytes_max);
+            refused_without_room(op::METADATA, &metadata, at);
         }
+    }
+
+    #[test]
+    fn no_kind_of_record_gets_room_for_a_text_longer_than_itself() {
+        let texts = [text(b"first"), text(b"second")].concat();
+        let index = [&[0; 32][..], &text(&[0; 10]), &[0; 8], &text(b"lz4"), &[0; 16]].concat();
+        for (kind, before, content) in [
+            (op::HEADER, 0, texts.clone()),
+            (op::SCHEMA, 2, [&[1, 0][..], &texts, &[0; 4]].concat()),
+            (op::CHANNEL, 4, [&[1, 0, 2, 0][..], &texts, &[0; 4]].concat()),
+            (op::CHUNK, 28, [&[0; 28][..], &texts[..9], &[0; 8]].concat()),
+            (op::CHUNK_INDEX, 54, index),
+            (op::ATTACHMENT, 16, [&[0; 16][..], &texts, &[0; 12]].concat()),
+            (op::ATTACHMENT_INDEX, 40, [&[0; 40][..], &texts].concat()),
+            (op::METADATA, 0, [&texts[..9], &[0; 4]].concat()),
+            (op::METADATA_INDEX, 16, [&[0; 16][..], &texts[..9]].concat()),
+        ] {
+            assert!(texts_fit(kind, &content), "{kind:#04x}");
+            refused_without_room(kind, &content, before);
+        }
+    }
+
+    /// A record with a false length of the text that begins there.
+    fn refused_without_room(kind: u8, content: &[u8], at: usize) {
+        let mut false_one = content.to_vec();
+        false_one[at + 3] = 0x7f;
+        let allocated = allocation_counter::measure(|| assert!(parse(kind, &false_one).is_err()));
+        assert!(allocated.bytes_max < 1_000, "{kind:#04x} {at}: {} bytes", allocated.bytes_max);
     }
 }
