@@ -109,6 +109,27 @@ fn a_report_takes_the_places_of_its_finished_runs_alone() {
     assert_eq!(read("points.csv"), format!("{head}\n{kept}"));
 }
 
+#[test]
+fn a_report_of_short_runs_takes_no_places() {
+    let copy = copied();
+    let data = copy.path().join("docs/results");
+    let runs = fs::read_to_string(data.join("runs.csv")).unwrap();
+    let lines: Vec<&str> = runs.lines().collect();
+    let short = lines[1].replace(",500,0.", ",50,0.");
+    assert_ne!(short, lines[1]);
+    let report = copy.path().join("report");
+    fs::create_dir(&report).unwrap();
+    fs::write(report.join("summary.csv"), [lines[0], short.as_str()].join("\n")).unwrap();
+    let Some((well, said)) = rebuilt(copy.path(), &["--from", report.to_str().unwrap()]) else {
+        return;
+    };
+    assert!(
+        !well && said.ends_with("expected an evaluation of 500 episodes, found 50\n"),
+        "{said}"
+    );
+    assert_eq!(fs::read_to_string(data.join("runs.csv")).unwrap(), runs);
+}
+
 /// rliable 1.2.0: `aggregate_iqm` and `probability_of_improvement` of the same scores, with
 /// `get_interval_estimates`, which draws otherwise: hence the tolerance.
 #[test]

@@ -130,10 +130,14 @@ def order() -> dict[tuple[str, ...], int]:
 
 
 def refuse_strays(file: Path, runs: Iterable[Row]) -> None:
-    """Ends the command where there are runs that no plan wants: no table would show them."""
+    """Ends the command where there are runs that no plan wants, or shorter ones, as of `--quick`."""
     for run in runs:
         if key(run) not in order():
             sys.exit(f"{file}: expected runs of the plans in deploy/experiments, found {' '.join(key(run))}")
+        wanted = dict(identity(run)[0])["evaluation.episodes"]
+        if run["evaluation_episodes"] != wanted:
+            name, episodes = " ".join(key(run)), run["evaluation_episodes"] or "none"
+            sys.exit(f"{file}: {name}: expected an evaluation of {wanted} episodes, found {episodes}")
 
 
 @cache

@@ -20,7 +20,7 @@ from data import (
     read,
     weights,
 )
-from estimates import Bounded, improvement, interquartile_mean, interval
+from estimates import FEWEST, Bounded, improvement, interquartile_mean, interval
 
 # Results are those of lower seeds.
 FIRST_TUNING_SEED = 101
@@ -88,7 +88,10 @@ def cell(curve: Curve) -> str:
 
 def over() -> str:
     """Methods that all opening panels have, over all of them; the others are compared with the first."""
-    columns = [{curve.name: curve.evaluations for curve in curves(*panel)} for panel in OPENING]
+    columns = [
+        {curve.name: curve.evaluations for curve in curves(*panel) if len(curve.evaluations) >= FEWEST}
+        for panel in OPENING
+    ]
     shared = [name for name in columns[0] if all(name in column for column in columns)]
     scores = {name: [column[name] for column in columns] for name in shared}
     first, *others = shared
@@ -114,11 +117,12 @@ def mark(probability: Bounded) -> str:
 
 def replays(figure: str, panel: str) -> str:
     """Of each curve the seeds that were replayed, and the success of both ways to act."""
-    found = {row["run"]: row for row in read(REPLAYS)}
+    found = {(row["run"], row["policy_sha256"]): row for row in read(REPLAYS)}
     text = head(["method", "seeds acted again", "seeds trained again", "sampled", "most probable"])
     for curve in curves(figure, panel):
         runs = (same for run in curve.runs for same in finished()[identity(run)])
-        rows = [(run["seed"], found[run["run"]]) for run in runs if run["run"] in found]
+        named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
+        rows = [(seed, found[name]) for seed, name in named if name in found]
         cells = [seeds(rows, column) for column in ("verified", "retrained")]
         cells += [mean(rows, column) for column in ("sampled", "most_probable")]
         text += line([f"`{curve.name}`", *cells])
@@ -176,7 +180,7 @@ def repeated() -> str:
     for run in runs:
         names.setdefault(weights(run), set()).add(run["run"])
     again = sum(len(others) > 1 for others in names.values())
-    return f"Of {len(names)} runs {again} were trained again by a later build, to the same hashes.\n"
+    return f"Of {len(names)} runs {again} were trained twice, under two names, to the same hashes.\n"
 
 
 KINDS: dict[str, Callable[..., str]] = {
