@@ -96,6 +96,27 @@ fn an_environment_of_python_is_trained_verified_and_imitated_like_any_task() {
 }
 
 #[test]
+fn a_run_goes_on_in_the_environment_it_began_with() {
+    if python().is_none() {
+        return;
+    }
+    let run = with_environments();
+    let settings = ["method=environment-reward", "steps=100000"];
+    let mut training = run.train_task(LINE, &SMALL_PHYSICS, &settings);
+    training.await_checkpoint(2);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    let file = run.path("python_environments.py");
+    let changed = fs::read_to_string(&file).unwrap().replace("- 0.15", "- 0.25");
+    fs::write(&file, changed).unwrap();
+    let (well, said) = run.goalward(&["train", "--resume", "--run", "run"]);
+    assert!(!well && said.contains("`sources.python_environments`"), "{said}");
+    let allowed = ["train", "--resume", "--other-build", "--run", "run", "--dry-run"];
+    let (well, said) = run.goalward(&allowed);
+    assert!(well && said.contains("would continue"), "{said}");
+}
+
+#[test]
 fn a_dry_run_lists_what_is_changed_in_an_environment_of_python() {
     if python().is_none() {
         return;

@@ -17,6 +17,7 @@ use run::process::Stop;
 use crate::expert::Expert;
 use crate::factory::Factory;
 use crate::lane::Lane;
+use crate::python;
 
 /// Episodes an expert may fail for each demonstration wanted.
 const FAILURES_PER_DEMONSTRATION: u64 = 9;
@@ -58,7 +59,7 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
     let metadata = metadata::of_task(Kind::Demonstrations, &task, *seed)
         .with("episodes", episodes)
         .with(EXPERT, who)
-        .with("setting", serde_json::to_string(&setting)?);
+        .with("setting", serde_json::to_string(&python::as_recorded(&setting))?);
     ensure!(*force || !file.exists(), "{} exists and is not overwritten", file.display());
     let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;

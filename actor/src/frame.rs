@@ -59,6 +59,8 @@ pub(crate) struct Hello {
     pub(crate) success: String,
     /// Versions of Python and of the packages that decide what the environment does.
     pub(crate) versions: BTreeMap<String, String>,
+    /// SHA-256 of the files of modules that do, and that no installed package has.
+    pub(crate) sources: BTreeMap<String, String>,
 }
 
 /// Why there is no answer.

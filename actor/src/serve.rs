@@ -95,6 +95,7 @@ impl Server<'_> {
                 "goalward".to_owned(),
                 env!("CARGO_PKG_VERSION").to_owned(),
             )]),
+            sources: BTreeMap::new(),
         })
     }
 

@@ -100,6 +100,10 @@ fn spaces_become_numbers_with_labels_and_texts_are_left_out() {
     let complete = line.setting().0;
     assert_eq!(complete["success"].as_str(), Some("is_success"));
     assert!(complete["versions"]["gymnasium"].is_str() && complete["versions"]["python"].is_str());
+    let source = complete["sources"]["tests.python_environments"].as_str();
+    assert_eq!(source.map(str::len), Some(64));
+    let installed = make(&setting("make = \"gym:CartPole-v1\"")).unwrap().setting();
+    assert!(!installed.0.contains_key("sources"), "a package has a version");
     let first: Vec<f32> = floats(&reset(&mut *line, 0)).collect();
     assert!(first[2].abs() <= 0.1 && first[..2] == [1.0, 0.0], "{first:?}");
     // The action 1 is the upper bound, 0.5, of which 0.15 is lost.
@@ -343,6 +347,11 @@ fn what_no_task_can_have_is_refused_in_one_line() {
         ("make = \"gym:no_such_module:Id-v0\"", "no_such_module"),
         ("make = \"rust:x\"", "expected gym:ID or python:module:function, found rust:x"),
         ("make = \"gym:CartPole-v1\"\nversions.gymnasium = \"0.1\"", "`versions.gymnasium`"),
+        (
+            "make = \"python:tests.python_environments:line\"\n\
+             sources.\"tests.python_environments\" = \"00\"",
+            "`sources.tests.python_environments`",
+        ),
         ("make = \"gym:CartPole-v1\"\nsuccess = \"nobody:knows\"", "nobody"),
         ("make = \"gym:CartPole-v1\"\nwind = 3", "`wind`"),
     ] {

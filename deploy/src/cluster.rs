@@ -8,12 +8,19 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, bail, ensure};
 use protocol::digest;
 use run::repeat::quoted;
+use terminal::refusal::wrong_usage;
+
+use crate::experiment::PlannedRun;
+use crate::tasks::is_of_python;
 
 /// What Slurm is given; words between @ are filled in.
 const SCRIPT: &str = include_str!("../cluster/experiment.sh");
 
 /// What Kubernetes is given.
 const MANIFESTS: &str = include_str!("../cluster/experiment.yaml");
+
+/// Where its pods have the volume with the folder of the runs at its top, and work.
+const VOLUME: &str = "/runs";
 
 /// Cores that a run works best with, where several run beside each other.
 const CORES_OF_A_RUN: usize = 2;
@@ -52,6 +59,52 @@ pub(crate) enum Engine {
     Slurm,
     /// A Job, by `kubectl`, in its own namespace.
     Kubernetes,
+}
+
+impl Engine {
+    /// Checks that files of the user's own which plans name are there for whoever trains their runs into `out`.
+    /// Pods see the volume alone, Slurm's jobs what this machine sees.
+    ///
+    /// # Errors
+    /// Of wrong usage, for the first task or demonstrations that no pod would find.
+    pub(crate) fn require_files(self, runs: &[PlannedRun], out: &Path) -> Result<()> {
+        if self == Engine::Slurm {
+            return Ok(());
+        }
+        let out = std::path::absolute(out).context("the folder of the runs")?;
+        let volume = out.parent().unwrap_or(&out);
+        for (what, file) in runs.iter().flat_map(own_files) {
+            if !is_found_by_pods(file, volume) {
+                return Err(wrong_usage(format!(
+                    "{what} {}: expected a file in {volume}, all that pods see, named by its path \
+                     from there, where the command is given, too; found one that they would not find",
+                    file.display(),
+                    volume = volume.display(),
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The files that a plan names for a run, as it names them.
+fn own_files(run: &PlannedRun) -> impl Iterator<Item = (&'static str, &Path)> {
+    let is_ours = run::tasks::names().any(|name| name == run.task);
+    let task = (!is_ours && !is_of_python(&run.task)).then(|| Path::new(&run.task));
+    let demonstrations = run.config.demonstrations.file.as_deref();
+    let task = task.map(|file| ("task", file));
+    task.into_iter().chain(demonstrations.map(|file| ("demonstrations", file)))
+}
+
+/// Whether a file is the same one for a pod as it is here, where the pods' volume is at `volume`.
+fn is_found_by_pods(file: &Path, volume: &Path) -> bool {
+    let of_pods = Path::new(VOLUME).join(file);
+    let Ok(inside) = of_pods.strip_prefix(VOLUME) else { return false };
+    let there = volume.join(inside);
+    let [here, there, volume] = [file, there.as_path(), volume].map(Path::canonicalize);
+    let (Ok(here), Ok(there), Ok(volume)) = (here, there, volume) else { return false };
+    // A link may lead out of the volume.
+    here == there && here.starts_with(volume)
 }
 
 /// What an engine is to do.
@@ -125,7 +178,7 @@ impl Order {
                 let names = self.plans.iter().map(|plan| file_name(plan));
                 let names = names.collect::<Result<Vec<_>>>()?;
                 let plans = names.iter().map(|name| Path::new("/plans").join(name)).collect();
-                let out = Path::new("/runs").join(self.out.file_name().unwrap_or_default());
+                let out = Path::new(VOLUME).join(self.out.file_name().unwrap_or_default());
                 let command = self.command(Path::new("goalward"), plans, &out);
                 let texts = self.plans.iter().zip(&names).map(|(plan, name)| entry(plan, name));
                 let values = [
@@ -268,6 +321,40 @@ mod tests {
             flags: vec!["--quick"],
             image: "registry/goalward:1".to_owned(),
             claim: "disk".to_owned(),
+        }
+    }
+
+    #[test]
+    fn files_that_pods_do_not_see_are_refused() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("mine.toml");
+        std::fs::write(&file, "").unwrap();
+        let file = file.to_str().unwrap();
+        let refused = |engine: Engine, task: &str, demonstrations: Option<&str>, out: &Path| {
+            let mut config = run::tasks::configuration("navigation", None, &[]).unwrap();
+            config.demonstrations.file = demonstrations.map(PathBuf::from);
+            let run = PlannedRun { task: task.to_owned(), config, settings: Vec::new() };
+            engine.require_files(&[run], out).err().map(|error| error.to_string())
+        };
+        // Tests work in the folder of this crate, which plays the part of the volume.
+        let here = std::env::current_dir().unwrap().join("experiments");
+        for task in ["navigation", "gym:CartPole-v1", "tasks/navigation.toml"] {
+            assert_eq!(refused(Engine::Kubernetes, task, None, &here), None);
+        }
+        let inside = place.path().join("experiments");
+        let outside = Some("../Cargo.toml");
+        for (task, demonstrations, out) in [
+            (file, None, &here),
+            ("tasks/navigation.toml", None, &inside),
+            ("navigation", outside, &here),
+            // Pods have it under another path.
+            (file, None, &inside),
+        ] {
+            let message = refused(Engine::Kubernetes, task, demonstrations, out).unwrap();
+            let named = demonstrations.unwrap_or(task);
+            assert!(message.contains(named) && message.contains("pods"), "{message}");
+            assert!(!message.contains('\n'), "{message}");
+            assert_eq!(refused(Engine::Slurm, task, demonstrations, out), None);
         }
     }
 

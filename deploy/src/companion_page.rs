@@ -9,11 +9,16 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, PercentEncode, utf8_percent_encode};
+
 /// How long it may take to say where it is.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// How long it may take to end.
 const FAREWELL: Duration = Duration::from_secs(1);
+
+/// What an address has as bytes in hexadecimal behind a `%`: all but what RFC 3986 leaves unreserved.
+const ENCODED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'_').remove(b'.').remove(b'~');
 
 /// How often it is looked at meanwhile.
 const TICK: Duration = Duration::from_millis(5);
@@ -43,8 +48,8 @@ impl CompanionPage {
             return None;
         };
         let address = line.split_whitespace().next()?;
-        let name = encoded(&run.file_name()?.to_string_lossy());
-        Some(CompanionPage { page, address: format!("{address}/#/run/{name}") })
+        let name = run.file_name()?.to_string_lossy();
+        Some(CompanionPage { page, address: format!("{address}/#/run/{}", encoded(&name)) })
     }
 
     /// Where a browser finds the run.
@@ -66,14 +71,9 @@ impl Drop for CompanionPage {
     }
 }
 
-/// A name as a part of an address, where `%` and what has a meaning of its own stand as bytes in hexadecimal.
-fn encoded(name: &str) -> String {
-    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte);
-    let written = |byte: u8| match is_plain(byte) {
-        true => char::from(byte).to_string(),
-        false => format!("%{byte:02X}"),
-    };
-    name.bytes().map(written).collect()
+/// A name as a part of an address.
+fn encoded(name: &str) -> PercentEncode<'_> {
+    utf8_percent_encode(name, ENCODED)
 }
 
 #[cfg(test)]
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn names_are_encoded_as_a_browser_reads_them() {
-        assert_eq!(encoded("navigation-0001_a.b~c"), "navigation-0001_a.b~c");
-        assert_eq!(encoded("50% of a/b,#é"), "50%25%20of%20a%2Fb%2C%23%C3%A9");
+        assert_eq!(encoded("navigation-0001_a.b~c").to_string(), "navigation-0001_a.b~c");
+        assert_eq!(encoded("50% of a/b,#é").to_string(), "50%25%20of%20a%2Fb%2C%23%C3%A9");
     }
 }

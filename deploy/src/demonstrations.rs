@@ -128,9 +128,8 @@ pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig>
 ///
 /// # Errors
 /// As [`adopt`].
-pub(crate) fn remark(config: &RunConfig) -> Result<Option<String>> {
-    let Some(file) = &config.demonstrations.file else { return Ok(None) };
-    let tells = run::demonstrations::tells_setting(file, &config.task);
+pub(crate) fn remark(file: &Path, task: &Task) -> Result<Option<String>> {
+    let tells = run::demonstrations::tells_setting(file, task);
     let remark = || {
         format!(
             "{} does not say how it was recorded: taken as recorded in the agent's environment, \

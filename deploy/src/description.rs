@@ -12,6 +12,12 @@ use run::config::RunConfig;
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
 
+/// The key of a setting of Python that says what makes the environment.
+pub(crate) const MAKE: &str = "make";
+
+/// The key of a setting of Python that has the hashes of the user's modules.
+pub(crate) const SOURCES: &str = "sources";
+
 /// A configuration whose settings are complete, as the task's own environment has them.
 ///
 /// # Errors
@@ -63,6 +69,24 @@ pub(crate) fn check_all<'a>(configs: impl Iterator<Item = &'a RunConfig>) -> Res
         }
     }
     Ok(())
+}
+
+/// The configuration of a run that goes on. An environment of Python must still be the one that it began with,
+/// before actors are started that could only refuse it; where `other_build` allows for another, the hashes of
+/// modules are those of now.
+///
+/// # Errors
+/// Of wrong usage, when its packages have other versions, its modules were changed, or it cannot be made.
+pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<RunConfig> {
+    if !config.environment.0.contains_key(MAKE) {
+        return Ok(config);
+    }
+    if other_build {
+        config.environment.0.remove(SOURCES);
+        return complete(config);
+    }
+    complete(config.clone())?;
+    Ok(config)
 }
 
 /// SHA-256 of the program that a task brings along; none where it is ours.

@@ -29,6 +29,9 @@ const LOCK_PAUSE: Duration = Duration::from_millis(20);
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";
 
+/// Where a configuration has the hashes of the user's modules of Python.
+const MODULES: &str = "environment.sources";
+
 /// What the command line says about the run.
 pub(crate) struct TrainRequest {
     /// The task, by its name or its file; the default task where it is not given.
@@ -62,7 +65,7 @@ impl Plan {
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let config = tasks::configuration(task, wishes.preset.as_deref(), &wishes.settings)?;
-        let config = demonstrations::adopt(with_absolute_paths(config)?, &wishes.settings)?;
+        let config = demonstrations::adopt(with_absolute_paths(config, None)?, &wishes.settings)?;
         let is_numbered = wishes.folder.is_none();
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));
         let folder = RunFolder::new(path);
@@ -206,7 +209,7 @@ pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Resu
         let needed: Vec<String> = of_environment.chain(&by_itself).cloned().collect();
         tasks::configuration(task, preset, &needed)
     })?;
-    let usual = demonstrations::adopt(with_absolute_paths(usual)?, &[])?;
+    let usual = demonstrations::adopt(with_absolute_paths(usual, None)?, &[])?;
     Ok(RunConfig { task: config.task.clone(), ..usual })
 }
 
@@ -215,12 +218,16 @@ pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Resu
 /// # Errors
 /// When the settings make no sound configuration.
 pub(crate) fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
-    with_absolute_paths(old.with_settings(settings)?)
+    with_absolute_paths(old.with_settings(settings)?, old.demonstrations.file.as_deref())
 }
 
-/// A run can be continued from anywhere, so its configuration names no relative path.
-fn with_absolute_paths(mut config: RunConfig) -> Result<RunConfig> {
-    if let Some(file) = &mut config.demonstrations.file {
+/// A run can be continued from anywhere, so its configuration names no relative path. The demonstrations that
+/// it `began_with` keep their name wherever they are now: that is for `file_of` to say, and another name
+/// would be another setting.
+fn with_absolute_paths(mut config: RunConfig, began_with: Option<&Path>) -> Result<RunConfig> {
+    if let Some(file) = &mut config.demonstrations.file
+        && began_with != Some(file.as_path())
+    {
         *file = file
             .canonicalize()
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
@@ -280,11 +287,11 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
         return Ok(());
     }
     let begun = recorded_configs(folder).map_err(Refusal::usage)?;
-    let Some((key, [began, found])) =
-        begun.iter().find_map(|begun| begun.result_difference(config))
-    else {
-        return Ok(());
-    };
+    // Hashes of modules are for the environment itself to check.
+    let is_of_text = |(key, _): &(String, [String; 2])| !key.starts_with(MODULES);
+    let difference =
+        |begun: &RunConfig| begun.result_differences(config).into_iter().find(is_of_text);
+    let Some((key, [began, found])) = begun.iter().find_map(difference) else { return Ok(()) };
     Err(wrong_usage(format!(
         "{}: expected {key} = {began}, with which the run began, found {found}",
         folder.config_file().display()
@@ -340,6 +347,8 @@ fn next_free(runs: &Path, task: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mcap_log::{FileWriter, Kind, LogOptions, LogWriter, Metadata, Topic};
+    use run::demonstrations::file_of;
 
     fn wishes(folder: &Path, settings: &[&str]) -> TrainRequest {
         TrainRequest {
@@ -415,6 +424,34 @@ mod tests {
         let preset =
             TrainRequest { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
         assert!(Plan::resumed_run(preset).is_err());
+    }
+
+    #[test]
+    fn a_run_is_continued_where_its_experiment_was_moved() {
+        let directory = tempfile::tempdir().unwrap();
+        let place = directory.path().canonicalize().unwrap();
+        let [before, now] = ["before", "now"].map(|name| place.join(name));
+        let shown = before.join("demonstrations/shown.mcap");
+        fs::create_dir_all(before.join("demonstrations")).unwrap();
+        let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
+        FileWriter::create(&shown, &metadata, &[Topic::Trajectory]).unwrap().seal().unwrap();
+        let given = format!("demonstrations.file={:?}", shown.to_str().unwrap());
+        let mut first =
+            Plan::new_run(wishes(&before.join("runs/one"), &["seed=1", given.as_str()])).unwrap();
+        drop(first.lay_out().unwrap());
+        let metadata = run::metadata::of_run(&first.config);
+        let options = LogOptions::default();
+        LogWriter::create(&first.folder.log(), &metadata, options).unwrap().finish().unwrap();
+        fs::rename(&before, &now).unwrap();
+
+        for _ in 0..2 {
+            let folder = now.join("runs/one");
+            let mut resumed = Plan::resumed_run(wishes(&folder, &["seed=1"])).unwrap();
+            assert!(resumed.config.same_result_as(&first.config));
+            let found = file_of(&resumed.folder, &resumed.config);
+            assert_eq!(found, now.join("demonstrations/shown.mcap"));
+            drop(resumed.lay_out().unwrap());
+        }
     }
 
     #[test]

@@ -85,7 +85,8 @@ struct Log {
 /// # Errors
 /// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
 pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> {
-    let mut environment = Table::from_iter([("make".to_owned(), Value::String(task.to_owned()))]);
+    let mut environment =
+        Table::from_iter([(description::MAKE.to_owned(), Value::String(task.to_owned()))]);
     for setting in settings {
         let mut change = parse_setting(setting).map_err(wrong_usage)?;
         if let Some(Value::Table(own)) = change.remove("environment") {

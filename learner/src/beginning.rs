@@ -44,7 +44,7 @@ impl Beginning {
 
     fn fresh(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
         let demonstrations = match config.learner.imitates() {
-            true => run::demonstrations::load(folder, config)?,
+            true => run::origin::load_demonstrations(folder, config)?,
             false => Vec::new(),
         };
         let (learner, policy) = algorithm::create(config, &demonstrations);

@@ -6,6 +6,7 @@ Nothing is installed for this file: the actor hands its text to the interpreter.
 
 import contextlib
 import ctypes
+import hashlib
 import importlib
 import inspect
 import json
@@ -144,6 +145,7 @@ class Environments:
             "dropped": list(self.observations.dropped),
             "success": self.success,
             "versions": versions(),
+            "sources": sources(modules_of(options["environment"], self.success, first)),
         }
         self.spare = first
 
@@ -262,6 +264,36 @@ def versions():
         except metadata.PackageNotFoundError:
             pass
     return found
+
+
+def modules_of(reference, rule, environment):
+    """Names of the modules of what makes an environment, of what tells its success, and of its class."""
+    named = [reference.partition(":")[2]] if reference.startswith("python:") else []
+    named += [rule] if ":" in rule else []
+    return [name.partition(":")[0] for name in named] + [type(environment.unwrapped).__module__]
+
+
+def sources(modules):
+    """SHA-256 of the file of each of these modules that has one."""
+    found = {}
+    for module in modules:
+        path = source_file(module)
+        if path is not None:
+            with open(path, "rb") as file:
+                found[module] = hashlib.sha256(file.read()).hexdigest()
+    return found
+
+
+def source_file(module):
+    """The file of a module; none where there is none, or an installed package has it, which has a version."""
+    try:
+        path = inspect.getsourcefile(sys.modules[module])
+    except (KeyError, TypeError):
+        return None
+    if path is None or not os.path.isfile(path):
+        return None
+    parts = os.path.abspath(path).split(os.sep)
+    return None if "site-packages" in parts or "dist-packages" in parts else path
 
 
 def advice():

@@ -23,6 +23,9 @@ pub const MAKE: &str = "make";
 /// The key of a setting that has the environment render pictures.
 pub const RENDER: &str = "render";
 
+/// The key of a setting that has the hashes of modules.
+const SOURCES: &str = "sources";
+
 /// What an environment of Python is made with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -56,6 +59,10 @@ pub struct PythonSetting {
     /// Versions of Python and its packages that the task was described with.
     #[serde(default)]
     pub versions: BTreeMap<String, String>,
+    /// SHA-256 of the files of the user's own modules that the task was described with; none of those that
+    /// installed packages have.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub sources: BTreeMap<String, String>,
 }
 
 fn auto() -> String {
@@ -83,6 +90,36 @@ impl PythonSetting {
         })
         .to_string()
     }
+
+    /// Checks that packages and modules are those that the task was described with.
+    fn require(
+        &self,
+        versions: &BTreeMap<String, String>,
+        sources: &BTreeMap<String, String>,
+    ) -> Result<(), EnvironmentError> {
+        for (package, expected) in &self.versions {
+            let found = versions.get(package).map_or("none", String::as_str);
+            let key = format!("versions.{package}");
+            within(&key, found == expected, &format!("{found}, which is installed"), expected)?;
+        }
+        for (module, expected) in &self.sources {
+            // The environment of demonstrations may have its class in another module than the agent's.
+            let Some(found) = sources.get(module) else { continue };
+            let key = format!("sources.{module}");
+            within(&key, found == expected, &format!("{found}, as its file is now"), expected)?;
+        }
+        Ok(())
+    }
+}
+
+/// A setting as a file of demonstrations has it: without hashes of modules, for states stay what they are
+/// when a module is changed later.
+pub(crate) fn as_recorded(setting: &Setting) -> Setting {
+    let mut recorded = setting.clone();
+    if recorded.0.contains_key(MAKE) {
+        recorded.0.remove(SOURCES);
+    }
+    recorded
 }
 
 /// The process for a setting, started if there is none.
@@ -140,12 +177,9 @@ impl Slot {
 
     fn of(link: Arc<Mutex<Link>>, setting: PythonSetting) -> Result<Slot, EnvironmentError> {
         let hello = locked(&link).hello().clone();
-        let Hello { observation, action, horizon_steps, labels, success, versions, .. } = hello;
-        for (package, expected) in &setting.versions {
-            let found = versions.get(package).map_or("none", String::as_str);
-            let key = format!("versions.{package}");
-            within(&key, found == expected, &format!("{found}, which is installed"), expected)?;
-        }
+        let Hello { observation, action, horizon_steps, labels, success, .. } = hello;
+        let Hello { versions, sources, .. } = hello;
+        setting.require(&versions, &sources)?;
         let horizon_steps = match setting.horizon_steps {
             0 => horizon_steps.unwrap_or(0),
             steps => steps,
@@ -161,7 +195,7 @@ impl Slot {
         Ok(Slot {
             link,
             number,
-            setting: PythonSetting { success, versions, ..setting },
+            setting: PythonSetting { success, versions, sources, ..setting },
             spec: Spec { observation, action, horizon_steps },
             scale,
             labels,

@@ -16,5 +16,6 @@ mod environment;
 mod link;
 mod purity;
 
+pub(crate) use environment::as_recorded;
 pub use environment::{MAKE, PythonSetting, RENDER, make};
 pub use purity::purified;

@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::measured::MeasuredFigure;
-use crate::statistics::Standing;
+use crate::statistics::{FEWEST, Standing};
 
 /// Samples of the bootstrap.
 const SAMPLES: usize = 2000;
@@ -42,8 +42,8 @@ impl OverPanels {
     }
 }
 
-/// The methods of which every panel of a figure has evaluated runs, the first of them the one that the
-/// others are compared with; none when there is a single panel or nothing to compare.
+/// The methods of which every panel of a figure has evaluated runs of enough seeds for an interval, the first
+/// of them the one that the others are compared with; none when there is a single panel or nothing to compare.
 pub(crate) fn over_panels(figure: &MeasuredFigure) -> Vec<OverPanels> {
     let names = figure.panels.iter().flat_map(|panel| &panel.curves).map(|curve| &curve.name);
     let mut found: Vec<(&String, Scores)> = Vec::new();
@@ -70,7 +70,7 @@ fn scores(figure: &MeasuredFigure, name: &str) -> Option<Scores> {
     let panels = figure.panels.iter().map(|panel| {
         let curve = panel.curves.iter().find(|curve| curve.name == name)?;
         let rates = curve.evaluations();
-        (!rates.is_empty()).then_some(rates)
+        (rates.len() >= FEWEST).then_some(rates)
     });
     panels.collect()
 }

@@ -39,8 +39,20 @@ pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
         }
     }
     tasks.sort_by_key(|(task, _)| place(&task.name));
-    let panels = tasks.into_iter().map(|(task, runs)| panel(task, described(runs))).collect();
+    let mut panels: Vec<Panel> = Vec::new();
+    for (task, runs) in tasks {
+        let panel = panel(task, described(runs));
+        panels.push(Panel { name: free_name(&panel.name, &panels), ..panel });
+    }
     Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
+}
+
+/// The name, numbered where panels have it already: tasks of one name may differ in their shapes or programs.
+fn free_name(name: &str, panels: &[Panel]) -> String {
+    let is_free = |name: &String| panels.iter().all(|panel| panel.name != *name);
+    let numbered = (2..).map(|number| format!("{name}-{number}"));
+    let mut names = std::iter::once(name.to_owned()).chain(numbered);
+    names.find(is_free).expect("numbers do not end")
 }
 
 /// What the runs of a task are besides that.
@@ -98,6 +110,17 @@ fn panel(task: Task, runs: Vec<Described>) -> Panel {
 mod tests {
     use super::*;
     use run::tasks::configuration;
+
+    #[test]
+    fn panels_of_one_task_name_are_numbered() {
+        let task = configuration("fetch-push", None, &[]).unwrap().task;
+        let mut panels: Vec<Panel> = Vec::new();
+        for expected in ["fetch-push", "fetch-push-2", "fetch-push-3"] {
+            let name = free_name(&task.name, &panels);
+            assert_eq!(name, expected);
+            panels.push(Panel { name, ..panel(task.clone(), Vec::new()) });
+        }
+    }
 
     #[test]
     fn seeds_come_together_and_settings_apart() {

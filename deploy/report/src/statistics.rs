@@ -3,7 +3,7 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Fewest seeds that have an interval: that of two is twelve times as wide as they are apart.
-const FEWEST: usize = 3;
+pub(crate) const FEWEST: usize = 3;
 
 /// Where the upper end of a 95 % interval lies.
 const UPPER: f64 = 0.975;

@@ -73,6 +73,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     programs::check_all()?;
     description::check_all(runs.iter().map(|run| &run.config))?;
+    if let Some(engine) = arguments.cluster.on {
+        engine.require_files(&runs, out)?;
+    }
     let mut planned = Planned { plans, runs, archive };
     if *dry_run {
         return tell_what_is_missing(arguments, &mut planned);

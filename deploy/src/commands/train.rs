@@ -86,8 +86,8 @@ pub(crate) struct Arguments {
     no_page: bool,
     #[command(flatten)]
     listening: ListenOptions,
-    /// Continues a run that another build of goalward trained, though its result may then be that of
-    /// neither; the log and the summary name both.
+    /// Continues a run that another build of goalward trained, or whose environment's module of Python was
+    /// changed, though its result may then be that of neither; the log names both.
     #[arg(long, requires = "resume")]
     other_build: bool,
     #[command(flatten)]
@@ -131,11 +131,12 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let changes = dry_run.then(|| Changes::of(&plan.config, task.as_deref(), &settings));
     programs::check_all()?;
     listening.check(&plan.config)?;
-    if plan.resumed {
+    plan.config = if plan.resumed {
         plan::refuse_other_program(&plan.config)?;
+        description::of_resumed(plan.config, other_build)?
     } else {
-        plan.config = description::complete(plan.config)?;
-    }
+        description::complete(plan.config)?
+    };
     let remarks = check(&plan)?;
     if plan.resumed && !other_build {
         plan::refuse_other_build(&plan.folder)?;
@@ -179,17 +180,20 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
 /// Everything that can be known to be wrong before the run has a folder. Gives what else is to be said.
 fn check(plan: &Plan) -> Result<Vec<String>> {
     let long = Machine::here().require_room_for(&plan.config)?;
-    if let Some(file) = &plan.config.demonstrations.file {
-        demonstrations::check(file, &plan.config)?;
+    let file = file_of(&plan.folder, &plan.config);
+    let is_given = plan.config.demonstrations.file.is_some();
+    if is_given {
+        demonstrations::check(&file, &plan.config)?;
     }
-    if plan.resumed && file_of(&plan.folder, &plan.config).exists() {
+    if plan.resumed && file.exists() {
         let unchanged = run::origin::demonstrations_sha256(&plan.folder, &plan.config);
         unchanged.map_err(Refusal::usage)?;
     }
     require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;
     check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
     limits::check(plan.config.resources.actors)?;
-    Ok(long.into_iter().chain(demonstrations::remark(&plan.config)?).collect())
+    let remark = is_given.then(|| demonstrations::remark(&file, &plan.config.task)).transpose()?;
+    Ok(long.into_iter().chain(remark.flatten()).collect())
 }
 
 fn prepare_and_supervise(

@@ -3,7 +3,7 @@
 //! A run's folder is called `TASK-METHOD-sSEED-HASH`. The hash stands for all that decides the
 //! result, and for nothing else: not for the names of method and preset, whose values are in it. So
 //! a run that two figures show, or an ablation that is the default, lies in one folder, under the
-//! method's name that came first.
+//! method's name that came first. The build of a program that the user's own task brings along is in it, too.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use protocol::table::CHANGES_NO_RESULT;
 use run::config::RunConfig;
+use run::demonstrations::SHARED_FOLDER;
 use run::folder::RunFolder;
 use serde_json::Value;
 use xxhash_rust::xxh3::xxh3_64;
@@ -51,7 +52,7 @@ impl Archive {
 
     /// Folder of the demonstrations.
     pub(crate) fn demonstrations(&self) -> PathBuf {
-        self.path.join("demonstrations")
+        self.path.join(SHARED_FOLDER)
     }
 
     /// The name of a run, whether it is there or to come.
@@ -75,7 +76,9 @@ impl Archive {
         let setting = serde_json::to_string(&config.demonstration_setting())
             .expect("a setting has only numbers and texts");
         let RunConfig { task, seed, demonstrations, .. } = config;
-        let (episodes, hash) = (demonstrations.episodes, short_hash(&setting));
+        // Nothing for a task of ours.
+        let program = task.program_sha256.as_deref().unwrap_or_default();
+        let (episodes, hash) = (demonstrations.episodes, short_hash(&(setting + program)));
         self.demonstrations().join(format!("{task}-{episodes}-s{seed}-{hash}.mcap"))
     }
 }

@@ -143,17 +143,20 @@ impl Execution {
     fn begin(&mut self, training: &Training) -> Result<Begun> {
         if let Some(summary) = training.summary() {
             self.count(training, &summary);
-        } else if training.is_elsewhere() {
-            self.leave_to_others(training);
-        } else if let Some(file) = training.missing_demonstrations() {
-            if is_being_written(&file) {
-                return Ok(Begun::Later);
-            }
-            return Recorder::start(&training.run.config, file).map(Begun::Recording);
-        } else {
-            return training.start(self.jobs == 1, self.other_build).map(Begun::Training);
+            return Ok(Begun::Nothing);
         }
-        Ok(Begun::Nothing)
+        if training.is_elsewhere() {
+            self.leave_to_others(training);
+            return Ok(Begun::Nothing);
+        }
+        training.require_same_program()?;
+        let Some(file) = training.missing_demonstrations() else {
+            return training.start(self.jobs == 1, self.other_build).map(Begun::Training);
+        };
+        if is_being_written(&file) {
+            return Ok(Begun::Later);
+        }
+        Recorder::start(&training.run.config, file).map(Begun::Recording)
     }
 
     /// Notices what has ended; returns whether anything has.

@@ -1,7 +1,8 @@
 //! A plan, checked: every run it asks for, with its whole configuration.
 
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use protocol::dropped::shortened;
@@ -10,6 +11,7 @@ use protocol::task::Task;
 use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
 use super::planned_run::PlannedRun;
+use crate::description;
 use report::figure::{Curve, Figure, Panel};
 use terminal::refusal::wrong_usage;
 
@@ -101,6 +103,7 @@ impl Plan {
             }
         }
         check_quick(&file)?;
+        identify_programs(&mut panels)?;
         Ok(Plan { name, title: file.title, panels })
     }
 
@@ -181,6 +184,29 @@ impl PlannedPanel {
         let PanelEntry { name, title, .. } = panel;
         Ok(PlannedPanel { name: name.clone(), title: title.clone(), task, curves: planned })
     }
+}
+
+/// Notes which programs the tasks of a user's own have now, each read once: another build of one acts otherwise,
+/// so its runs are others.
+fn identify_programs(panels: &mut [PlannedPanel]) -> Result<()> {
+    let mut known: BTreeMap<PathBuf, Option<String>> = BTreeMap::new();
+    for panel in panels {
+        let PlannedPanel { name, task, curves, .. } = panel;
+        let runs = curves.iter_mut().flat_map(|curve| &mut curve.runs);
+        for task in runs.map(|run| &mut run.config.task).chain([task]) {
+            let Some(program) = task.program.clone() else { continue };
+            let sha256 = match known.entry(program) {
+                Entry::Occupied(known) => known.get().clone(),
+                Entry::Vacant(place) => {
+                    let found = description::program_sha256(task)
+                        .map_err(|error| wrong_usage(format!("panel {name}: {error:#}")))?;
+                    place.insert(found).clone()
+                }
+            };
+            task.program_sha256 = sha256;
+        }
+    }
+    Ok(())
 }
 
 /// From the general to the special; a quick plan's are laid over all others.

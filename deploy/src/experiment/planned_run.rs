@@ -12,7 +12,8 @@ use terminal::refusal::wrong_usage;
 pub(crate) struct PlannedRun {
     /// Its task, as `goalward train` takes it.
     pub(crate) task: String,
-    /// Its effective configuration. It names a file of demonstrations only if the plan does.
+    /// Its effective configuration, with the hash of the task's own program. It names a file of demonstrations
+    /// only if the plan does.
     pub(crate) config: RunConfig,
     /// What makes that configuration of the task's file and preset, as `goalward train --set` takes it.
     pub(crate) settings: Vec<String>,

@@ -129,6 +129,65 @@ fn demonstrations_are_shared_where_they_are_the_same() {
     assert_ne!(file(&all[2]), file(&noisy));
 }
 
+/// A plan of one panel over a task of the user's own, whose file and plan it writes.
+fn plan_of_own_task(folder: &Path) -> PathBuf {
+    fs::create_dir_all(folder.join("target/release")).unwrap();
+    let task = folder.join("reacher.toml");
+    fs::write(&task, include_str!("../../examples/reacher/reacher.toml")).unwrap();
+    let own = format!("task = {:?}", task.to_str().unwrap());
+    let text = PLAN.replace("task = \"fetch-push\"", &own);
+    assert_ne!(text, PLAN);
+    write(folder, &text.replace("methods = [\"environment-reward\"]", ""))
+}
+
+#[test]
+fn a_program_that_was_built_anew_makes_other_runs_and_demonstrations() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let (plan, program) = (plan_of_own_task(folder), folder.join("target/release/reacher"));
+    let missing = Plan::read(&plan, false).unwrap_err().to_string();
+    for part in ["figure.toml", "panel reference", "target/release/reacher of reacher"] {
+        assert!(missing.contains(part) && !missing.contains('\n'), "{missing}");
+    }
+    let names = |build: &str| {
+        fs::write(&program, build).unwrap();
+        let mut archive = Archive::open(folder);
+        let runs = queue(&read_all(&[&plan], false).unwrap(), &mut archive);
+        let name = |run: &PlannedRun| {
+            (
+                run.config.task.name.clone(),
+                archive.name_of(run),
+                archive.demonstrations_of(&run.config),
+            )
+        };
+        runs.iter().map(name).collect::<Vec<_>>()
+    };
+    let [before, again, anew] = ["one", "one", "other"].map(names);
+    assert_eq!(before, again);
+    assert_eq!(before.len(), anew.len());
+    for ((task, run, demonstrations), (_, new_run, new_demonstrations)) in before.iter().zip(&anew)
+    {
+        let is_own = task == "reacher";
+        assert_eq!(
+            (run != new_run, demonstrations != new_demonstrations),
+            (is_own, is_own),
+            "{run}"
+        );
+    }
+    assert!(before.iter().any(|(task, ..)| task == "reacher"));
+}
+
+/// Recorded results lie under these names.
+#[test]
+fn a_task_of_ours_has_the_names_it_always_had() {
+    let run = &runs(PLAN, false)[2];
+    assert_eq!((&run.config.task.program, &run.config.task.program_sha256), (&None, &None));
+    let setting = serde_json::to_string(&run.config.demonstration_setting()).unwrap();
+    let hash = format!("{:08x}", xxhash_rust::xxh3::xxh3_64(setting.as_bytes()) >> 32);
+    let file = Archive::open(Path::new("e")).demonstrations_of(&run.config);
+    assert!(file.to_str().unwrap().ends_with(&format!("-s1-{hash}.mcap")), "{}", file.display());
+}
+
 #[test]
 fn what_is_wrong_is_named() {
     let directory = tempfile::tempdir().unwrap();

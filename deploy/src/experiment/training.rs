@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use run::config::{ResourceConfig, RunConfig};
 use run::folder::RunFolder;
 use run::summary::Summary;
@@ -13,7 +13,7 @@ use super::archive::Archive;
 use super::planned_run::PlannedRun;
 use crate::child::Child;
 use crate::output::Output;
-use crate::progress_file;
+use crate::{description, progress_file};
 
 /// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
 const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;
@@ -46,6 +46,22 @@ impl Training {
     /// Whether another `goalward train` has the run right now.
     pub(super) fn is_elsewhere(&self) -> bool {
         self.folder.is_trained()
+    }
+
+    /// Checks that the task's own program is the one that gave the run its name.
+    ///
+    /// # Errors
+    /// When it was built anew since the plan was read, or cannot be read.
+    pub(super) fn require_same_program(&self) -> Result<()> {
+        let task = &self.run.config.task;
+        let Some(program) = &task.program else { return Ok(()) };
+        ensure!(
+            description::program_sha256(task)? == task.program_sha256,
+            "{}: expected the program that the experiment began with, found one that was built anew: \
+             start the experiment again",
+            program.display()
+        );
+        Ok(())
     }
 
     /// The demonstrations that are to be recorded before it starts.

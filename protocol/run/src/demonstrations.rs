@@ -19,21 +19,30 @@ use crate::config::{RewardConfig, RunConfig, set_by_user};
 use crate::folder::RunFolder;
 use crate::metadata::recorded_task;
 
+/// What the folder of demonstrations is called that an experiment has beside its folder of runs.
+pub const SHARED_FOLDER: &str = "demonstrations";
+
 /// What demonstrations may take of memory: hundreds of times what the paper has.
 const MOST_BYTES: usize = 1 << 30;
 
-/// The demonstrations a run learns from: [`of_file`], of its own file or of the one it was given.
-///
-/// # Errors
-/// As [`of_file`].
-pub fn load(folder: &RunFolder, config: &RunConfig) -> Result<Vec<Trajectory>, Error> {
-    of_file(&file_of(folder, config), config)
+/// The file that a run learns from: the one it was given, or its own, which may not be there yet. Where the
+/// one it was given is gone, the experiment's folder that the run lies in may have been moved, or be seen
+/// under another path than where the run began: then it is the file of that name there.
+pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
+    let Some(given) = &config.demonstrations.file else { return folder.demonstrations_file() };
+    if given.exists() {
+        return given.clone();
+    }
+    let moved = in_experiment(folder, given).filter(|file| file.is_file());
+    moved.unwrap_or_else(|| given.clone())
 }
 
-/// The file that a run learns from: the one it was given, or its own, which may not be there yet.
-pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
-    let own = || folder.demonstrations_file();
-    config.demonstrations.file.clone().unwrap_or_else(own)
+/// Where a file of this name lies in the experiment that a run, in `runs/NAME` there, belongs to.
+fn in_experiment(folder: &RunFolder, file: &Path) -> Option<PathBuf> {
+    // The name of a folder may be relative and have no parent by itself.
+    let run = folder.path().canonicalize().ok()?;
+    let experiment = run.parent()?.parent()?;
+    Some(experiment.join(SHARED_FOLDER).join(file.file_name()?))
 }
 
 /// What a run of this configuration learns from of a file: as many demonstrations as it asks for, and
@@ -317,7 +326,29 @@ fn failed(file: &Path, message: String) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+
+    #[test]
+    fn demonstrations_are_found_where_their_experiment_is_now() {
+        let place = tempfile::tempdir().unwrap();
+        let place = place.path().canonicalize().unwrap();
+        let folder = RunFolder::new(place.join("now/runs/one"));
+        fs::create_dir_all(folder.path()).unwrap();
+        let [given, moved] = ["before", "now"]
+            .map(|experiment| place.join(experiment).join("demonstrations").join("some.mcap"));
+        let mut config = crate::tasks::configuration("navigation", None, &[]).unwrap();
+        config.demonstrations.file = Some(given.clone());
+        assert_eq!(file_of(&folder, &config), given, "neither is there");
+        for (written, expected) in [(&moved, &moved), (&given, &given)] {
+            fs::create_dir_all(written.parent().unwrap()).unwrap();
+            fs::write(written, "some").unwrap();
+            assert_eq!(file_of(&folder, &config), *expected);
+        }
+        config.demonstrations.file = None;
+        assert_eq!(file_of(&folder, &config), folder.demonstrations_file());
+    }
 
     #[test]
     fn an_action_acts_alike_under_another_scale() {

@@ -2,12 +2,13 @@
 
 use mcap_log::{FileReader, recorded_metadata};
 use protocol::build::{Build, short};
+use protocol::trajectory::Trajectory;
 use protocol::{Error, digest};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 use crate::config::RunConfig;
-use crate::demonstrations::file_of;
+use crate::demonstrations::{file_of, of_file};
 use crate::folder::RunFolder;
 
 /// What the metadata of demonstrations calls who acted.
@@ -42,6 +43,19 @@ pub fn demonstrations_sha256(
              demonstrations make another run"
         ))),
     }
+}
+
+/// The demonstrations that a run learns from, which are those that it began with.
+///
+/// # Errors
+/// As [`demonstrations_sha256`] and [`of_file`].
+pub fn load_demonstrations(
+    folder: &RunFolder,
+    config: &RunConfig,
+) -> Result<Vec<Trajectory>, Error> {
+    // Whoever makes a model of a run again would have another one by others.
+    demonstrations_sha256(folder, config)?;
+    of_file(&file_of(folder, config), config)
 }
 
 /// What a run imitated.
@@ -135,6 +149,8 @@ mod tests {
         assert_eq!(demonstrations_sha256(&folder, &config).unwrap(), Some(hash));
         std::fs::write(folder.demonstrations_file(), "other").unwrap();
         let message = demonstrations_sha256(&folder, &config).unwrap_err().to_string();
+        assert!(message.contains("which the run began with"), "{message}");
+        let message = load_demonstrations(&folder, &config).unwrap_err().to_string();
         assert!(message.contains("which the run began with"), "{message}");
     }
 }

@@ -7,6 +7,7 @@ use protocol::table::ABSENT;
 use serde::Serialize;
 
 use crate::config::RunConfig;
+use crate::demonstrations::file_of;
 use crate::folder::RunFolder;
 use crate::tasks;
 
@@ -76,7 +77,9 @@ pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     {
         let value = unquoted(&value);
         line += &match key.as_str() {
-            "demonstrations.file" => format!(" --demonstrations {}", quoted(value)),
+            "demonstrations.file" => {
+                format!(" --demonstrations {}", quoted(file_of(folder, config).display()))
+            }
             _ => format!(" --set {}", quoted(format!("{key}={value}"))),
         };
     }

@@ -10,8 +10,9 @@ use protocol::setting::Setting;
 use protocol::task::write_floats;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::RunConfig;
-use run::demonstrations::{adopt, load};
+use run::demonstrations::adopt;
 use run::folder::RunFolder;
+use run::origin::load_demonstrations;
 use run::tasks::configuration;
 
 /// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
@@ -81,7 +82,7 @@ impl Given {
     }
 
     fn load(&self) -> Result<Vec<Trajectory>, protocol::Error> {
-        load(&RunFolder::new(PathBuf::from("none")), &self.config()?)
+        load_demonstrations(&RunFolder::new(PathBuf::from("none")), &self.config()?)
     }
 
     fn refusal(&self) -> String {

@@ -48,7 +48,7 @@ pub struct Learned<O> {
 
 impl<O: Objective> Learned<O> {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Self> {
-        let demonstrations = run::demonstrations::load(folder, config)?;
+        let demonstrations = run::origin::load_demonstrations(folder, config)?;
         let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
         let (reward, threads) = (&config.reward, threads(config)?);
         Ok(Learned::new(&spec, reward, rate, config.seed, &demonstrations, threads))

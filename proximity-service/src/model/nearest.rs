@@ -32,7 +32,7 @@ pub struct NearestState {
 
 impl NearestState {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
-        let demonstrations = run::demonstrations::load(folder, config)?;
+        let demonstrations = run::origin::load_demonstrations(folder, config)?;
         let spec = config.task.spec();
         Ok(Box::new(Self::new(&spec, &config.reward, &demonstrations, threads(config)?)))
     }

@@ -8,7 +8,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail, ensure};
 use mcap_log::{Contents, Record, read_contents};
 use run::config::RunConfig;
+use run::demonstrations::file_of;
 use run::folder::RunFolder;
+use run::origin::demonstrations_sha256;
 use run::summary::Summary;
 use serde::Serialize;
 
@@ -20,7 +22,7 @@ use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
 use terminal::print::print_remark;
-use terminal::refusal::{stopped, wrong_usage};
+use terminal::refusal::{Refusal, stopped, wrong_usage};
 
 /// Hashes of the weights after every update, by what was updated.
 type Hashes = BTreeMap<(&'static str, u64), String>;
@@ -80,13 +82,14 @@ fn cleared(recorded: &RunFolder) -> Result<RunFolder> {
 }
 
 /// The configuration of the run that is trained again: the same, with the demonstrations where the
-/// first one has them.
+/// first one has them. Others are refused here: the folder of the new run cannot tell which they were.
 fn configuration(recorded: &RunFolder) -> Result<RunConfig> {
     let mut config = recorded.config()?;
-    let file = recorded.demonstrations_file();
-    if config.imitates() && config.demonstrations.file.is_none() {
+    if config.imitates() {
+        let file = file_of(recorded, &config);
         let file = fs::canonicalize(&file)
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
+        demonstrations_sha256(recorded, &config).map_err(Refusal::usage)?;
         config.demonstrations.file = Some(file);
     }
     Ok(config)
