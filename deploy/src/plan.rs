@@ -29,9 +29,6 @@ const LOCK_PAUSE: Duration = Duration::from_millis(20);
 /// Where runs go that were given no folder.
 const RUNS: &str = "runs";
 
-/// Where a configuration has the hashes of the user's modules of Python.
-const MODULES: &str = "environment.sources";
-
 /// What the command line says about the run.
 pub(crate) struct TrainRequest {
     /// The task, by its name or its file; the default task where it is not given.
@@ -287,11 +284,11 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
         return Ok(());
     }
     let begun = recorded_configs(folder).map_err(Refusal::usage)?;
-    // Hashes of modules are for the environment itself to check.
-    let is_of_text = |(key, _): &(String, [String; 2])| !key.starts_with(MODULES);
-    let difference =
-        |begun: &RunConfig| begun.result_differences(config).into_iter().find(is_of_text);
-    let Some((key, [began, found])) = begun.iter().find_map(difference) else { return Ok(()) };
+    let Some((key, [began, found])) =
+        begun.iter().find_map(|begun| begun.result_difference(config))
+    else {
+        return Ok(());
+    };
     Err(wrong_usage(format!(
         "{}: expected {key} = {began}, with which the run began, found {found}",
         folder.config_file().display()
