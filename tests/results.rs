@@ -1,9 +1,9 @@
 //! The tables of the results are those of the data beside them.
 //!
 //! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
-//! which a number of a table, of a run, or of a plan is another. Its statistics over panels are those of the
-//! library `rliable`. It needs the packages of
-//! `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
+//! which a number of a table, of a run, or of a plan is another. Which curves have the same runs it says as
+//! `goalward experiment` does. Its statistics over panels are those of the library `rliable`. It needs the
+//! packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
 //! `GOALWARD_PYTHON=none` leaves this out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
@@ -11,12 +11,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use system_tests::{TestRun, programs};
 use tempfile::TempDir;
 
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// What of the repository the script reads, and the plans.
-const FILES: [&str; 10] = [
+/// What of the repository the script reads, and whole folders of it.
+const FILES: [&str; 13] = [
     "README.md",
     "docs/guide/src/methods.md",
     "docs/results/README.md",
@@ -24,11 +25,15 @@ const FILES: [&str; 10] = [
     "docs/results/tables.py",
     "docs/results/estimates.py",
     "docs/results/data.py",
+    "docs/results/settings.py",
+    "deploy/methods.toml",
+    "protocol/run/src/config/defaults.toml",
     "docs/results/runs.csv",
     "docs/results/points.csv",
     "docs/results/replays.csv",
 ];
 const PLANS: &str = "deploy/experiments";
+const FOLDERS: [&str; 2] = [PLANS, "deploy/tasks"];
 
 /// What Python makes of some arguments in the folder of the results.
 fn python(root: &Path, arguments: &[&str]) -> Option<Output> {
@@ -47,9 +52,11 @@ fn rebuilt(root: &Path, arguments: &[&str]) -> Option<(bool, String)> {
 /// A copy of what the script reads.
 fn copied() -> TempDir {
     let copy = tempfile::tempdir().unwrap();
-    let plans = fs::read_dir(Path::new(REPOSITORY).join(PLANS)).unwrap();
-    let plans = plans.map(|plan| Path::new(PLANS).join(plan.unwrap().file_name()));
-    for name in FILES.iter().map(PathBuf::from).chain(plans) {
+    let inside = FOLDERS.into_iter().flat_map(|folder| {
+        let entries = fs::read_dir(Path::new(REPOSITORY).join(folder)).unwrap();
+        entries.map(move |entry| Path::new(folder).join(entry.unwrap().file_name()))
+    });
+    for name in FILES.iter().map(PathBuf::from).chain(inside) {
         let target = copy.path().join(&name);
         fs::create_dir_all(target.parent().unwrap()).unwrap();
         fs::copy(Path::new(REPOSITORY).join(name), target).unwrap();
@@ -78,6 +85,25 @@ fn a_number_that_is_another_is_found() {
         let Some((well, said)) = rebuilt(copy.path(), &["--check"]) else { return };
         assert!(!well && said.contains("docs/results/README.md: expected"), "{file}: {said}");
     }
+}
+
+#[test]
+fn curves_share_runs_as_in_an_experiment() {
+    let count = "
+from data import plans
+from tables import runs_of
+print(len(set().union(*map(runs_of, plans().values()))))
+";
+    let Some(counted) = python(Path::new(REPOSITORY), &["-c", count]) else { return };
+    let counted = String::from_utf8(counted.stdout).unwrap();
+    let test = TestRun::new(programs!());
+    let plans = fs::read_dir(Path::new(REPOSITORY).join(PLANS)).unwrap();
+    let plans: Vec<PathBuf> = plans.map(|plan| plan.unwrap().path()).collect();
+    let planned = plans.iter().map(|plan| plan.to_str().unwrap());
+    let arguments: Vec<&str> = ["experiment", "--dry-run"].into_iter().chain(planned).collect();
+    let (well, said) = test.goalward(&arguments);
+    let expected = format!("0 of {} runs are finished", counted.trim());
+    assert!(well && said.contains(&expected), "expected {expected}, found {said}");
 }
 
 #[test]

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import tomllib
 from estimates import standing
+from settings import REPOSITORY, Settings, resolved
 
 HERE = Path(__file__).resolve().parent
-REPOSITORY = HERE.parents[1]
 PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", REPOSITORY / "docs/guide/src/methods.md"]
 # Panels that the results open with, in a table and a picture.
 OPENING = [
@@ -25,24 +25,15 @@ OPENING = [
     ("figure9", "pick-noise-2"),
     ("figure3", "ant-noise-0.05"),
 ]
-# The form of the reward that a task has by itself: the method of that name is `goal-proximity` there, to
-# the same bits.
-OWN_FORMS = {
-    "navigation": "difference",
-    "fetch-push": "difference",
-    "fetch-pick": "difference",
-    "ant-reach": "absolute",
-}
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]
-# What decides a run's result but for its seed: keys and values.
-Settings = frozenset[tuple[str, str]]
 
 
 class PlannedCurve(NamedTuple):
     """What a curve is to show."""
 
+    # All that decides a run's result but for its seed.
     settings: Settings
     # The end of the authors' published one.
     authors: float | None
@@ -99,16 +90,13 @@ def planned(plan: dict, panel: dict) -> dict[str, PlannedCurve]:
     """The curves of a panel: its methods, and those with settings of their own."""
     anchors, methods = panel.get("anchors", {}), panel.get("methods", plan.get("methods", []))
     entries = [{"name": method, "method": method, "anchor": anchors.get(method)} for method in methods]
-    shared = [f"{name}={panel[name]}" for name in ("task", "preset", "steps") if name in panel]
+    shared = [f"steps={panel['steps']}"] if "steps" in panel else []
     shared += plan.get("set", []) + panel.get("set", [])
     found = {}
     for entry in [*entries, *panel.get("curve", [])]:
-        own = [f"{name}={entry[name]}" for name in ("method", "preset") if name in entry]
-        laid = [*shared, *own, *entry.get("set", [])]
-        settings = dict(setting.split("=", 1) for setting in laid)
-        if "preset" not in settings and settings["method"] == OWN_FORMS[settings["task"]]:
-            settings["method"] = "goal-proximity"
-        found[entry["name"]] = PlannedCurve(frozenset(settings.items()), entry.get("anchor"))
+        preset = entry.get("preset", panel.get("preset"))
+        settings = resolved(panel["task"], preset, entry["method"], [*shared, *entry.get("set", [])])
+        found[entry["name"]] = PlannedCurve(settings, entry.get("anchor"))
     return found
 
 
@@ -135,8 +123,9 @@ def refuse_strays(file: Path, runs: Iterable[Row]) -> None:
         if key(run) not in order():
             sys.exit(f"{file}: expected runs of the plans in deploy/experiments, found {' '.join(key(run))}")
         wanted = dict(identity(run)[0])["evaluation.episodes"]
-        if run["evaluation_episodes"] != wanted:
-            name, episodes = " ".join(key(run)), run["evaluation_episodes"] or "none"
+        episodes = run["evaluation_episodes"] or "none"
+        if episodes != str(wanted):
+            name = " ".join(key(run))
             sys.exit(f"{file}: {name}: expected an evaluation of {wanted} episodes, found {episodes}")
 
 

@@ -21,6 +21,7 @@ from data import (
     weights,
 )
 from estimates import FEWEST, Bounded, improvement, interquartile_mean, interval
+from settings import Settings
 
 # Results are those of lower seeds.
 FIRST_TUNING_SEED = 101
@@ -133,17 +134,17 @@ def coverage() -> str:
     """Of each plan how many panels have all of their runs, and how many runs there are."""
     text = head(["plan", "complete panels", "runs"])
     for figure in dict.fromkeys(figure for figure, _ in plans()):
-        panels = [coverage_of(plan) for (name, _), plan in plans().items() if name == figure]
-        complete = sum(found == wanted for found, wanted in panels)
-        found, wanted = map(sum, zip(*panels, strict=True))
-        text += line([f"`{figure}`", f"{complete} of {len(panels)}", f"{found} of {wanted}"])
+        panels = [runs_of(plan) for (name, _), plan in plans().items() if name == figure]
+        complete = sum(panel <= finished().keys() for panel in panels)
+        wanted = set().union(*panels)
+        found = wanted & finished().keys()
+        text += line([f"`{figure}`", f"{complete} of {len(panels)}", f"{len(found)} of {len(wanted)}"])
     return text
 
 
-def coverage_of(plan: Plan) -> tuple[int, int]:
-    """How many runs a panel has, and is to have."""
-    wanted = [(curve.settings, seed) for curve in plan.curves.values() for seed in plan.seeds]
-    return sum(run in finished() for run in wanted), len(wanted)
+def runs_of(plan: Plan) -> set[tuple[Settings, int]]:
+    """The runs that a panel is to have."""
+    return {(curve.settings, seed) for curve in plan.curves.values() for seed in plan.seeds}
 
 
 def search() -> str:
