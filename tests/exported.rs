@@ -22,7 +22,7 @@ const METHODS: [(&str, &str, &[&str]); 9] = [
     ("navigation", "goal-proximity", &["reward.batch=32", "policy.shared_trunk=false"]),
     ("navigation", "gaifo", &["reward.batch=32"]),
     ("navigation", "proximity-with-actions", &["reward.batch=32"]),
-    ("fetch-push", "goal-proximity", &[]),
+    ("fetch-push", "goal-proximity", &["reward.prior=2.0"]),
     ("fetch-push", "ranking", &[]),
     ("fetch-push", "temporal-distance", &[]),
     ("fetch-push", "gail", &[]),

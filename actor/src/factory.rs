@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use environments::{Environment, Expert, Registration, Setting, find};
-use protocol::setting::EXPERT;
+use protocol::setting::{EXPERT, MAKE};
 use protocol::task::{Spec, Task};
 use run::config::RunConfig;
 
@@ -36,7 +36,7 @@ impl Factory {
     /// When the program does not have the task.
     pub fn new(tasks: Tasks, name: &str, setting: Setting) -> Result<Factory> {
         let has = |key| setting.0.contains_key(key);
-        let task = match (has(python::MAKE), has(EXPERT)) {
+        let task = match (has(MAKE), has(EXPERT)) {
             (true, true) => &WITH_EXPERT,
             (true, false) => &OF_PYTHON,
             (false, _) => find(tasks, name)?,
@@ -75,7 +75,7 @@ impl Factory {
     /// As [`Factory::make`].
     pub fn rendering(&self) -> Result<Box<dyn Environment>> {
         let mut setting = self.setting.clone();
-        if setting.0.contains_key(python::MAKE) {
+        if setting.0.contains_key(MAKE) {
             setting.0.insert(python::RENDER.to_owned(), true.into());
         }
         self.with_setting(setting).make()

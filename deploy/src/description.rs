@@ -5,18 +5,12 @@ use std::collections::BTreeSet;
 use anyhow::{Context, Result};
 use protocol::description::Description;
 use protocol::digest;
-use protocol::setting::Setting;
+use protocol::setting::{MAKE, SOURCES, Setting};
 use protocol::task::Task;
 use run::config::RunConfig;
 
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
-
-/// The key of a setting of Python that says what makes the environment.
-pub(crate) const MAKE: &str = "make";
-
-/// The key of a setting of Python that has the hashes of the user's modules.
-pub(crate) const SOURCES: &str = "sources";
 
 /// A configuration whose settings are complete, as the task's own environment has them.
 ///

@@ -4,7 +4,7 @@
 use anyhow::{Result, anyhow};
 use mcap_log::file::LONGEST_MESSAGE;
 use protocol::description::Description;
-use protocol::setting::Setting;
+use protocol::setting::{MAKE, Setting};
 use protocol::table::{merge, parse_setting};
 use protocol::task::Task;
 use protocol::trajectory::Trajectory;
@@ -85,8 +85,7 @@ struct Log {
 /// # Errors
 /// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
 pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> {
-    let mut environment =
-        Table::from_iter([(description::MAKE.to_owned(), Value::String(task.to_owned()))]);
+    let mut environment = Table::from_iter([(MAKE.to_owned(), Value::String(task.to_owned()))]);
     for setting in settings {
         let mut change = parse_setting(setting).map_err(wrong_usage)?;
         if let Some(Value::Table(own)) = change.remove("environment") {

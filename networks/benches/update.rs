@@ -121,9 +121,9 @@ fn ensembles(criterion: &mut Criterion) {
         let mut gradient = vec![0.0; ensemble.network.parameter_count()];
         group.bench_function(format!("{name}: one member, forward and backward"), |bencher| {
             bencher.iter(|| {
-                ensemble.network.forward(&prepared[0], batch, &mut workspace);
-                let network = &ensemble.network;
-                network.backward(&prepared[0], batch, &mut workspace, &gradients, &mut gradient);
+                let (network, member) = (&ensemble.network, &prepared.members[0]);
+                network.forward(member, batch, &mut workspace);
+                network.backward(member, batch, &mut workspace, &gradients, &mut gradient);
             });
         });
     }

@@ -13,8 +13,20 @@ pub struct Ensemble {
     pub network: Network,
     /// The parameters of each member.
     pub members: Vec<Vec<f32>>,
+    /// Those of each member's prior, if there are priors: the same network, which is never trained, and whose
+    /// output is added to the member's (randomized prior functions, Osband et al., 2018).
+    pub priors: Vec<Vec<f32>>,
     /// How the members' outputs become a proximity.
     pub squashing: Squashing,
+}
+
+/// The parameters of an ensemble, packed for evaluation.
+#[derive(Clone, Debug)]
+pub struct PreparedEnsemble {
+    /// Of each member.
+    pub members: Vec<Prepared>,
+    /// Of each member's prior, if there are priors.
+    pub priors: Vec<Prepared>,
 }
 
 /// How outputs of the members of an ensemble become a proximity in [0, 1].
@@ -60,7 +72,7 @@ impl Score {
 }
 
 impl Ensemble {
-    /// Draws one member from each stream.
+    /// Draws one member from each stream; there are no priors.
     ///
     /// # Panics
     /// If the network has not exactly one output.
@@ -72,12 +84,33 @@ impl Ensemble {
         assert_eq!(network.outputs(), 1, "outputs of a member of an ensemble");
         let streams = streams.into_iter();
         let members = streams.map(|mut stream| network.initial_parameters(&mut stream)).collect();
-        Self { network, members, squashing }
+        Self { network, members, priors: Vec::new(), squashing }
     }
 
-    /// Packs the parameters of every member for evaluation.
-    pub fn prepare(&self) -> Vec<Prepared> {
-        self.members.iter().map(|member| self.network.prepare(member)).collect()
+    /// Draws a prior for each member, from one stream each, and multiplies its output by `weight`.
+    ///
+    /// # Panics
+    /// If there are not as many streams as members.
+    #[must_use]
+    pub fn with_priors(mut self, streams: impl IntoIterator<Item = Stream>, weight: f32) -> Self {
+        let ranges = self.network.parameter_ranges();
+        let output_layer = ranges.last().expect("there is an output layer").clone();
+        let prior = |mut stream: Stream| {
+            let mut prior = self.network.initial_parameters(&mut stream);
+            prior[output_layer.clone()].iter_mut().for_each(|parameter| *parameter *= weight);
+            prior
+        };
+        self.priors = streams.into_iter().map(prior).collect();
+        assert_eq!(self.priors.len(), self.members.len(), "priors of an ensemble");
+        self
+    }
+
+    /// Packs all parameters for evaluation.
+    pub fn prepare(&self) -> PreparedEnsemble {
+        let all = |networks: &[Vec<f32>]| {
+            networks.iter().map(|parameters| self.network.prepare(parameters)).collect()
+        };
+        PreparedEnsemble { members: all(&self.members), priors: all(&self.priors) }
     }
 
     /// Scores every row of a batch; `outputs` is reused memory, `members x rows` afterwards.
@@ -86,23 +119,27 @@ impl Ensemble {
     /// As [`Network::forward`].
     pub fn score(
         &self,
-        prepared: &[Prepared],
+        prepared: &PreparedEnsemble,
         batch: Batch<'_>,
         workspace: &mut Workspace,
         outputs: &mut Vec<f32>,
         scores: &mut Vec<Score>,
     ) {
         outputs.clear();
-        for prepared in prepared {
-            let own = self.network.forward(prepared, batch, workspace);
+        for member in &prepared.members {
+            let own = self.network.forward(member, batch, workspace);
             outputs.extend_from_slice(own.as_slice());
+        }
+        let rows = outputs.len() / prepared.members.len();
+        for (prior, outputs) in prepared.priors.iter().zip(outputs.chunks_exact_mut(rows)) {
+            let own = self.network.forward(prior, batch, workspace);
+            outputs.iter_mut().zip(own.as_slice()).for_each(|(output, prior)| *output += prior);
         }
         if self.squashing == Squashing::MeanOfSigmoids {
             outputs.iter_mut().for_each(|output| *output = sigmoid(*output));
         }
-        let rows = outputs.len() / prepared.len();
         let row = |row: usize| {
-            let members = 0..prepared.len();
+            let members = 0..prepared.members.len();
             Score::of(members.map(|member| outputs[member * rows + row]))
         };
         scores.clear();
@@ -113,6 +150,35 @@ impl Ensemble {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::RewardArchitecture;
+    use protocol::seed::{Purpose, stream};
+    use protocol::task::{ObservationSpec, write_floats};
+
+    #[test]
+    fn a_prior_adds_its_output_times_the_weight() {
+        let architecture = RewardArchitecture { hidden: vec![5], ..Default::default() };
+        let vector = ObservationSpec::Vector { len: 2 };
+        let network = Network::new(architecture.network_shape(vector, 1, 0));
+        let streams = |purpose| (0..2).map(move |member| stream(1, purpose, member, 0));
+        let without =
+            Ensemble::new(network, streams(Purpose::RewardWeights), Squashing::ClampedMean);
+        let mut bytes = vec![0; 3 * 8];
+        write_floats([0.3, -0.2, 1.5, 0.4, -2.0, 0.1], &mut bytes);
+        let means = |ensemble: &Ensemble| {
+            let (mut outputs, mut scores) = (Vec::new(), Vec::new());
+            let (batch, prepared) = (Batch::new(&bytes), ensemble.prepare());
+            ensemble.score(&prepared, batch, &mut Workspace::default(), &mut outputs, &mut scores);
+            assert_eq!((outputs.len(), scores.len()), (2 * 3, 3));
+            outputs
+        };
+        let priors =
+            |weight| means(&without.clone().with_priors(streams(Purpose::RewardPrior), weight));
+        let members = means(&without);
+        for ((member, once), thrice) in members.iter().zip(priors(1.0)).zip(priors(3.0)) {
+            assert!((once - member).abs() > 1e-3, "{once} with a prior, {member} without");
+            assert!((thrice - member - 3.0 * (once - member)).abs() < 1e-5);
+        }
+    }
 
     #[test]
     fn the_proximity_is_clamped_and_the_standard_deviation_is_not() {

@@ -26,7 +26,7 @@ mod training;
 pub use batch::{Batch, RowSize};
 pub use distribution::Distribution;
 pub use encoder::{Indexed, Observations, WindowIndex};
-pub use ensemble::{Ensemble, Score, Squashing};
+pub use ensemble::{Ensemble, PreparedEnsemble, Score, Squashing};
 pub use initialization::Initialization;
 pub use layer::activation::{Activation, tanh};
 pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};

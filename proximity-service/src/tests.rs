@@ -28,6 +28,7 @@ pub(crate) fn config() -> RewardConfig {
         delta: 0.1,
         ensemble: 5,
         bootstrap: false,
+        prior: 0.0,
         weight_decay: 0.0,
         convolution_channels: vec![4, 4, 4],
         convolution_kernel: 2,

@@ -7,6 +7,7 @@ use environments::{ActionScale, Environment, EnvironmentError, Setting, Step};
 use protocol::ending::Ending;
 use protocol::error::within;
 use protocol::seed::Stream;
+use protocol::setting::{MAKE, SOURCES};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats, write_floats};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -17,14 +18,8 @@ use xxhash_rust::xxh3::Xxh3;
 use super::link::{Link, PATIENCE};
 use crate::frame::{Answer, Hello, Request};
 
-/// The key of a setting that says what makes the environment.
-pub const MAKE: &str = "make";
-
 /// The key of a setting that has the environment render pictures.
 pub const RENDER: &str = "render";
-
-/// The key of a setting that has the hashes of modules.
-const SOURCES: &str = "sources";
 
 /// What an environment of Python is made with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -105,7 +100,7 @@ impl PythonSetting {
         for (module, expected) in &self.sources {
             // The environment of demonstrations may have its class in another module than the agent's.
             let Some(found) = sources.get(module) else { continue };
-            let key = format!("sources.{module}");
+            let key = format!("{SOURCES}.{module}");
             within(&key, found == expected, &format!("{found}, as its file is now"), expected)?;
         }
         Ok(())

@@ -3,10 +3,11 @@
 
 use environments::{Environment, EnvironmentError, Setting};
 use protocol::seed::{Purpose, Stream, stream};
+use protocol::setting::MAKE;
 use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 
-use super::environment::{MAKE, PythonSetting, Slot};
+use super::environment::{PythonSetting, Slot};
 use super::link::{Link, PATIENCE};
 
 /// Steps of an episode that are compared.

@@ -14,7 +14,12 @@ pub fn ensemble(ensemble: &Ensemble, normalizer: &RunningNormalizer) -> Graph {
     let mut outputs = Vec::new();
     for (number, member) in ensemble.members.iter().enumerate() {
         let name = format!("member{number}");
-        let output = layers(&mut graph, &ensemble.network, member, &name, &from, 1);
+        let mut output = layers(&mut graph, &ensemble.network, member, &name, &from, 1);
+        if let Some(prior) = ensemble.priors.get(number) {
+            let name = format!("prior{number}");
+            let prior = layers(&mut graph, &ensemble.network, prior, &name, &from, 1);
+            output = graph.node("Add", &[&output, &prior]);
+        }
         let squashed = ensemble.squashing == Squashing::MeanOfSigmoids;
         outputs.push(if squashed { graph.node("Sigmoid", &[&output]) } else { output });
     }

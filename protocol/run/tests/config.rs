@@ -89,6 +89,7 @@ fn what_is_wrong_is_named() {
         ("reward.input=transition", "`reward.input` must be state or state-action with proximity"),
         ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
         ("reward.weight_decay=-1.0", "`reward.weight_decay` must be between 0e0 and 1e6"),
+        ("reward.prior=-1.0", "`reward.prior` must be between 0e0 and 1e6"),
     ] {
         let message = refusal("goalward", &[setting]);
         assert!(message.contains(words), "{setting}: expected {words} in: {message}");

@@ -50,6 +50,8 @@ pub enum Purpose {
     Replay = 17,
     /// Which demonstrations a member of the ensemble learns from; major is the member.
     Resample = 18,
+    /// Weights of an ensemble member's prior; major is the member.
+    RewardPrior = 19,
 }
 
 /// Opens the stream named by its four parts.

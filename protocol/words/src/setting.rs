@@ -17,6 +17,12 @@ pub const ACTION_SCALE: &str = "action_scale";
 /// The key that names who demonstrates in an environment of Python. It says nothing of the environment.
 pub const EXPERT: &str = "expert";
 
+/// The key that says what makes an environment of Python; those of Rust have none.
+pub const MAKE: &str = "make";
+
+/// The key that has the hashes of the user's own modules of Python.
+pub const SOURCES: &str = "sources";
+
 /// What an environment is made with, by key. Which keys there are, what they mean and what they are
 /// by default is known to the environment alone; others compare settings and hand them on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -5,8 +5,8 @@
 //! a fixed order, so the number of threads never changes a bit.
 
 use networks::{
-    Ensemble, Network, Prepared, RewardArchitecture, RunningNormalizer, Score as RowScore, Shard,
-    ShardedTrainer, Squashing, Step, WindowIndex, Workspace,
+    Ensemble, Network, Prepared, PreparedEnsemble, RewardArchitecture, RunningNormalizer,
+    Score as RowScore, Shard, ShardedTrainer, Squashing, Step, WindowIndex, Workspace,
 };
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
@@ -32,7 +32,7 @@ pub struct TrainedEnsemble {
     trainers: Vec<ShardedTrainer<Network>>,
     /// Of minibatches: one for all members, or one for each.
     windows: Vec<WindowIndex>,
-    prepared: Vec<Prepared>,
+    prepared: PreparedEnsemble,
     threads: ThreadPool,
 }
 
@@ -54,8 +54,11 @@ impl TrainedEnsemble {
         let network = Network::new(input.network_shape(&architecture));
         let members = 0..config.ensemble as u64;
         let streams =
-            members.map(|member| seed::stream(run_seed, Purpose::RewardWeights, member, 0));
-        let ensemble = Ensemble::new(network, streams, squashing);
+            |purpose| members.clone().map(move |member| seed::stream(run_seed, purpose, member, 0));
+        let mut ensemble = Ensemble::new(network, streams(Purpose::RewardWeights), squashing);
+        if config.prior > 0.0 {
+            ensemble = ensemble.with_priors(streams(Purpose::RewardPrior), config.prior as f32);
+        }
         let trainer = |member: &Vec<f32>| {
             let trainer = ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
             trainer.with_weight_decay(config.weight_decay)
@@ -96,12 +99,13 @@ impl TrainedEnsemble {
         let batches: Vec<_> = indexed
             .map(|(minibatch, windows)| (minibatch, minibatch.rows.indexed(network, windows)))
             .collect();
+        let priors = &self.prepared.priors;
         let members = self.ensemble.members.par_iter_mut().zip(&mut self.trainers).enumerate();
         type Member<'a> = (usize, (&'a mut Vec<f32>, &'a mut ShardedTrainer<Network>));
         let train = |(number, (member, trainer)): Member<'_>| {
             let (minibatch, batch) = batches[number % batches.len()];
             let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
-                differentiate(shard, minibatch, &loss, sum)
+                differentiate(shard, priors.get(number), minibatch, &loss, sum)
             };
             // A loss is a mean over pairs of rows, so a minibatch is one shard.
             trainer.step(network, member, batch, usize::MAX, learning_rate, of_member)
@@ -156,13 +160,16 @@ impl TrainedEnsemble {
         weights::sha256(self.ensemble.members.iter().map(Vec::as_slice))
     }
 
-    /// Adds weights, optimizers and normalization to a checkpoint.
+    /// Adds weights, those of priors included, optimizers and normalization to a checkpoint.
     pub fn save(&self, tensors: &mut Tensors) {
         tensors.put_f64("moments", self.normalizer.to_numbers());
         let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
         for (number, (member, trainer)) in members {
             tensors.put_f32(&format!("member{number}.parameters"), member.iter().copied());
             trainer.save(&format!("member{number}.adam"), tensors);
+        }
+        for (number, prior) in self.ensemble.priors.iter().enumerate() {
+            tensors.put_f32(&prior_name(number), prior.iter().copied());
         }
     }
 
@@ -180,20 +187,43 @@ impl TrainedEnsemble {
             *member = tensors.exactly(&name, member.len(), Tensors::f32)?;
             trainer.restore(&format!("member{number}.adam"), tensors)?;
         }
+        self.ensemble.priors = self.restored_priors(tensors)?;
         self.prepare();
         Ok(())
     }
+
+    /// The priors that [`TrainedEnsemble::save`] added, if it did: a model that is another run's has that one's.
+    fn restored_priors(&self, tensors: &Tensors) -> Result<Vec<Vec<f32>>, String> {
+        if !tensors.has(&prior_name(0)) {
+            return Ok(Vec::new());
+        }
+        let parameters = self.ensemble.network.parameter_count();
+        let members = 0..self.ensemble.members.len();
+        let prior = |member| tensors.exactly(&prior_name(member), parameters, Tensors::f32);
+        members.map(prior).collect()
+    }
+}
+
+/// What a member's prior is called in a checkpoint.
+fn prior_name(member: usize) -> String {
+    format!("member{member}.prior")
 }
 
 /// Adds the gradient of a loss on a minibatch and of its penalty to a sum; the losses.
 fn differentiate(
     shard: Shard<'_, Network>,
+    prior: Option<&Prepared>,
     minibatch: &Minibatch,
     loss: impl Fn(&Minibatch, &[f32], &mut [f32]) -> Losses,
     sum: &mut [f32],
 ) -> Losses {
     let Shard { network, prepared, batch, workspace, .. } = shard;
-    let outputs = network.forward(prepared, batch, workspace);
+    let prior = prior.map(|prior| network.forward(prior, batch, workspace).clone());
+    // Last, since back-propagation needs what it leaves behind.
+    let mut outputs = network.forward(prepared, batch, workspace).clone();
+    if let Some(prior) = prior {
+        outputs += prior;
+    }
     let mut gradients = outputs.clone();
     let losses = loss(minibatch, outputs.as_slice(), gradients.as_mut_slice());
     network.backward(prepared, batch, workspace, &gradients, sum);
@@ -201,4 +231,44 @@ fn differentiate(
         penalty.differentiate(network, prepared, workspace, sum);
     }
     losses
+}
+
+#[cfg(test)]
+mod tests {
+    use run::config::RewardConfig;
+
+    use crate::model::{GoalProximity, Learned, RewardModel};
+    use crate::tests::{assert_reproducible, config, learned, place, pretrained};
+
+    fn with_priors(prior: f64) -> Learned<GoalProximity> {
+        let mut model = learned(&RewardConfig { prior, ..config() }, 2);
+        pretrained(&mut model);
+        model
+    }
+
+    #[test]
+    fn priors_tell_what_was_not_demonstrated_and_members_learn_all_the_same() {
+        assert_reproducible::<GoalProximity>(&RewardConfig { prior: 3.0, ..config() });
+        let [without, with] = [0.0, 3.0].map(|prior| {
+            let model = with_priors(prior);
+            let [known, unknown] = [0.0, 2.0].map(|row| model.estimate(&place(0.9, row)).unwrap());
+            let near = known.proximity[0];
+            assert!((near - 0.9).abs() < 0.1, "{near} with a prior of {prior}");
+            [known.uncertainty[0], unknown.uncertainty[0]]
+        });
+        assert!(with[1] > 1.5 * without[1], "{with:?} with priors, {without:?} without");
+        assert!(with[1] > 5.0 * with[0], "{with:?} with priors");
+    }
+
+    #[test]
+    fn a_checkpoint_brings_its_priors_along() {
+        let at = place(0.4, 1.0);
+        let trained = [0.0, 3.0].map(with_priors);
+        for model in &trained {
+            for mut other in [0.0, 1.0].map(with_priors) {
+                other.restore(&model.save()).unwrap();
+                assert_eq!(other.estimate(&at).unwrap(), model.estimate(&at).unwrap());
+            }
+        }
+    }
 }

@@ -138,6 +138,8 @@ impl RunConfig {
         )?;
         let holds = penalty == 0.0 || (adversarial && vector);
         within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)?;
+        let holds = penalty == 0.0 || reward.prior == 0.0;
+        within("reward.prior", holds, "0 with reward.gradient_penalty", reward.prior)?;
         let alone = online && !pairs;
         let expected = format!("false with {name}, whose rows belong together");
         within("reward.bootstrap", alone || !reward.bootstrap, &expected, true)

@@ -18,6 +18,9 @@ const LEARNER_VERSIONS: f64 = 11.0;
 /// The same of a member of the ensemble, with its gradient and what rows are scored with.
 const MEMBER_VERSIONS: f64 = 18.0;
 
+/// The same of a member's prior, which is not trained: its own, packed, and one while a checkpoint is written.
+const PRIOR_VERSIONS: f64 = 3.0;
+
 /// The same of the policy in an actor: the newest two, each as it came and as it acts.
 const ACTOR_VERSIONS: f64 = 10.0;
 
@@ -173,7 +176,8 @@ impl RunConfig {
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
         // A member computes a minibatch at once.
-        let numbers = size.parameters * MEMBER_VERSIONS + 2.0 * minibatch * size.row_numbers;
+        let versions = MEMBER_VERSIONS + if reward.prior > 0.0 { PRIOR_VERSIONS } else { 0.0 };
+        let numbers = size.parameters * versions + 2.0 * minibatch * size.row_numbers;
         let threads = match self.resources.service_threads {
             0 => cores,
             threads => threads,
@@ -210,9 +214,10 @@ impl RunConfig {
         let offline = reward.pretraining_epochs as f64 * rows;
         let samples = if reward.model.online { reward.samples as f64 } else { 0.0 };
         let online = iterations * samples.min(rows);
+        let networks = if reward.prior > 0.0 { 2.0 * members } else { members };
         Work {
             gradient_steps: members * (offline + online) / batch,
-            row_passes: members * (pairs * (offline + 2.0 * online) + scored),
+            row_passes: networks * (pairs * (offline + 2.0 * online) + scored),
         }
     }
 }

@@ -46,6 +46,7 @@ impl RunConfig {
             ("reward.gradient_penalty", reward.gradient_penalty, ANY),
             ("reward.agent_weight", reward.agent_weight, ANY),
             ("reward.weight_decay", reward.weight_decay, ANY),
+            ("reward.prior", reward.prior, ANY),
         ];
         if let Some(cloning) = &self.cloning {
             numbers.push(("cloning.learning_rate", cloning.learning_rate, RATE));

@@ -38,6 +38,9 @@ pub struct RewardConfig {
     /// Whether each member learns from a bootstrap resample of the demonstrations, in minibatches of its
     /// own; otherwise all see the same.
     pub bootstrap: bool,
+    /// Weight of each member's prior, a random network that is never trained and whose output is added to the
+    /// member's (Osband et al., 2018); 0 switches priors off.
+    pub prior: f64,
     /// By how much of the learning rate each gradient step shortens the weights (AdamW); 0 switches it off.
     pub weight_decay: f64,
     /// Output channels of the convolutions, for grid tasks.
