@@ -66,11 +66,13 @@ def rows(goalward: str, run: Path):
     demonstrated = log.config["demonstrations"]
     setting = [f"--{key}={demonstrated[key]}" for key in ("coverage", "noise") if key in demonstrated]
     training = list(log.trajectories("training"))
+    # Runs of an experiment share theirs.
+    own = Path(demonstrated.get("file", run / "demonstrations.mcap"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         ensemble = Ensemble(goalward, run, folder / "export")
         kinds = {
-            "demonstrated": demonstrations.read(run / "demonstrations.mcap").episodes,
+            "demonstrated": demonstrations.read(own).episodes,
             "expert, held out": recorded(goalward, task, folder / "same.mcap", setting),
             "expert, wider": recorded(goalward, task, folder / "wider.mcap", WIDER[task]),
             "agent, first": training[:EPISODES],
