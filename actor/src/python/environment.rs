@@ -15,7 +15,7 @@ use serde_json::json;
 use toml::Table;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::link::{Link, PATIENCE};
+use super::link::Link;
 use crate::frame::{Answer, Hello, Request};
 
 /// The key of a setting that has the environment render pictures.
@@ -126,7 +126,7 @@ fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
     if let Some((_, link)) = known {
         return Ok(Arc::clone(link));
     }
-    let link = Link::start(&options, PATIENCE)?;
+    let link = Link::start(&options)?;
     let dropped = &link.hello().dropped;
     if !dropped.is_empty() {
         tracing::warn!("{make}: texts are left out: {}", dropped.join(", "));

@@ -23,7 +23,7 @@ const SPACES: &str = include_str!("spaces.py");
 const INTERPRETER: &str = "GOALWARD_PYTHON";
 
 /// How long an answer may take: a reset of a large scene, or the import of many packages.
-pub(super) const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// How long a process that has closed its end may take to be gone.
 const FAREWELL: Duration = Duration::from_secs(5);
@@ -51,7 +51,6 @@ pub(super) struct Link {
 struct Python {
     child: Child,
     stream: UnixStream,
-    patience: Duration,
     /// The slot whose environment has failed, and its words: the process ends with it.
     raised: Option<(u16, String)>,
     /// Whether it has failed, or is gone.
@@ -60,12 +59,12 @@ struct Python {
 
 impl Link {
     /// Starts a process with these options, JSON, and waits until it says what the environment is. It is
-    /// killed when it does not answer within `patience`.
+    /// killed when it does not answer within [`PATIENCE`].
     ///
     /// # Errors
     /// When there is no such interpreter, or the environment cannot be made.
-    pub(super) fn start(options: &str, patience: Duration) -> Result<Link, EnvironmentError> {
-        let mut python = Python::start(options, patience)?;
+    pub(super) fn start(options: &str) -> Result<Link, EnvironmentError> {
+        let mut python = Python::start(options)?;
         let hello = serde_json::from_slice(&python.receive(Kind::Hello)?)
             .map_err(|error| EnvironmentError::Other(format!("hello of Python: {error}")))?;
         Ok(Link {
@@ -172,10 +171,10 @@ impl Link {
 }
 
 impl Python {
-    fn start(options: &str, patience: Duration) -> Result<Python, EnvironmentError> {
+    fn start(options: &str) -> Result<Python, EnvironmentError> {
         let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
         let (stream, other) = UnixStream::pair().map_err(other_error)?;
-        stream.set_read_timeout(Some(patience)).map_err(other_error)?;
+        stream.set_read_timeout(Some(PATIENCE)).map_err(other_error)?;
         // Standard output is the actor's own.
         let mut command = Command::new(&interpreter);
         command
@@ -188,7 +187,7 @@ impl Python {
                 "expected Python as {interpreter}, or where {INTERPRETER} says, found: {error}"
             ))
         })?;
-        Ok(Python { child, stream, patience, raised: None, has_ended: false })
+        Ok(Python { child, stream, raised: None, has_ended: false })
     }
 
     fn receive(&mut self, expected: Kind) -> Result<Vec<u8>, EnvironmentError> {
@@ -225,7 +224,8 @@ impl Python {
     fn gone(&mut self, error: &io::Error) -> String {
         if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
             self.child.kill().ok();
-            let seconds = self.patience.as_secs_f64();
+            let patience = self.stream.read_timeout().ok().flatten().unwrap_or_default();
+            let seconds = patience.as_secs_f64();
             return format!("Python has not answered for {seconds} s and was killed");
         }
         let deadline = Instant::now() + FAREWELL;
@@ -290,7 +290,7 @@ mod tests {
         }
         let options = r#"{"environment": "python:tests.python_environments:line", "kwargs": {},
             "success": "none", "expert": "", "render": false}"#;
-        let start = || Link::start(options, PATIENCE).unwrap();
+        let start = || Link::start(options).unwrap();
         let mut link = std::thread::scope(|scope| scope.spawn(start).join()).unwrap();
         std::thread::sleep(Duration::from_millis(100));
         let slot = link.take_slot();
@@ -305,7 +305,8 @@ mod tests {
         }
         let options = r#"{"environment": "python:tests.python_environments:bad",
             "kwargs": {"how": "hangs"}, "success": "none", "expert": "", "render": false}"#;
-        let mut link = Link::start(options, Duration::from_secs(3)).unwrap();
+        let mut link = Link::start(options).unwrap();
+        link.python.stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
         let slot = link.take_slot();
         link.announce(slot, Request::Reset { seed: 1, rebuild: false });
         link.answer(slot).unwrap();
@@ -316,7 +317,7 @@ mod tests {
                 break said.to_string();
             }
         };
-        assert!(said.contains("not answered for 3 s and was killed"), "{said}");
+        assert!(said.contains("not answered for 1 s and was killed"), "{said}");
         assert!(link.python.child.wait().unwrap().code().is_none(), "it ended by a signal");
     }
 }

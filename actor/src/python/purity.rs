@@ -8,7 +8,7 @@ use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 
 use super::environment::{PythonSetting, Slot};
-use super::link::{Link, PATIENCE};
+use super::link::Link;
 
 /// Steps of an episode that are compared.
 const STEPS: u32 = 50;
@@ -75,7 +75,7 @@ fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
     if play_beside(&mut slot, &mut beside)? != [first, other] {
         return Ok(false);
     }
-    let mut elsewhere = Slot::on(Link::start(&setting.options(), PATIENCE)?, setting.clone())?;
+    let mut elsewhere = Slot::on(Link::start(&setting.options())?, setting.clone())?;
     Ok(play(&mut elsewhere, 1)? == other && play(&mut elsewhere, 0)? == first)
 }
 
