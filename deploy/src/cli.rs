@@ -1,7 +1,10 @@
 //! The command line: the verbs of `goalward`.
 
+use std::error::Error;
+use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
+
 use anyhow::Result;
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ErrorKind};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::commands::{
@@ -81,7 +84,7 @@ pub(crate) fn run() -> Result<()> {
         ErrorKind::DisplayHelp
         | ErrorKind::DisplayVersion
         | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
-        _ => Err(wrong_usage(in_one_line(&error.to_string()))),
+        _ => Err(wrong_usage(refusal(&error))),
     })?;
     Diagnostics::ForPeople.begin(line.voice.begin());
     match line.verb {
@@ -110,6 +113,28 @@ pub(crate) fn run() -> Result<()> {
         }
         Verb::Manual(arguments) => shell::manual(&arguments, CommandLine::command()),
     }
+}
+
+/// What is wrong with a command line. Of a number clap has the words of Rust's parser, which do not say what
+/// it expected.
+fn refusal(error: &clap::Error) -> String {
+    let part = |kind| error.get(kind).map(ToString::to_string);
+    let number = error.source().and_then(number_expected);
+    match (number, part(ContextKind::InvalidArg), part(ContextKind::InvalidValue)) {
+        (Some(number), Some(argument), Some(value)) => {
+            format!("{argument}: expected {number}, found {value}")
+        }
+        _ => in_one_line(&error.to_string()),
+    }
+}
+
+/// The numbers that a parser reads which has failed; none if it reads others.
+fn number_expected(failed: &(dyn Error + 'static)) -> Option<&'static str> {
+    if failed.is::<ParseFloatError>() {
+        return Some("a number");
+    }
+    let is_large = *failed.downcast_ref::<ParseIntError>()?.kind() == IntErrorKind::PosOverflow;
+    Some(if is_large { "a smaller number" } else { "a whole number that is not negative" })
 }
 
 /// What clap says about a wrong command line, with its tips, without its usage.
@@ -208,16 +233,35 @@ mod tests {
             "goalward replay r --verify --until 40",
         ] {
             let error = CommandLine::try_parse_from(line.split_whitespace()).unwrap_err();
-            let text = in_one_line(&error.to_string());
+            let text = refusal(&error);
             assert!(!text.contains('\n') && !text.contains("Usage"), "{line}: {text}");
         }
     }
+
     #[test]
     fn a_wrong_line_is_explained_in_one() {
-        let error = CommandLine::try_parse_from(["goalward", "train", "--step", "5"]).unwrap_err();
-        assert_eq!(
-            in_one_line(&error.to_string()),
-            "unexpected argument '--step' found; tip: a similar argument exists: '--steps'"
-        );
+        for (line, expected) in [
+            (
+                "train --step 5",
+                "unexpected argument '--step' found; tip: a similar argument exists: '--steps'",
+            ),
+            (
+                "train --steps -5",
+                "--steps <STEPS>: expected a whole number that is not negative, found -5",
+            ),
+            (
+                "train --seed one",
+                "--seed <SEED>: expected a whole number that is not negative, found one",
+            ),
+            (
+                "train --steps 99999999999999999999",
+                "--steps <STEPS>: expected a smaller number, found 99999999999999999999",
+            ),
+            ("train --noise wide", "--noise <NOISE>: expected a number, found wide"),
+        ] {
+            let words = ["goalward"].into_iter().chain(line.split(' '));
+            let error = CommandLine::try_parse_from(words).unwrap_err();
+            assert_eq!(refusal(&error), expected);
+        }
     }
 }

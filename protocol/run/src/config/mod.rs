@@ -14,9 +14,9 @@ mod method;
 mod parameters;
 mod remark;
 mod reward;
+mod settings;
 mod unread;
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ use protocol::description::Description;
 use protocol::dropped::shortened;
 use protocol::error::{MESSAGE_CHARS, out_of_range, within};
 use protocol::setting::Setting;
-use protocol::table::{flat, merge, parse_setting, result_differences};
+use protocol::table::{flat, merge, result_differences};
 use protocol::task::{ActionSpec, ObservationSpec, Task};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
@@ -42,15 +42,13 @@ pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
 pub use reward::{
     Discounting, REWARD_MODELS, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder,
 };
+pub use settings::set_by_user;
 
 /// The preset a task's file holds without a table of its own.
 const DEFAULT_PRESET: &str = "goalward";
 
 /// Why a learner's table is there.
 const HAS_DEFAULTS: &str = "a configuration has every table of its learner";
-
-/// What chooses the values that settings change, and the words that choose it.
-const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
 
 /// Every key that tasks have in common, and what grids and vectors change.
 const DEFAULTS: &str = include_str!("defaults.toml");
@@ -202,7 +200,7 @@ impl RunConfig {
             merge(&mut table, changes.clone());
         }
         table.insert("preset".to_owned(), Value::String(preset.to_owned()));
-        let settings = merged(settings)?;
+        let settings = settings::merged(settings)?;
         let method = settings.get("method").or(table.get("method")).and_then(Value::as_str);
         let method = method.unwrap_or("none").to_owned();
         let methods = parse(methods, "methods")?;
@@ -217,7 +215,7 @@ impl RunConfig {
     /// The configuration of a run, which its preset and its method have been laid over already, with
     /// settings.
     fn repeated(run: Table, preset: Option<&str>, settings: &[String]) -> Result<Self, Error> {
-        let (table, settings) = (over_defaults(run, "file")?, merged(settings)?);
+        let (table, settings) = (over_defaults(run, "file")?, settings::merged(settings)?);
         let method = settings.get("method").and_then(Value::as_str);
         for (key, wanted) in [("preset", preset), ("method", method)] {
             let own = table.get(key).and_then(Value::as_str).unwrap_or("none");
@@ -233,7 +231,7 @@ impl RunConfig {
     /// # Errors
     /// For the first setting that is no `key=value`, unknown, out of its range, or without effect.
     pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
-        Self::changed(parse(&self.to_text(), "configuration")?, merged(settings)?)
+        Self::changed(parse(&self.to_text(), "configuration")?, settings::merged(settings)?)
     }
 
     /// A configuration that is to be trained: every setting means something, and it can learn.
@@ -243,7 +241,8 @@ impl RunConfig {
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             unread::check_tables(learner, &set)?;
         }
-        let config = Self::from_table(table, "values")?;
+        let config = Self::from_table(table, "values")
+            .map_err(|refused| settings::with_likely_key(refused, &set, &before))?;
         config.check_all_is_read(&set, &before)?;
         config.check_learning()?;
         Ok(config)
@@ -443,14 +442,6 @@ fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
     Ok(())
 }
 
-/// The keys that settings name, and the values they give them.
-///
-/// # Errors
-/// [`Error::ConfigurationText`] if one is no `key=value`.
-pub fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
-    Ok(flat(&merged(settings)?))
-}
-
 /// Where in a text something is, for an error.
 fn place(text: &str, span: Option<Range<usize>>) -> String {
     let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
@@ -460,30 +451,6 @@ fn place(text: &str, span: Option<Range<usize>>) -> String {
 /// A parser's words in one line.
 fn line_of(words: &str) -> String {
     shortened(&words.trim().replace('\n', " "), MESSAGE_CHARS)
-}
-
-/// Settings as one table, the later over the earlier.
-fn merged(settings: &[String]) -> Result<Table, Error> {
-    let mut table = Table::new();
-    for setting in settings {
-        let refused = |message: &str| Error::ConfigurationText {
-            origin: format!("--set {}", line_of(setting)),
-            message: line_of(message),
-        };
-        let change = parse_setting(setting).map_err(|message| refused(&message))?;
-        for (name, flag) in CHOICES {
-            if let Some(choice) = change.get(name) {
-                let choice = choice.as_str().unwrap_or("NAME");
-                return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
-            }
-        }
-        let infinite = |value: &Value| value.as_float().is_some_and(|number| !number.is_finite());
-        if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| infinite(value)) {
-            return Err(refused(&format!("expected a finite {key}, found {value}")));
-        }
-        merge(&mut table, change);
-    }
-    Ok(table)
 }
 
 /// Takes the table called `key` out of another one; an empty one if there is none.

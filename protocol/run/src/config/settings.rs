@@ -1,0 +1,103 @@
+//! Settings, `key=value`, as users give them: read, and refused with the key that was likely meant.
+
+use std::collections::BTreeMap;
+
+use protocol::Error;
+use protocol::table::{flat, merge, parse_setting};
+use toml::{Table, Value};
+
+use super::line_of;
+
+/// What chooses the values that settings change, and the words that choose it.
+const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
+
+/// How like two keys are, of 1, where one is taken for a slip of the other.
+const LIKE: f64 = 0.7;
+
+/// The keys that settings name, and the values they give them.
+///
+/// # Errors
+/// [`Error::ConfigurationText`] if one is no `key=value`.
+pub fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
+    Ok(flat(&merged(settings)?))
+}
+
+/// Settings as one table, the later over the earlier.
+pub(super) fn merged(settings: &[String]) -> Result<Table, Error> {
+    let mut table = Table::new();
+    for setting in settings {
+        let refused = |message: &str| Error::ConfigurationText {
+            origin: format!("--set {}", line_of(setting)),
+            message: line_of(message),
+        };
+        let change = parse_setting(setting).map_err(|message| refused(&message))?;
+        for (name, flag) in CHOICES {
+            if let Some(choice) = change.get(name) {
+                let choice = choice.as_str().unwrap_or("NAME");
+                return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
+            }
+        }
+        let infinite = |value: &Value| value.as_float().is_some_and(|number| !number.is_finite());
+        if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| infinite(value)) {
+            return Err(refused(&format!("expected a finite {key}, found {value}")));
+        }
+        merge(&mut table, change);
+    }
+    Ok(table)
+}
+
+/// What a parser refused; if it is a key of a setting that is like others, with those in place of all that
+/// there are.
+pub(super) fn with_likely_key(
+    refused: Error,
+    set: &BTreeMap<String, Value>,
+    known: &BTreeMap<String, Value>,
+) -> Error {
+    let Error::ConfigurationText { message, .. } = &refused else { return refused };
+    let is_refused =
+        |key: &&String| message.starts_with(&format!("unknown field `{}`", name_of(key)));
+    let Some(key) = set.keys().filter(|key| !known.contains_key(*key)).find(is_refused) else {
+        return refused;
+    };
+    let likely = likely(key, known.keys().map(String::as_str));
+    if likely.is_empty() {
+        return refused;
+    }
+    let message = format!("expected a key that there is, such as {}", likely.join(" or "));
+    Error::ConfigurationText { origin: format!("--set {key}"), message }
+}
+
+/// The keys of the same name in other tables; if there are none, the one that is most like it.
+fn likely<'a>(key: &str, known: impl Iterator<Item = &'a str> + Clone) -> Vec<&'a str> {
+    let same: Vec<_> = known.clone().filter(|other| name_of(other) == name_of(key)).collect();
+    if !same.is_empty() {
+        return same;
+    }
+    let likeness = known.map(|other| (strsim::normalized_damerau_levenshtein(key, other), other));
+    let most = likeness.max_by(|one, other| one.0.total_cmp(&other.0));
+    most.filter(|(likeness, _)| *likeness >= LIKE).map(|(_, other)| other).into_iter().collect()
+}
+
+/// A key without its table.
+fn name_of(key: &str) -> &str {
+    key.rsplit_once('.').map_or(key, |(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slip_is_told_the_key_that_was_meant() {
+        let known =
+            ["ppo.learning_rate", "reward.learning_rate", "ppo.clip", "reward.uncertainty", "seed"];
+        let keys = |key| likely(key, known.into_iter()).join(" ");
+        assert_eq!(keys("ppo.learning_rat"), "ppo.learning_rate");
+        assert_eq!(keys("reward.uncertanty"), "reward.uncertainty");
+        assert_eq!(keys("ppo.clp"), "ppo.clip");
+        assert_eq!(keys("sede"), "seed");
+        assert_eq!(keys("learning_rate"), "ppo.learning_rate reward.learning_rate");
+        assert_eq!(keys("reward.clip"), "ppo.clip");
+        assert_eq!(keys("reward.nothing"), "");
+    }
+}
