@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bus::BusAddress;
+use protocol::dropped::shortened;
 use protocol::{MAX_ACTORS, build};
 use run::actors_wanted::ActorsWanted;
 use run::hosts::{Expelled, NAME_CHARS};
@@ -145,6 +146,24 @@ impl Calls {
         Err(Status::failed_precondition(words))
     }
 
+    /// Lets a host take part, and says what the run calls it.
+    fn admit(&self, hello: &Hello) -> Result<String, Status> {
+        self.check(hello)?;
+        let mut guests = self.hub.guests();
+        // One that comes back begins anew: what it held is leased to others.
+        guests.remove(&hello.session);
+        guests.retain(|_, guest| guest.is_there());
+        self.check_room(hello.actors, guests.values())?;
+        let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
+        let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
+        let mut names = std::iter::once(hello.host.clone()).chain(numbered);
+        let host = names.find(|name| !is_taken(name)).unwrap_or_default();
+        let guest = Guest::start(&self.hub.setup, &host, hello).map_err(internal)?;
+        tracing::info!("host {host} joins, build {}", hello.build);
+        guests.insert(hello.session, guest);
+        Ok(host)
+    }
+
     /// How many actors a host is to have, by the newest word of the user's.
     fn actors_of(&self, session: u64) -> Option<u64> {
         let mut guests = self.hub.guests();
@@ -198,19 +217,10 @@ impl Gateway for Calls {
         if let Some(expelled) = self.hub.expelled().get(&hello.session) {
             return Err(Status::permission_denied(expelled.why.clone()));
         }
-        self.check(&hello)?;
-        let mut guests = self.hub.guests();
-        // One that comes back begins anew: what it held is leased to others.
-        guests.remove(&hello.session);
-        guests.retain(|_, guest| guest.is_there());
-        self.check_room(hello.actors, guests.values())?;
-        let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
-        let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
-        let mut names = std::iter::once(hello.host.clone()).chain(numbered);
-        let host = names.find(|name| !is_taken(name)).unwrap_or_default();
-        let guest = Guest::start(&self.hub.setup, &host, &hello).map_err(internal)?;
-        tracing::info!("host {host} joins, build {}", hello.build);
-        guests.insert(hello.session, guest);
+        let host = self.admit(&hello).inspect_err(|why| {
+            let name = shortened(&hello.host, NAME_CHARS);
+            tracing::warn!("host {name:?} is refused: {}", why.message());
+        })?;
         Ok(Response::new(Welcome { host }))
     }
 
