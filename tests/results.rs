@@ -1,8 +1,8 @@
-//! The tables of the results are those of the data beside them.
+//! Tables and numbers of the results are those of the data beside them.
 //!
 //! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
-//! which a number of a table, of a run, or of a plan is another. Which curves have the same runs it says as
-//! `goalward experiment` does. Its statistics over panels are those of the library `rliable`. It needs the
+//! which a number of a table, of a sentence, of a run, or of a plan is another. Which curves have the same
+//! runs it says as `goalward experiment` does. Its statistics over panels are those of the library `rliable`. It needs the
 //! packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
 //! `GOALWARD_PYTHON=none` leaves this out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
@@ -17,11 +17,12 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// What of the repository the script reads, and whole folders of it.
-const FILES: [&str; 13] = [
+const FILES: [&str; 14] = [
     "README.md",
     "docs/guide/src/methods.md",
     "docs/results/README.md",
     "docs/results/rebuild.py",
+    "docs/results/quoted.py",
     "docs/results/tables.py",
     "docs/results/estimates.py",
     "docs/results/data.py",
@@ -74,6 +75,7 @@ fn tables_and_data_do_not_differ() {
 fn a_number_that_is_another_is_found() {
     for (file, number, other) in [
         ("docs/results/README.md", "| **", "| **1"),
+        ("docs/results/README.md", " points (", " points (1"),
         ("docs/results/runs.csv", ",500,0.", ",500,0.1"),
         ("deploy/experiments/figure3.toml", "gaifo = 0.", "gaifo = 0.5"),
     ] {

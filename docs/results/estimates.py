@@ -26,17 +26,23 @@ def interval(shares: list[float] | np.ndarray) -> np.ndarray | None:
     return np.clip([mean - half, mean + half], 0, 1)
 
 
-def standing(own: list[float], others: list[float]) -> str:
-    """How seeds stand to others, by Welch's 95 % interval of the difference of their means."""
+def gain(own: list[float], others: list[float]) -> Bounded:
+    """How much more the mean of seeds is than that of others, with Welch's 95 % interval."""
     groups = own, others
-    if min(map(len, groups)) < FEWEST:
-        return ""
     errors = [sem(shares) ** 2 for shares in groups]
     freedoms = [error**2 / (len(shares) - 1) for error, shares in zip(errors, groups, strict=True)]
     # Seeds that all agree have no deviation, and no degrees of freedom.
     half = t.ppf(UPPER, sum(errors) ** 2 / sum(freedoms)) * sum(errors) ** 0.5 if any(errors) else 0.0
-    difference = np.mean(own) - np.mean(others)
-    if abs(difference) <= half:
+    difference = float(np.mean(own) - np.mean(others))
+    return difference, difference - half, difference + half
+
+
+def standing(own: list[float], others: list[float]) -> str:
+    """How seeds stand to others; nothing for too few."""
+    if min(len(own), len(others)) < FEWEST:
+        return ""
+    difference, low, high = gain(own, others)
+    if low <= 0 <= high:
         return "not told apart"
     return "ahead" if difference > 0 else "behind"
 

@@ -1,7 +1,7 @@
-"""Rebuilds the tables of the pages from the results' data, so that text and data cannot differ.
+"""Rebuilds the tables and numbers of the pages from the results' data, so that text and data cannot differ.
 
     pip install -r docs/results/requirements.txt
-    python docs/results/rebuild.py                      # writes the tables
+    python docs/results/rebuild.py                      # writes them
     python docs/results/rebuild.py --check              # says which page differs from the data
     python docs/results/rebuild.py --from REPORT        # takes the finished runs of `goalward report` first
 
@@ -17,6 +17,9 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 | `coverage` | | of each plan how many panels are complete, and how many runs are there |
 | `repeated` | | how many runs have been trained more than once |
 
+A number of a sentence stands between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
+kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph.
+
 Data: `runs.csv`, a line for each finished run; `points.csv`, twenty points of each; `replays.csv`, written by
 `replays.py`. A report's runs take the places of those of the same curves and seeds; all others stay, so runs
 may come in portions. The plans in `deploy/experiments` have the order of the curves, the seeds that are
@@ -30,8 +33,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from data import HERE, PAGES, RUNS, Row, key, order, read, refuse_strays, write
+from quoted import NUMBERS, evaluations
 from tables import KINDS
 
+NUMBER = re.compile(r"(?m)(^\s*)?(<!-- number: (\S+) (.*?) -->)(.*?)(<!-- end -->)")
 TABLE = re.compile(r"(<!-- table: (.*?) -->\n)(.*?)(<!-- end of table -->)", re.DOTALL)
 POINTS_OF_A_RUN = 20
 
@@ -65,13 +70,18 @@ def thinned(points: list[Row]) -> Iterable[Row]:
 
 
 def rebuilt(text: str) -> str:
-    """A page with the tables that the data gives."""
+    """A page with the tables and numbers that the data gives."""
+
+    def number(found: re.Match[str]) -> str:
+        if found[1] is not None:
+            sys.exit(f"expected `{found[2]}` behind a word, found it at the beginning of a line")
+        return f"{found[2]}{NUMBERS[found[3]](evaluations(found[4].split()))}{found[6]}"
 
     def table(found: re.Match[str]) -> str:
         kind, *arguments = found[2].split()
         return f"{found[1]}{KINDS[kind](*arguments)}{found[4]}"
 
-    return TABLE.sub(table, text)
+    return NUMBER.sub(number, TABLE.sub(table, text))
 
 
 def main() -> int:
@@ -88,7 +98,10 @@ def main() -> int:
         text = page.read_text()
         new = rebuilt(text)
         if new != text and options.check:
-            print(f"{page}: expected the tables that the data gives; rebuild.py writes them", file=sys.stderr)
+            print(
+                f"{page}: expected the tables and numbers that the data gives; rebuild.py writes them",
+                file=sys.stderr,
+            )
             status = 1
         elif new != text:
             page.write_text(new)

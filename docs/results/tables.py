@@ -28,8 +28,8 @@ FIRST_TUNING_SEED = 101
 
 
 def percent(share: float) -> str:
-    """A share in per cent."""
-    return f"{100 * share:.1f}"
+    """A share in per cent, without a sign where it rounds to 0."""
+    return f"{round(100 * share, 1) + 0.0:.1f}"
 
 
 def bounded(shares: list[float]) -> str:
