@@ -5,6 +5,7 @@ joined by `+` are one whose seeds have their means.
 """
 
 import statistics
+import sys
 from collections.abc import Callable
 
 from data import curves
@@ -23,6 +24,9 @@ def evaluations(paths: list[str]) -> Evaluations:
         place = before or place
         figure, panel = place.split("/")
         of_panel = {curve.name: curve.evaluations for curve in curves(figure, panel)}
+        missing = [name for name in names.split("+") if name not in of_panel]
+        if missing:
+            sys.exit(f"expected curves of {place} with finished runs, found {' '.join(missing)}")
         seeds = zip(*(of_panel[name] for name in names.split("+")), strict=True)
         found.append([statistics.mean(seed) for seed in seeds])
     return found
