@@ -2,7 +2,7 @@
 
 For each kind of states: the mean, and the probability that it is higher for one of them than for a state of
 the run's own demonstrations (AUROC): 0.5 where the two are not told apart, 1 where all of them are ranked
-above.
+above. Then the mean proximity, and of the expert's states, which have labels (Eq. 1), its mean error.
 
     pip install ./python[policy] && python docs/results/uncertainty.py GOALWARD OUT.csv RUN...
 """
@@ -19,6 +19,10 @@ import onnxruntime
 from goalward import demonstrations
 from goalward.log import Log
 
+COLUMNS = [
+    *("method", "task", "seed", "states"),
+    *("mean_standard_deviation", "auroc", "mean_proximity", "mean_error"),
+]
 EPISODES = 200
 # A seed that no run of the results has.
 SEED = 777
@@ -38,11 +42,12 @@ class Ensemble:
         subprocess.run([goalward, "export", run, "--out", folder], check=True, capture_output=True)
         self.session = onnxruntime.InferenceSession(folder / "ensemble.onnx")
 
-    def standard_deviation(self, episodes) -> numpy.ndarray:
-        """Of all observations of episodes, one after another."""
+    def scores(self, episodes) -> tuple[numpy.ndarray, numpy.ndarray]:
+        """Standard deviation and proximity of all observations of episodes, one after another."""
         observations = numpy.concatenate([numpy.asarray(episode.observations) for episode in episodes])
-        [found] = self.session.run(["standard_deviation"], {self.session.get_inputs()[0].name: observations})
-        return found.ravel()
+        inputs = {self.session.get_inputs()[0].name: observations}
+        deviation, proximity = self.session.run(["standard_deviation", "proximity"], inputs)
+        return deviation.ravel(), proximity.ravel()
 
 
 def recorded(goalward: str, task: str, file: Path, options: list[str]) -> list:
@@ -50,6 +55,15 @@ def recorded(goalward: str, task: str, file: Path, options: list[str]) -> list:
     command = [goalward, "demonstrate", task, "--episodes", str(EPISODES), "--seed", str(SEED), "--out", file]
     subprocess.run([*command, *options], check=True, capture_output=True)
     return demonstrations.read(file).episodes
+
+
+def labels(reward: dict, episodes) -> numpy.ndarray:
+    """The proximity that is learned of the expert's states, which end at the goal."""
+    lengths = [len(episode.observations) for episode in episodes]
+    left = numpy.concatenate([numpy.arange(length)[::-1] for length in lengths])
+    if reward["discounting"] == "exponential":
+        return reward["delta"] ** left
+    return numpy.maximum(1 - reward["delta"] * left, 0)
 
 
 def auroc(others: numpy.ndarray, own: numpy.ndarray) -> float:
@@ -78,17 +92,22 @@ def rows(goalward: str, run: Path):
             "agent, first": training[:EPISODES],
             "agent, last": training[-EPISODES:],
         }
-        found = {kind: ensemble.standard_deviation(episodes) for kind, episodes in kinds.items()}
-    for kind, values in found.items():
-        ranked = auroc(values, found["demonstrated"])
-        yield task, log.config["seed"], kind, f"{values.mean():.4f}", f"{ranked:.3f}"
+        found = {kind: ensemble.scores(episodes) for kind, episodes in kinds.items()}
+    for kind, (deviations, proximities) in found.items():
+        ranked = auroc(deviations, found["demonstrated"][0])
+        row = [log.config["method"], task, log.config["seed"], kind]
+        row += [f"{deviations.mean():.4f}", f"{ranked:.3f}", f"{proximities.mean():.4f}"]
+        if not kind.startswith("agent"):
+            errors = proximities - labels(log.config["reward"], kinds[kind])
+            row.append(f"{numpy.abs(errors).mean():.4f}")
+        yield dict(zip(COLUMNS, row, strict=False))
 
 
 def main(goalward: str, out: str, *runs: str) -> None:
     """Writes the rows of all runs."""
     with open(out, "w", newline="") as file:
-        lines = csv.writer(file, lineterminator="\n")
-        lines.writerow(["task", "seed", "states", "mean_standard_deviation", "auroc"])
+        lines = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        lines.writeheader()
         for run in runs:
             lines.writerows(rows(goalward, Path(run)))
 
