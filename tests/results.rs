@@ -2,8 +2,8 @@
 //!
 //! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
 //! which a number of a table, of a sentence, of a run, or of a plan is another. Which curves have the same
-//! runs it says as `goalward experiment` does. Its statistics over panels are those of the library `rliable`. It needs the
-//! packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
+//! runs it says as `goalward experiment` does. Its statistics over panels are those of the library `rliable`.
+//! It needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
 //! `GOALWARD_PYTHON=none` leaves this out.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
