@@ -30,7 +30,7 @@ fn a_run_becomes_a_page() {
     }
     let outside = page.matches("http").count() - page.matches("http://www.w3.org/").count();
     assert_eq!(outside, 0, "the page names an address");
-    let pictures = ["runs-navigation", "runs-navigation-time", "runs-navigation-proximity"];
+    let pictures = ["runs+navigation", "runs+navigation+time", "runs+navigation+proximity"];
     for name in pictures.into_iter().chain(["episode-navigation"]) {
         let picture = read(&format!("{name}.svg"));
         assert!(page.contains(&picture), "expected {name} in the page");

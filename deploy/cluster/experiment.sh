@@ -13,9 +13,9 @@ set -euo pipefail
 experiment=$!
 # Two minutes before the time is over, or when somebody wants the node: checkpoints, and later the rest.
 trap 'kill -TERM "$experiment"; is_stopped=yes' TERM
-# A signal ends a wait, not the experiment.
-until wait "$experiment"; code=$?; [ "$code" -ne $((128 + 15)) ]; do :; done
-if [ "$code" -eq 130 ] && [ "${is_stopped:-}" ]; then
+# A signal ends a wait, not the experiment, unless it came before the experiment listened for it.
+until wait "$experiment"; code=$?; [ "$code" -ne 143 ] || ! kill -0 "$experiment" 2>/dev/null; do :; done
+if { [ "$code" -eq 130 ] || [ "$code" -eq 143 ]; } && [ "${is_stopped:-}" ]; then
     scontrol requeue "${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID"
 fi
 exit "$code"

@@ -39,10 +39,10 @@ if [ "$SLURM_JOB_NUM_NODES" -gt 1 ] && kill -0 "$learner" 2>/dev/null; then
         bash -c 'exec "$0" join --name "$SLURMD_NODENAME" "$@"' "$goalward" --run "$run" --actors "$cores" &
 fi
 
-# A signal ends a wait, not the learner.
-until wait "$learner"; code=$?; [ "$code" -ne $((128 + 15)) ]; do :; done
+# A signal ends a wait, not the learner, unless it came before the learner listened for it.
+until wait "$learner"; code=$?; [ "$code" -ne 143 ] || ! kill -0 "$learner" 2>/dev/null; do :; done
 rm -f "$started"
-if [ "$code" -eq 130 ] && [ "${is_stopped:-}" ]; then
+if { [ "$code" -eq 130 ] || [ "$code" -eq 143 ]; } && [ "${is_stopped:-}" ]; then
     scontrol requeue "$SLURM_JOB_ID"
 fi
 exit "$code"

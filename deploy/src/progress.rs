@@ -48,10 +48,7 @@ impl ProgressView {
         if is_new_phase && phase == Phase::DiskFull {
             self.note("no room on the disk: the run waits and goes on when there is room again");
         }
-        let steps = match &progress.update {
-            Some(update) => update.environment_steps,
-            None => progress.steps_received,
-        };
+        let steps = progress.environment_steps();
         if phase != Phase::Pretraining {
             self.pace.add(progress.wall_s, steps);
         }
@@ -102,7 +99,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
         let received = numbers::count(progress.steps_received);
         return match phase {
             Ok(Phase::Pretraining) => offline(progress),
-            _ => format!("first rollout: {received} steps received"),
+            _ => format!("rolling out: {received} steps received"),
         };
     };
     let phase = match phase {
@@ -255,7 +252,7 @@ mod tests {
         assert_eq!(line(&progress, f64::NAN), expected);
         progress.phase = Phase::Training as i32;
         progress.steps_received = 1024;
-        assert_eq!(line(&progress, f64::NAN), "first rollout: 1,024 steps received");
+        assert_eq!(line(&progress, f64::NAN), "rolling out: 1,024 steps received");
     }
 
     #[test]

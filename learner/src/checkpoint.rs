@@ -24,6 +24,7 @@ impl Trainer {
         }
         let unfinished = durable::unfinished(&folder);
         self.place.check()?;
+        let mut is_paused = false;
         while let Err(error) = self.write(&unfinished, &folder) {
             self.place.check()?;
             let error = error.context(format!("checkpoint {}", folder.display()));
@@ -31,8 +32,12 @@ impl Trainer {
                 return Err(error);
             }
             tracing::error!("paused until the checkpoint can be written: {error:#}");
+            is_paused = true;
             self.tell(Phase::DiskFull, None, None)?;
             self.stop.sleep(DISK_PATIENCE);
+        }
+        if is_paused {
+            self.tell(Phase::Training, None, None)?;
         }
         self.forget_offline_training()?;
         let mut folders = self.folder.checkpoint_folders();

@@ -74,7 +74,14 @@ impl Trainer {
             stop: stop.clone(),
         };
         let mut desk = DeskHandle::start(setup, &bus)?;
-        let progress = Progress { steps_wanted: config.steps_wanted(), ..Progress::default() };
+        // Offline training, which is the first phase, a resumed run has behind it.
+        let phase = if state.iteration > 0 { Phase::Training } else { Phase::Pretraining };
+        let progress = Progress {
+            phase: phase as i32,
+            steps_wanted: config.steps_wanted(),
+            steps_received: state.environment_steps,
+            ..Progress::default()
+        };
         desk.order(Order::Tell(progress.clone()))?;
         Ok(Trainer {
             folder: folder.clone(),
@@ -378,7 +385,6 @@ fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {
     if let Some(sha256) = demonstrations.map_err(|error| Final(error.to_string()))? {
         metadata = metadata.with(DEMONSTRATIONS_SHA256, sha256);
     }
-    std::fs::create_dir_all(folder.log())?;
     let options = LogOptions {
         rotate_bytes: config.log.file_mib << 20,
         observations: config.log.observations,

@@ -310,8 +310,8 @@ fn reading() -> Markup {
                 li { "A dashed level is the evaluation of a method that takes no environment steps." }
                 li { "Diamonds, and the column \u{201c}authors\u{201d}, are the ends of the curves that the \
                       authors published. Some of their baselines had errors, so a correct one may score higher." }
-                li { "Wall time counts from the beginning of the first rollout; pauses of a resumed run are \
-                      left out. Steps per second are those of the summaries." }
+                li { "Wall time includes training before the first rollout; pauses of a resumed run are left \
+                      out. Steps per second are those of the summaries." }
                 li { "The same command gives the same hash, whatever the number of actors." }
             }
         }

@@ -54,7 +54,7 @@ impl Pictures {
             }
         }
         let mut runs: Vec<&Measured> = panels().flat_map(asked).collect();
-        runs.sort_by_key(|run| place(&run.config.task.name));
+        runs.sort_by_key(|run| (place(&run.config.task.name), &run.config.task.name));
         runs.dedup_by(|run, before| run.config.task.name == before.config.task.name);
         runs.into_iter().for_each(|run| pictures.draw_episode(run, programs));
         Ok(pictures)
@@ -149,19 +149,40 @@ fn heat(run: &Measured, classes: &Classes, programs: &dyn Programs) -> Result<St
     Ok(everywhere.picture(&estimates).into_string())
 }
 
-/// What the names of a panel's files begin with.
+/// What the names of a panel's files begin with. Panels have no `+` in their names, so files of two panels
+/// have two names.
 fn stem(figure: &str, panel: &str) -> String {
-    let plain = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '-' };
-    format!("{figure}-{panel}").chars().map(plain).collect()
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    let plain = |letter: char| if is_plain(letter) { letter } else { '-' };
+    format!("{}+{panel}", figure.chars().map(plain).collect::<String>())
 }
 
 fn learning_file(stem: &str, against: Against) -> String {
     match against {
         Against::Steps => format!("{stem}.svg"),
-        Against::Time => format!("{stem}-time.svg"),
+        Against::Time => format!("{stem}+time.svg"),
     }
 }
 
 fn heat_file(stem: &str) -> String {
-    format!("{stem}-proximity.svg")
+    format!("{stem}+proximity.svg")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_two_panels_have_two_names() {
+        let files = |panel: &str| {
+            let stem = stem("figure 1", panel);
+            let learning = [Against::Steps, Against::Time].map(|axis| learning_file(&stem, axis));
+            [learning.to_vec(), vec![heat_file(&stem)]].concat()
+        };
+        let panels = ["half", "half-time", "half-proximity", "a_1", "a-1", "a.1"];
+        let names: Vec<String> = panels.into_iter().flat_map(files).collect();
+        let different: std::collections::BTreeSet<&String> = names.iter().collect();
+        assert_eq!(different.len(), 18, "{names:?}");
+        assert_eq!(names[0], "figure-1+half.svg");
+    }
 }

@@ -89,11 +89,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     let jobs = jobs.map_or_else(half_of_the_cores, usize::from);
     let ended = execute(runs, archive, jobs, *other_build)?;
-    let next = if ended.is_stopped || !ended.failed.is_empty() {
-        String::new()
-    } else {
-        format!("next:\n  {}", report_line(arguments))
-    };
+    let is_whole = !ended.is_stopped && ended.failed.is_empty() && ended.elsewhere.is_empty();
+    let next =
+        if is_whole { format!("next:\n  {}", report_line(arguments)) } else { String::new() };
     let left = planned.left();
     print_standing(arguments, &mut planned, left, &next)?;
     if ended.is_stopped {
@@ -120,7 +118,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 /// What would be done: by this machine, or by a cluster.
 fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
     let left = planned.left();
-    if let Some(engine) = arguments.cluster.on {
+    if let Some(engine) = arguments.cluster.on.filter(|_| left.runs > 0) {
         let text = order(arguments, engine, left.runs)?.text()?;
         return arguments.figures.print(&text, String::clone);
     }

@@ -1,9 +1,11 @@
 //! `goalward report`: runs, or the figures of plans, as a page with pictures and as tables.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use anyhow::Result;
+use anyhow::{Context, Result, anyhow};
 use report::TensorBoard;
 use report::figure::Figure;
 use report::programs::{Estimates, Programs};
@@ -116,7 +118,7 @@ impl Programs for OfRuns {
     fn estimate(&self, folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
         let mut service = Program::ProximityService.command()?;
         service.arg("estimate").arg("--run").arg(folder.path());
-        programs::result_for(&mut service, "asking", observations)
+        told(&mut service, |service| programs::result_for(service, "asking", observations))
     }
 
     fn evaluate(&self, folder: &RunFolder, episodes: usize) -> Result<PathBuf> {
@@ -127,7 +129,23 @@ impl Programs for OfRuns {
         let mut actor = Program::acting_in(&folder.config()?.task).command()?;
         actor.arg("evaluate").arg("--run").arg(folder.path());
         actor.arg("--episodes").arg(episodes.to_string());
-        let evaluation: Evaluation = programs::result(&mut actor, "evaluating")?;
+        let evaluation: Evaluation =
+            told(&mut actor, |actor| programs::result(actor, "evaluating"))?;
         Ok(evaluation.file)
     }
+}
+
+/// What a program says that is asked. What it says when it fails is part of the error: the page is read
+/// elsewhere.
+fn told<T>(program: &mut Command, ask: impl FnOnce(&mut Command) -> Result<T>) -> Result<T> {
+    let mut said = tempfile::tempfile().context("a file for what a program says")?;
+    program.stderr(said.try_clone().context("a file for what a program says")?);
+    ask(program).map_err(|error| {
+        let mut words = String::new();
+        said.rewind().and_then(|()| said.read_to_string(&mut words)).ok();
+        match words.lines().last() {
+            Some(last) => anyhow!("{}", last.trim_start_matches("goalward: ").to_owned()),
+            None => error,
+        }
+    })
 }

@@ -46,9 +46,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             run.display()
         )));
     }
-    // The hosts of an earlier sitting, which listened, may still be told of.
     let listens = folder.listening_file().exists();
-    let present = if listens { Hosts::of_run(&folder).present } else { Vec::new() };
+    let present = Hosts::of_run(&folder).present;
     let Some(host) = host else {
         require_an_actor(*actors, listens)?;
         require_places(*actors, places_of_others(&present, ""))?;

@@ -58,6 +58,7 @@ pub(crate) fn execute(
         running: Vec::new(),
         estimate: Estimate::default(),
         line: StatusLine::new(),
+        elsewhere: Vec::new(),
         ended: Ended::default(),
     };
     for run in runs {
@@ -69,7 +70,8 @@ pub(crate) fn execute(
     }
     let outcome = runtime()?.block_on(execution.run());
     execution.line.finish();
-    outcome.map(|()| execution.ended)
+    let elsewhere = execution.elsewhere.into_iter().map(|training| training.name).collect();
+    outcome.map(|()| Ended { elsewhere, ..execution.ended })
 }
 
 struct Execution {
@@ -82,6 +84,8 @@ struct Execution {
     /// For the first of those that wait.
     recorder: Option<Recorder>,
     running: Vec<(Training, Child)>,
+    /// Those that somebody else has been found to train.
+    elsewhere: Vec<Training>,
     estimate: Estimate,
     line: StatusLine,
     ended: Ended,
@@ -91,8 +95,10 @@ struct Execution {
 enum Begun {
     Training(Child),
     Recording(Recorder),
-    /// Somebody else has trained it meanwhile, or does so now.
+    /// Somebody else has trained it meanwhile.
     Nothing,
+    /// Somebody else trains it.
+    Elsewhere,
     /// Somebody else records its demonstrations.
     Later,
 }
@@ -104,6 +110,9 @@ impl Execution {
             let is_news = self.reap()?;
             let can_start_more = !self.ended.is_stopped && self.start_next();
             let is_idle = self.running.is_empty() && self.recorder.is_none();
+            if is_idle && self.waiting.is_empty() {
+                self.look_elsewhere();
+            }
             if is_idle && (self.waiting.is_empty() || self.ended.is_stopped) {
                 return Ok(());
             }
@@ -131,6 +140,7 @@ impl Execution {
                 self.waiting.push_front(training);
             }
             Ok(Begun::Nothing) => {}
+            Ok(Begun::Elsewhere) => self.leave_to_others(training),
             Ok(Begun::Later) => {
                 self.waiting.push_back(training);
                 return false;
@@ -146,8 +156,7 @@ impl Execution {
             return Ok(Begun::Nothing);
         }
         if training.is_elsewhere() {
-            self.leave_to_others(training);
-            return Ok(Begun::Nothing);
+            return Ok(Begun::Elsewhere);
         }
         training.require_same_program()?;
         let Some(file) = training.missing_demonstrations() else {
@@ -166,7 +175,7 @@ impl Execution {
             match child.reap()? {
                 Some(status) => {
                     is_news = true;
-                    self.settle(&training, status);
+                    self.settle(training, status);
                 }
                 None => self.running.push((training, child)),
             }
@@ -180,15 +189,15 @@ impl Execution {
         Ok(is_news)
     }
 
-    fn settle(&mut self, training: &Training, status: ExitStatus) {
+    fn settle(&mut self, training: Training, status: ExitStatus) {
         let refused = status.code() == Some(i32::from(WRONG_USAGE));
         match training.summary() {
-            Some(summary) => self.count(training, &summary),
+            Some(summary) => self.count(&training, &summary),
             None if self.ended.is_stopped => {}
             None if refused && training.is_elsewhere() => self.leave_to_others(training),
             None => {
                 let words = training.output().last_lines();
-                self.fail(training, &format!("ended ({status}); {words}"));
+                self.fail(&training, &format!("ended ({status}); {words}"));
             }
         }
     }
@@ -212,9 +221,17 @@ impl Execution {
         self.ended.failed.push(training.name.clone());
     }
 
-    fn leave_to_others(&mut self, training: &Training) {
+    fn leave_to_others(&mut self, training: Training) {
         self.line.note(&format!("the run {} is being trained by somebody else", training.name));
-        self.ended.elsewhere.push(training.name.clone());
+        self.elsewhere.push(training);
+    }
+
+    /// Takes back what somebody else has finished, or does not train any more.
+    fn look_elsewhere(&mut self) {
+        let (trained, left): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.elsewhere).into_iter().partition(Training::is_elsewhere);
+        self.elsewhere = trained;
+        self.waiting.extend(left);
     }
 
     /// Passes the user's wish on; the second time runs end at once.
@@ -242,6 +259,7 @@ impl Execution {
             seconds(training) * standing.map_or(1.0, Standing::part_left)
         });
         let left_s = running_s.chain(self.waiting.iter().map(seconds)).sum::<f64>();
+        let at_once = self.jobs.min(self.running.len() + self.waiting.len()).max(1);
         let failed = match self.ended.failed.len() {
             0 => String::new(),
             count => format!(", {count} failed"),
@@ -251,7 +269,7 @@ impl Execution {
             self.finished,
             self.runs,
             self.waiting.len(),
-            numbers::duration(left_s / self.jobs as f64),
+            numbers::duration(left_s / at_once as f64),
             doing.join("; "),
         );
         let tenth = numbers::percent_done(self.finished as u64, self.runs as u64) / 10;

@@ -84,9 +84,12 @@ impl Training {
     /// How far it is, as far as it has said so.
     pub(super) fn standing(&self) -> Option<Standing> {
         let progress = progress_file::read(&self.folder)?;
-        let update = progress.update.filter(|_| progress.steps_wanted > 0)?;
-        let percent = numbers::percent_done(update.environment_steps, progress.steps_wanted);
-        Some(Standing { percent, success_rate: update.success_rate })
+        if progress.steps_wanted == 0 {
+            return None;
+        }
+        let percent = numbers::percent_done(progress.environment_steps(), progress.steps_wanted);
+        let success_rate = progress.update.map_or(f64::NAN, |update| update.success_rate);
+        Some(Standing { percent, success_rate })
     }
 
     /// Starts `goalward train`, or goes on with it where it has begun. Where others run beside it,

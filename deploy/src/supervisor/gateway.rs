@@ -41,7 +41,6 @@ impl Gateway {
         let Source::Environments { listening, .. } = source else { return None };
         let arguments = listening.as_ref()?.arguments(folder);
         let process = Process::new(folder, Program::Gateway, "gateway", arguments);
-        Hosts::clear(folder);
         let (deaths, told) = (Deaths::default(), Told::default());
         Some(Gateway { process, deaths, start_at: None, told })
     }

@@ -23,6 +23,7 @@ use protocol::messages::Progress;
 use run::actors_wanted::ActorsWanted;
 use run::checkpoint;
 use run::folder::{Place, RunFolder};
+use run::hosts::Hosts;
 use run::process::FINAL_CODE;
 
 use crate::progress::ProgressView;
@@ -102,6 +103,7 @@ async fn supervise(
     address.remove()?;
     settle_checkpoints(folder, view)?;
     progress_file::clear(folder);
+    Hosts::clear(folder);
     let wanted = ActorsWanted::here(folder);
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);

@@ -56,8 +56,7 @@ fn headline(processes: &Processes, progress: Option<&Progress>) -> String {
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
     let mut rows = common_rows(config);
     rows.push(("doing", doing(progress)));
-    let done = progress.update.as_ref().map_or(0, |update| update.environment_steps);
-    rows.push(("environment steps", steps(done, progress.steps_wanted)));
+    rows.push(("environment steps", steps(progress.environment_steps(), progress.steps_wanted)));
     rows.extend(progress.update.iter().flat_map(update_rows));
     // A fixed reward has no versions, and one just read from a checkpoint has no losses yet.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);

@@ -226,6 +226,13 @@ pub struct Progress {
     pub actors_heard: Vec<ActorHeard>,
 }
 
+impl Progress {
+    /// Environment steps learned from; before the first update of a sitting those received.
+    pub fn environment_steps(&self) -> u64 {
+        self.update.as_ref().map_or(self.steps_received, |update| update.environment_steps)
+    }
+}
+
 /// What the learner knows of an actor.
 #[derive(Clone, PartialEq, Message)]
 pub struct ActorHeard {
