@@ -17,13 +17,17 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// What of the repository the script reads, and whole folders of it.
-const FILES: [&str; 14] = [
+const FILES: [&str; 20] = [
     "README.md",
     "docs/guide/src/methods.md",
     "docs/results/README.md",
+    "docs/results/ablations.md",
     "docs/results/rebuild.py",
     "docs/results/quoted.py",
     "docs/results/tables.py",
+    "docs/results/cells.py",
+    "docs/results/pivots.py",
+    "docs/results/pivots.toml",
     "docs/results/estimates.py",
     "docs/results/data.py",
     "docs/results/settings.py",
@@ -32,6 +36,8 @@ const FILES: [&str; 14] = [
     "docs/results/runs.csv",
     "docs/results/points.csv",
     "docs/results/replays.csv",
+    "docs/results/settings.csv",
+    "docs/results/uncertainty.csv",
 ];
 const PLANS: &str = "deploy/experiments";
 const FOLDERS: [&str; 2] = [PLANS, "deploy/tasks"];
@@ -71,21 +77,79 @@ fn tables_and_data_do_not_differ() {
     assert!(well && said.is_empty(), "{said}");
 }
 
+/// What the script says of a copy in which something that a file has is another.
+fn said_of_a_change(file: &str, text: &str, other: &str) -> Option<String> {
+    let copy = copied();
+    let changed = copy.path().join(file);
+    let before = fs::read_to_string(&changed).unwrap();
+    assert!(before.contains(text), "{file} has no {text}");
+    fs::write(&changed, before.replacen(text, other, 1)).unwrap();
+    let (well, said) = rebuilt(copy.path(), &["--check"])?;
+    assert!(!well, "{file} with {other} for {text}");
+    Some(said)
+}
+
 #[test]
 fn a_number_that_is_another_is_found() {
-    for (file, number, other) in [
-        ("docs/results/README.md", "| **", "| **1"),
-        ("docs/results/README.md", " points (", " points (1"),
-        ("docs/results/runs.csv", ",500,0.", ",500,0.1"),
-        ("deploy/experiments/figure3.toml", "gaifo = 0.", "gaifo = 0.5"),
+    let run = "no-online,,602941,101,0.39,0.";
+    for (page, file, number, other) in [
+        ("README.md", "docs/results/README.md", "| **", "| **1"),
+        ("README.md", "docs/results/README.md", " % (", " % (1"),
+        ("README.md", "docs/results/runs.csv", ",500,0.", ",500,0.1"),
+        ("README.md", "deploy/experiments/figure3.toml", "gaifo = 0.", "gaifo = 0.5"),
+        ("ablations.md", "docs/results/settings.csv", run, &format!("{run}1")),
     ] {
-        let copy = copied();
-        let changed = copy.path().join(file);
-        let text = fs::read_to_string(&changed).unwrap();
-        let (before, behind) = text.split_once(number).unwrap();
-        fs::write(&changed, format!("{before}{other}{behind}")).unwrap();
-        let Some((well, said)) = rebuilt(copy.path(), &["--check"]) else { return };
-        assert!(!well && said.contains("docs/results/README.md: expected"), "{file}: {said}");
+        let Some(said) = said_of_a_change(file, number, other) else { return };
+        let expected = format!("docs/results/{page}: expected the tables");
+        assert!(said.contains(&expected), "{file}: {said}");
+    }
+}
+
+#[test]
+fn what_has_no_runs_or_no_end_is_named() {
+    let lambda = "settings = \"reward.uncertainty=1.0\"";
+    let run = "fetch-push,no-online,reward.uncertainty=0.3,602880,101,";
+    for (file, text, other, expected) in [
+        (
+            "pivots.toml",
+            lambda,
+            "settings = \"reward.uncertainty=7.0\"",
+            "pivots.toml: expected runs of without-online-lambda.rows.1, found none",
+        ),
+        (
+            "settings.csv",
+            run,
+            "fetch-push,no-online,reward.uncertainty=0.1,602880,101,",
+            "settings.csv: expected one evaluation_success_rate for each seed, found 4 for 101",
+        ),
+        (
+            "ablations.md",
+            "number: paired members/push/prior-1 default",
+            "number: paired members/push/prior-1 prior-3",
+            "expected the seeds 101 102 103 104 105 106, found 101 102 103",
+        ),
+        (
+            "ablations.md",
+            "number: paired members/push/prior-1 default",
+            "number: points members/pick/prior-1 default",
+            "expected curves of members/pick with finished runs, found none of prior-1",
+        ),
+        (
+            "ablations.md",
+            "number: paired members/push/prior-1 default",
+            "number: points members/push/shared-0_1 default",
+            "expected at least 3 seeds to compare, found 2 and 6",
+        ),
+        (
+            "README.md",
+            "<!-- end of table -->",
+            "",
+            "README.md: expected `<!-- end of table -->` for each `<!-- table`, found",
+        ),
+    ] {
+        let file = format!("docs/results/{file}");
+        let Some(said) = said_of_a_change(&file, text, other) else { return };
+        assert!(said.contains(expected), "{file}: {said}");
     }
 }
 
@@ -173,9 +237,29 @@ print(*interquartile_mean(ours), *interquartile_mean(other), *improvement(other,
     let found: Vec<f64> = said.split_whitespace().map(|word| word.parse().unwrap()).collect();
     let expected = [0.946, 0.9385, 0.953, 0.612, 0.542, 0.689, 0.18, 0.05, 0.325];
     let tolerances = [1e-9, 0.002, 0.002, 1e-9, 0.01, 0.01, 1e-9, 0.02, 0.02];
-    assert_eq!(found.len(), expected.len(), "{said}");
+    assert_eq!(found.len(), expected.len(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     for ((found, expected), tolerance) in found.iter().zip(expected).zip(tolerances) {
         assert!((found - expected).abs() < tolerance, "{found} against {expected} in {said}");
+    }
+}
+
+/// `ttest_ind` with unequal variances and `ttest_rel` of SciPy.
+#[test]
+fn intervals_of_differences_are_those_of_scipy() {
+    let program = "
+from estimates import gain, paired_gain
+from scipy.stats import ttest_ind, ttest_rel
+own, others = [.97, .91, .99, .96, .98], [.92, .81, .98, .79, .86]
+print(*gain(own, others)[1:], *paired_gain(own, others)[1:])
+print(*ttest_ind(own, others, equal_var=False).confidence_interval(), *ttest_rel(own, others).confidence_interval())
+";
+    let Some(output) = python(Path::new(REPOSITORY), &["-c", program]) else { return };
+    let said = String::from_utf8(output.stdout).unwrap();
+    let numbers: Vec<f64> = said.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    assert_eq!(numbers.len(), 8, "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let (ours, scipy) = numbers.split_at(4);
+    for (found, expected) in ours.iter().zip(scipy) {
+        assert!((found - expected).abs() < 1e-12, "{said}");
     }
 }
 

@@ -105,7 +105,10 @@ def column(rows, name):
 def beside(label, source):
     """Curves of another table, under a label of this picture."""
     path, there = source.rsplit(":", 1)
-    return {(label, seed): rows for (own, seed), rows in read(path).items() if own == there}
+    found = {(label, seed): rows for (own, seed), rows in read(path).items() if own == there}
+    if not found:
+        sys.exit(f"expected curves of {there} in {path}, found none")
+    return found
 
 
 def draw(path, title, curves):

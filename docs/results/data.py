@@ -25,9 +25,13 @@ OPENING = [
     ("figure9", "pick-noise-2"),
     ("figure3", "ant-noise-0.05"),
 ]
+# Results are those of lower seeds.
+FIRST_TUNING_SEED = 101
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]
+# A number of each seed's run.
+Seeds = dict[str, float]
 
 
 class PlannedCurve(NamedTuple):
@@ -53,10 +57,15 @@ class Curve(NamedTuple):
 
     name: str
     runs: list[Row]
-    evaluations: list[float]
+    evaluations: Seeds
     wanted: int
     authors: float | None
     against_the_first: str = ""
+
+    @property
+    def rates(self) -> list[float]:
+        """The evaluations without their seeds."""
+        return list(self.evaluations.values())
 
 
 def read(file: Path) -> list[Row]:
@@ -152,9 +161,9 @@ def weights(run: Row) -> tuple[str, str]:
     return run["policy_sha256"], run["proximity_sha256"]
 
 
-def rates(runs: list[Row], name: str) -> list[float]:
-    """Success rates of the runs that have one."""
-    return [float(run[name]) for run in runs if run[name]]
+def rates(runs: list[Row], name: str) -> Seeds:
+    """Success rates of the runs that have one, by seed."""
+    return {run["seed"]: float(run[name]) for run in runs if run[name]}
 
 
 def curves(figure: str, panel: str) -> list[Curve]:
@@ -166,7 +175,5 @@ def curves(figure: str, panel: str) -> list[Curve]:
         evaluations = rates(runs, "evaluation_success_rate")
         found.append(Curve(name, runs, evaluations, len(plan.seeds), wanted.authors))
     first, *others = found
-    compared = (
-        curve._replace(against_the_first=standing(curve.evaluations, first.evaluations)) for curve in others
-    )
+    compared = (curve._replace(against_the_first=standing(curve.rates, first.rates)) for curve in others)
     return [curve for curve in (first, *compared) if curve.evaluations]

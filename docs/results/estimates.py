@@ -22,8 +22,13 @@ def interval(shares: list[float] | np.ndarray) -> np.ndarray | None:
     """The ends of the 95 % interval of a mean over seeds, by Student's distribution; none of too few."""
     if len(shares) < FEWEST:
         return None
-    mean, half = np.mean(shares, axis=0), t.ppf(UPPER, len(shares) - 1) * sem(shares)
+    mean, half = np.mean(shares, axis=0), half_width(shares)
     return np.clip([mean - half, mean + half], 0, 1)
+
+
+def half_width(numbers: list[float] | np.ndarray) -> np.ndarray:
+    """Half of the 95 % interval of a mean, by Student's distribution."""
+    return t.ppf(UPPER, len(numbers) - 1) * sem(numbers)
 
 
 def gain(own: list[float], others: list[float]) -> Bounded:
@@ -35,6 +40,13 @@ def gain(own: list[float], others: list[float]) -> Bounded:
     half = t.ppf(UPPER, sum(errors) ** 2 / sum(freedoms)) * sum(errors) ** 0.5 if any(errors) else 0.0
     difference = float(np.mean(own) - np.mean(others))
     return difference, difference - half, difference + half
+
+
+def paired_gain(own: list[float], others: list[float]) -> Bounded:
+    """How much more seeds have than the same seeds of others, mean of the pairs with Student's interval."""
+    differences = np.subtract(own, others)
+    mean, half = float(np.mean(differences)), float(half_width(differences))
+    return mean, mean - half, mean + half
 
 
 def standing(own: list[float], others: list[float]) -> str:
@@ -50,7 +62,7 @@ def standing(own: list[float], others: list[float]) -> str:
 def interquartile_mean(panels: list[list[float]]) -> Bounded:
     """Mean of the middle half of all seeds' success rates, with its stratified bootstrap interval."""
     samples = trim_mean(np.concatenate(resampled(panels), axis=1), TRIMMED, axis=1)
-    return bounded(trim_mean(np.concatenate(panels), TRIMMED), samples)
+    return with_interval(trim_mean(np.concatenate(panels), TRIMMED), samples)
 
 
 def improvement(panels: list[list[float]], others: list[list[float]]) -> Bounded:
@@ -61,7 +73,7 @@ def improvement(panels: list[list[float]], others: list[list[float]]) -> Bounded
         return np.mean([np.heaviside(pair, 0.5).mean(axis=(1, 2)) for pair in pairs], axis=0)
 
     whole = better(*([np.array([panel]) for panel in group] for group in (panels, others)))
-    return bounded(whole[0], better(resampled(panels), resampled(others, 1)))
+    return with_interval(whole[0], better(resampled(panels), resampled(others, 1)))
 
 
 def resampled(panels: list[list[float]], stream: int = 0) -> list[np.ndarray]:
@@ -70,6 +82,6 @@ def resampled(panels: list[list[float]], stream: int = 0) -> list[np.ndarray]:
     return [np.array(panel)[random.integers(len(panel), size=(SAMPLES, len(panel)))] for panel in panels]
 
 
-def bounded(estimate: float, samples: np.ndarray) -> Bounded:
+def with_interval(estimate: float, samples: np.ndarray) -> Bounded:
     """An estimate with the interval that its bootstrap gives."""
     return (float(estimate), *map(float, np.quantile(samples, [1 - UPPER, UPPER])))

@@ -63,7 +63,7 @@ def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> 
 
 def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> None:
     """A curve's column: a dash for each seed's evaluation, and to its right the authors' triangle."""
-    dashes = [(x, share) for share in curve.evaluations for x in (left, left + 0.45 * width, np.nan)]
+    dashes = [(x, share) for share in curve.rates for x in (left, left + 0.45 * width, np.nan)]
     axes.plot(*zip(*dashes, strict=True), linewidth=1, **style)
     if curve.authors is not None:
         axes.plot(left + 0.7 * width, curve.authors, "<", markersize=4.5, markeredgewidth=0, **style)

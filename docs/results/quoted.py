@@ -1,67 +1,103 @@
 """The kinds of numbers that sentences quote, each a function of the curves behind its name.
 
-A curve is FIGURE/PANEL/CURVE; without figure and panel it is one of those of the curve before. Several curves
-joined by `+` are one whose seeds have their means.
+A curve is FIGURE/PANEL/CURVE, or TABLE/COLUMN/ROW of `pivots.toml`; without the first two it is one of those
+of the curve before. Several curves joined by `+` are one whose seeds have their means.
 """
 
 import statistics
 import sys
 from collections.abc import Callable
 
-from data import curves
-from estimates import gain
-from tables import bounded, percent, within
-
-# Of each curve the evaluations of its seeds.
-Evaluations = list[list[float]]
+from cells import mean_with_interval, percent, within
+from data import Seeds, curves
+from estimates import FEWEST, Bounded, gain, improvement, paired_gain
+from pivots import PIVOTS, column
 
 
-def evaluations(paths: list[str]) -> Evaluations:
+def evaluations(paths: list[str]) -> list[Seeds]:
     """The evaluations of curves."""
     found, place = [], ""
     for path in paths:
         before, _, names = path.rpartition("/")
         place = before or place
-        figure, panel = place.split("/")
-        of_panel = {curve.name: curve.evaluations for curve in curves(figure, panel)}
-        missing = [name for name in names.split("+") if name not in of_panel]
+        of_panel = known(*place.split("/"))
+        missing = [name for name in names.split("+") if not of_panel.get(name)]
         if missing:
-            sys.exit(f"expected curves of {place} with finished runs, found {' '.join(missing)}")
-        seeds = zip(*(of_panel[name] for name in names.split("+")), strict=True)
-        found.append([statistics.mean(seed) for seed in seeds])
+            sys.exit(f"expected curves of {place} with finished runs, found none of {' '.join(missing)}")
+        found.append(together([of_panel[name] for name in names.split("+")]))
     return found
 
 
-def mean(found: Evaluations) -> str:
+def known(figure: str, panel: str) -> dict[str, Seeds]:
+    """The evaluations of all curves of a panel, or of all rows in a column."""
+    if figure in PIVOTS:
+        return column(figure, panel)
+    return {curve.name: curve.evaluations for curve in curves(figure, panel)}
+
+
+def together(found: list[Seeds]) -> Seeds:
+    """The means of several curves by seed."""
+    same_seeds(found)
+    return {seed: statistics.mean(curve[seed] for curve in found) for seed in found[0]}
+
+
+def same_seeds(found: list[Seeds]) -> None:
+    """Ends the command where curves have other seeds than the first."""
+    for curve in found:
+        if curve.keys() != found[0].keys():
+            sys.exit(f"expected the seeds {' '.join(found[0])}, found {' '.join(curve)}")
+
+
+def mean(found: list[Seeds]) -> str:
     """Means: `98.5`, `98.5 and 96.8`."""
-    return listed([percent(statistics.mean(seeds)) for seeds in found])
+    return listed([percent(statistics.mean(curve.values())) for curve in found])
 
 
-def success(found: Evaluations) -> str:
+def success(found: list[Seeds]) -> str:
     """Means with their intervals: `95.8 % (93.9 to 97.7)`."""
-    return listed([bounded(seeds).replace(" (", " % (") for seeds in found])
+    return listed([mean_with_interval(list(curve.values()), " %") for curve in found])
 
 
-def seeds(found: Evaluations) -> str:
+def seeds(found: list[Seeds]) -> str:
     """Every seed: `100.0, 100.0 and 33.4`."""
-    return listed([percent(seed) for seeds in found for seed in seeds])
+    return listed([percent(rate) for curve in found for rate in curve.values()])
 
 
-def span(found: Evaluations) -> str:
+def span(found: list[Seeds]) -> str:
     """The lowest and the highest seed: `9.2 to 94.4`."""
-    every = [seed for seeds in found for seed in seeds]
+    every = [rate for curve in found for rate in curve.values()]
     return f"{percent(min(every))} to {percent(max(every))}"
 
 
-def difference(found: Evaluations) -> str:
+def difference(found: list[Seeds]) -> str:
     """How much the first has more than the second, with Welch's interval: `13.3 (6.0 to 20.6)`."""
-    own, others = found
-    return within(gain(own, others))
+    return within(compared(found, gain))
 
 
-def points(found: Evaluations) -> str:
+def points(found: list[Seeds]) -> str:
     """The same with its unit: `13.3 points (6.0 to 20.6)`."""
-    return difference(found).replace(" (", " points (")
+    return within(compared(found, gain), " points")
+
+
+def paired(found: list[Seeds]) -> str:
+    """How much the first has more than the second in pairs of the same seed: `3.9 points (0.9 to 6.9)`."""
+    same_seeds(found)
+    return within(compared(found, paired_gain), " points")
+
+
+def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bounded]) -> Bounded:
+    """A difference of two curves that have seeds enough."""
+    own, others = (list(curve.values()) for curve in found)
+    if min(len(own), len(others)) < FEWEST:
+        sys.exit(f"expected at least {FEWEST} seeds to compare, found {len(own)} and {len(others)}")
+    return how(own, others)
+
+
+def better(found: list[Seeds]) -> str:
+    """How probably a seed of the first half is better than one of the second: `63.5 % (44.5 to 81.5)`."""
+    panels = [list(curve.values()) for curve in found]
+    half = len(panels) // 2
+    return within(improvement(panels[:half], panels[half:]), " %")
 
 
 def listed(words: list[str]) -> str:
@@ -70,11 +106,13 @@ def listed(words: list[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-NUMBERS: dict[str, Callable[[Evaluations], str]] = {
+NUMBERS: dict[str, Callable[[list[Seeds]], str]] = {
     "mean": mean,
     "success": success,
     "seeds": seeds,
     "span": span,
     "difference": difference,
     "points": points,
+    "paired": paired,
+    "better": better,
 }

@@ -10,6 +10,7 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 | kind | arguments | what it shows |
 |---|---|---|
 | `panel` | figure, panel | a row for each method, with every seed and the steps to 90 % |
+| `pivot` | name | what `pivots.toml` describes, from `settings.csv` or `uncertainty.csv` |
 | `overview` | figure, or none | methods x its panels, or the opening ones; "of 3": fewer seeds than planned |
 | `over` | | methods over the opening panels: interquartile mean and probability of improvement |
 | `replays` | figure, panel | of each curve the seeds that were replayed, and both ways to evaluate |
@@ -20,10 +21,11 @@ A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table
 A number of a sentence stands between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
 kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph.
 
-Data: `runs.csv`, a line for each finished run; `points.csv`, twenty points of each; `replays.csv`, written by
-`replays.py`. A report's runs take the places of those of the same curves and seeds; all others stay, so runs
-may come in portions. The plans in `deploy/experiments` have the order of the curves, the seeds that are
-wanted and the authors' numbers.
+Data: `runs.csv`, a line for each finished run of the plans; `points.csv`, twenty points of each;
+`replays.csv`, written by `replays.py`; `settings.csv`, runs of no plan, with what of their settings differs
+from the default of then; `uncertainty.csv`, written by `uncertainty.py`. A report's runs take the places of
+those of the same curves and seeds; all others stay, so runs may come in portions. The plans in
+`deploy/experiments` have the order of the curves, the seeds that are wanted and the authors' numbers.
 """
 
 import argparse
@@ -84,6 +86,18 @@ def rebuilt(text: str) -> str:
     return NUMBER.sub(number, TABLE.sub(table, text))
 
 
+def refuse_open_markers(page: Path, text: str) -> None:
+    """Ends the command where a comment that begins a table or a number has no end, or an end no beginning."""
+    for pattern, begin, end in (
+        (TABLE, "<!-- table", "<!-- end of table -->"),
+        (NUMBER, "<!-- number", "<!-- end -->"),
+    ):
+        found = len(pattern.findall(text)), text.count(begin), text.count(end)
+        if len(set(found)) > 1:
+            whole, begins, ends = found
+            sys.exit(f"{page}: expected `{end}` for each `{begin}`, found {whole} of {begins} and {ends}")
+
+
 def main() -> int:
     """The command; 1 where a page differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -96,6 +110,7 @@ def main() -> int:
     status = 0
     for page in PAGES:
         text = page.read_text()
+        refuse_open_markers(page, text)
         new = rebuilt(text)
         if new != text and options.check:
             print(

@@ -1,10 +1,13 @@
 """The kinds of tables that pages have, each a function of the arguments behind its name."""
 
 import statistics
+import sys
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
+from cells import head, line, mean_with_interval, percent, within
 from data import (
+    FIRST_TUNING_SEED,
     HERE,
     OPENING,
     REPLAYS,
@@ -20,22 +23,9 @@ from data import (
     read,
     weights,
 )
-from estimates import FEWEST, Bounded, improvement, interquartile_mean, interval
+from estimates import FEWEST, Bounded, improvement, interquartile_mean
+from pivots import pivot
 from settings import Settings
-
-# Results are those of lower seeds.
-FIRST_TUNING_SEED = 101
-
-
-def percent(share: float) -> str:
-    """A share in per cent, without a sign where it rounds to 0."""
-    return f"{round(100 * share, 1) + 0.0:.1f}"
-
-
-def bounded(shares: list[float]) -> str:
-    """A mean with its 95 % interval."""
-    mean, ends = statistics.mean(shares), interval(shares)
-    return percent(mean) if ends is None else within((mean, *ends))
 
 
 def steps_to_90(runs: list[Row]) -> str:
@@ -45,34 +35,26 @@ def steps_to_90(runs: list[Row]) -> str:
     return f"{median:.0f}" if median < float("inf") else "-"
 
 
-def line(cells: Iterable[str]) -> str:
-    """A row of a table."""
-    return f"| {' | '.join(cells)} |\n"
-
-
-def head(cells: list[str]) -> str:
-    """The head of a table."""
-    return line(cells) + "|" + "---|" * len(cells) + "\n"
-
-
 def panel(figure: str, name: str) -> str:
     """A row for each method of a panel, with every seed."""
     text = head(
         ["method", "evaluation", "of each seed", "last 100", "steps to 90 %", "against the first", "authors"]
     )
     for curve in curves(figure, name):
-        seeds = ", ".join(percent(rate) for rate in curve.evaluations)
-        trained = rates(curve.runs, "success_rate")
+        seeds = ", ".join(map(percent, curve.rates))
+        trained = rates(curve.runs, "success_rate").values()
         last = percent(statistics.mean(trained)) if trained else "-"
         authors = "-" if curve.authors is None else f"{100 * curve.authors:.0f}"
-        cells = [f"`{curve.name}`", f"**{bounded(curve.evaluations)}**", seeds, last, steps_to_90(curve.runs)]
-        text += line([*cells, curve.against_the_first or "-", authors])
+        cells = [f"`{curve.name}`", f"**{mean_with_interval(curve.rates)}**", seeds, last]
+        text += line([*cells, steps_to_90(curve.runs), curve.against_the_first or "-", authors])
     return text
 
 
 def overview(figure: str = "") -> str:
     """Methods x panels of a figure, or of the opening; marks say who is ahead of or behind the first."""
     panels = [panel for panel in plans() if panel[0] == figure] if figure else OPENING
+    if not panels:
+        sys.exit(f"expected panels of {figure}, found none")
     columns = [{curve.name: cell(curve) for curve in curves(*panel)} for panel in panels]
     text = head(["", *(plans()[panel].title for panel in panels)])
     for method in dict.fromkeys(name for column in columns for name in column):
@@ -84,13 +66,13 @@ def cell(curve: Curve) -> str:
     """A curve in the overview."""
     marks = {"ahead": " ▲", "behind": " ▼"}
     missing = f" of {len(curve.runs)}" if len(curve.runs) < curve.wanted else ""
-    return bounded(curve.evaluations) + marks.get(curve.against_the_first, "") + missing
+    return mean_with_interval(curve.rates) + marks.get(curve.against_the_first, "") + missing
 
 
 def over() -> str:
     """Methods that all opening panels have, over all of them; the others are compared with the first."""
     columns = [
-        {curve.name: curve.evaluations for curve in curves(*panel) if len(curve.evaluations) >= FEWEST}
+        {curve.name: curve.rates for curve in curves(*panel) if len(curve.rates) >= FEWEST}
         for panel in OPENING
     ]
     shared = [name for name in columns[0] if all(name in column for column in columns)]
@@ -102,12 +84,6 @@ def over() -> str:
         found = improvement(scores[name], scores[first])
         text += line([f"`{name}`", within(interquartile_mean(scores[name])), within(found) + mark(found)])
     return text
-
-
-def within(found: Bounded) -> str:
-    """A number with its interval, per cent."""
-    estimate, low, high = map(percent, found)
-    return f"{estimate} ({low} to {high})"
 
 
 def mark(probability: Bounded) -> str:
@@ -170,8 +146,8 @@ def seeds(rows: list[tuple[str, Row]], column: str) -> str:
 
 def mean(rows: list[tuple[str, Row]], column: str) -> str:
     """The mean of a column over those that have something there."""
-    found = rates([row for _, row in rows], column)
-    return bounded(found) if found else "-"
+    found = [float(row[column]) for _, row in rows if row[column]]
+    return mean_with_interval(found) if found else "-"
 
 
 def repeated() -> str:
@@ -181,11 +157,12 @@ def repeated() -> str:
     for run in runs:
         names.setdefault(weights(run), set()).add(run["run"])
     again = sum(len(others) > 1 for others in names.values())
-    return f"Of {len(names)} runs {again} were trained twice, under two names, to the same hashes.\n"
+    return f"Of {len(names)} runs {again} were trained more than once, under two names, to the same hashes.\n"
 
 
 KINDS: dict[str, Callable[..., str]] = {
     "panel": panel,
+    "pivot": pivot,
     "overview": overview,
     "over": over,
     "replays": replays,

@@ -4,10 +4,13 @@ For each kind of states: the mean, and the probability that it is higher for one
 the run's own demonstrations (AUROC): 0.5 where the two are not told apart, 1 where all of them are ranked
 above. Then the mean proximity, and of the expert's states, which have labels (Eq. 1), its mean error.
 
-    pip install ./python[policy] && python docs/results/uncertainty.py GOALWARD OUT.csv RUN...
+    pip install -r docs/results/requirements.txt ./python[policy]
+    python docs/results/uncertainty.py GOALWARD SETTINGS RUN...
+
+SETTINGS is what of the runs' settings differs from the default, or empty. In `uncertainty.csv` the rows take
+the places of those of the same runs.
 """
 
-import csv
 import subprocess
 import sys
 import tempfile
@@ -15,14 +18,14 @@ from pathlib import Path
 
 import numpy
 import onnxruntime
+from data import HERE, Row, read, write
 
 from goalward import demonstrations
 from goalward.log import Log
 
-COLUMNS = [
-    *("method", "task", "seed", "states"),
-    *("mean_standard_deviation", "auroc", "mean_proximity", "mean_error"),
-]
+DATA = HERE / "uncertainty.csv"
+# The columns that name a run.
+RUN = ["task", "method", "settings", "steps", "seed"]
 EPISODES = 200
 # A seed that no run of the results has.
 SEED = 777
@@ -73,10 +76,11 @@ def auroc(others: numpy.ndarray, own: numpy.ndarray) -> float:
     return float((below + not_above).mean() / (2 * len(own)))
 
 
-def rows(goalward: str, run: Path):
+def rows(goalward: str, settings: str, run: Path):
     """A row for each kind of states."""
     log = Log(run)
     task = log.config["task"]["name"]
+    named = [task, log.config["method"], settings, log.config["steps"], log.config["seed"]]
     demonstrated = log.config["demonstrations"]
     setting = [f"--{key}={demonstrated[key]}" for key in ("coverage", "noise") if key in demonstrated]
     training = list(log.trajectories("training"))
@@ -94,22 +98,33 @@ def rows(goalward: str, run: Path):
         }
         found = {kind: ensemble.scores(episodes) for kind, episodes in kinds.items()}
     for kind, (deviations, proximities) in found.items():
-        ranked = auroc(deviations, found["demonstrated"][0])
-        row = [log.config["method"], task, log.config["seed"], kind]
-        row += [f"{deviations.mean():.4f}", f"{ranked:.3f}", f"{proximities.mean():.4f}"]
+        row = dict(zip(RUN, map(str, named), strict=True)) | {
+            "states": kind,
+            "mean_standard_deviation": f"{deviations.mean():.4f}",
+            "auroc": f"{auroc(deviations, found['demonstrated'][0]):.3f}",
+            "mean_proximity": f"{proximities.mean():.4f}",
+            "mean_error": "",
+        }
         if not kind.startswith("agent"):
             errors = proximities - labels(log.config["reward"], kinds[kind])
-            row.append(f"{numpy.abs(errors).mean():.4f}")
-        yield dict(zip(COLUMNS, row, strict=False))
+            row["mean_error"] = f"{numpy.abs(errors).mean():.4f}"
+        yield row
 
 
-def main(goalward: str, out: str, *runs: str) -> None:
-    """Writes the rows of all runs."""
-    with open(out, "w", newline="") as file:
-        lines = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        lines.writeheader()
-        for run in runs:
-            lines.writerows(rows(goalward, Path(run)))
+def place(row: Row) -> tuple:
+    """Where the rows of a run stand, which keep their order."""
+    task, method, settings, steps, seed = (row[column] for column in RUN)
+    return task, method, settings, int(steps), int(seed)
+
+
+def main(goalward: str, settings: str, *runs: str) -> None:
+    """Puts the rows of all runs in their places."""
+    new = [row for run in runs for row in rows(goalward, settings, Path(run))]
+    taken = set(map(place, new))
+    if len(taken) < len(runs):
+        sys.exit(f"expected runs of other tasks, methods, steps or seeds, found {len(taken)} of {len(runs)}")
+    others = [row for row in read(DATA) if place(row) not in taken]
+    write(DATA, sorted([*others, *new], key=place))
 
 
 main(*sys.argv[1:])
