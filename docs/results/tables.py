@@ -99,7 +99,8 @@ def replays(figure: str, panel: str) -> str:
     for curve in curves(figure, panel):
         runs = (same for run in curve.runs for same in finished()[identity(run)])
         named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
-        rows = [(seed, found[name]) for seed, name in named if name in found]
+        # Of a seed that was trained, and replayed, more than once, one run.
+        rows = list({seed: found[name] for seed, name in named if name in found}.items())
         cells = [seeds(rows, column) for column in ("verified", "retrained")]
         cells += [mean(rows, column) for column in ("sampled", "most_probable")]
         text += line([f"`{curve.name}`", *cells])
