@@ -34,9 +34,14 @@ pub fn draw(
     let mut poses = Vec::new();
     let mut time_ns = start_ns;
     environment.reset(&mut starts, &mut observation)?;
-    if environment.solids().is_empty() && environment.picture()?.is_none() {
+    let mut first = environment.picture()?;
+    if environment.solids().is_empty() && first.is_none() {
         return Ok(start_ns);
     }
+    let mut picture = |environment: &mut dyn Environment| match first.take() {
+        Some(first) => Ok(Some(first)),
+        None => environment.picture(),
+    };
     let states_per_picture = u64::from(trajectory.steps / MOST_PICTURES + 1);
     let mut frame = |environment: &mut dyn Environment| -> Result<()> {
         if !environment.solids().is_empty() {
@@ -47,7 +52,7 @@ pub fn draw(
         }
         let state = (time_ns - start_ns) / FRAME_NS;
         if state.is_multiple_of(states_per_picture)
-            && let Some(picture) = environment.picture()?
+            && let Some(picture) = picture(environment)?
         {
             let image = image(picture, time_ns);
             writer.message(Topic::Picture, time_ns, &image.encode_to_vec())?;

@@ -167,7 +167,7 @@ impl Episode {
     }
 
     fn trajectory(&self, ending: Ending) -> Trajectory {
-        let copy = |bytes: &[u8], wanted: bool| {
+        let copy_if = |wanted: bool, bytes: &[u8]| {
             if wanted { Bytes::copy_from_slice(bytes) } else { Bytes::new() }
         };
         let grid = matches!(self.spec.observation, ObservationSpec::Cells { .. });
@@ -182,12 +182,12 @@ impl Episode {
             run_seed: self.name.run_seed,
             steps: self.steps() as u32,
             observation_shape: self.spec.observation.shape(),
-            cells: copy(&self.observations, grid),
-            values: copy(&self.observations, !grid),
-            discrete_actions: copy(&self.taken, discrete),
-            continuous_actions: copy(&self.taken, !discrete),
-            log_probs: copy(&self.log_probs, true),
-            environment_rewards: copy(&self.rewards, true),
+            cells: copy_if(grid, &self.observations),
+            values: copy_if(!grid, &self.observations),
+            discrete_actions: copy_if(discrete, &self.taken),
+            continuous_actions: copy_if(!discrete, &self.taken),
+            log_probs: Bytes::copy_from_slice(&self.log_probs),
+            environment_rewards: Bytes::copy_from_slice(&self.rewards),
             ending: ending as i32,
             success: self.steps_to_goal > 0,
             state_hash: self.environment.state_hash(),
@@ -200,7 +200,12 @@ impl Episode {
 /// Whether an episode has failed so that it would fail again: all that an environment says depends on seed and
 /// actions, but for [`EnvironmentError::Other`].
 pub fn would_fail_again(error: &anyhow::Error) -> bool {
-    !matches!(error.downcast_ref(), None | Some(EnvironmentError::Other(_)))
+    error.is::<EnvironmentError>() && !is_of_no_episode(error)
+}
+
+/// Whether an environment has failed for what does not follow from its episode: its process was killed, say.
+pub(crate) fn is_of_no_episode(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(EnvironmentError::Other(_)))
 }
 
 #[cfg(test)]

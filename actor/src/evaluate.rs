@@ -102,16 +102,15 @@ pub(crate) fn act(
     let plans = (0..).zip(config.rollout.spread(episodes));
     let mut lanes = plans.map(begin).collect::<Result<Vec<_>>>()?;
     let mut trajectories: Vec<Trajectory> = Vec::new();
+    let mut steps_done = 0;
     let mut teller = Teller::default();
     while !lanes.is_empty() {
-        trajectories.extend(policy.step(&version, &mut lanes, config.evaluation.actions)?);
+        let ended = policy.step(&version, &mut lanes, config.evaluation.actions)?;
+        steps_done += ended.iter().map(|trajectory| u64::from(trajectory.steps)).sum::<u64>();
+        trajectories.extend(ended);
         lanes.retain(|lane| !lane.is_done());
-        let steps = trajectories.iter().map(|trajectory| u64::from(trajectory.steps));
-        teller.tell(Headway {
-            episodes_done: trajectories.len() as u64,
-            episodes_wanted: episodes,
-            steps_done: steps.sum(),
-        });
+        let episodes_done = trajectories.len() as u64;
+        teller.tell(Headway { episodes_done, episodes_wanted: episodes, steps_done });
     }
     trajectories.sort_by_key(|trajectory| (trajectory.lane, trajectory.episode));
     Ok(trajectories)
@@ -124,12 +123,12 @@ fn record(
     trajectories: &[Trajectory],
 ) -> Result<()> {
     let metadata = metadata::of_run(config);
-    let topics = [Topic::EvaluationTrajectory, Topic::Scene];
+    let topics = [Topic::EvaluationTrajectory, Topic::Scene, Topic::Picture];
     let mut writer = FileWriter::create_anew(file, &metadata, &topics)?;
     let mut time_ns = 0;
     for (number, trajectory) in trajectories.iter().enumerate() {
         writer.trajectory(&Encoded::encode(trajectory.clone()), time_ns)?;
-        if number < DRAWN_EPISODES {
+        if number < DRAWN_EPISODES && config.task.deterministic {
             time_ns = draw(&mut writer, environment, trajectory, time_ns)?;
         }
     }

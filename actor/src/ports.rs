@@ -44,7 +44,7 @@ impl Ports {
     /// Opens the ports of an actor of this name; also returns the bus they are on.
     ///
     /// # Errors
-    /// When the run has not been started, or no learner is heard of.
+    /// When the run has not been started.
     pub fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
         // One that is started again under the same name is another actor: its predecessor's leases are
         // open again as soon as that is known to be dead.

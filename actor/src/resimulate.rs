@@ -5,7 +5,7 @@ use protocol::task::{Spec, floats};
 use protocol::trajectory::{Source, Trajectory};
 use rayon::prelude::*;
 
-use crate::episode::{Episode, EpisodeName};
+use crate::episode::{Episode, EpisodeName, is_of_no_episode};
 use crate::factory::Factory;
 
 /// Episodes that a thread acts before the next ones are asked for.
@@ -63,7 +63,16 @@ struct Actor {
 }
 
 impl Actor {
+    /// Acts an episode; once more in a new environment where it has failed for what is none of its own.
     fn act(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
+        match self.act_once(recorded) {
+            Err(error) if is_of_no_episode(&error) => self.act_once(recorded),
+            acted => acted,
+        }
+    }
+
+    /// An environment that has failed is not used again.
+    fn act_once(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
         let name = EpisodeName {
             source: Source::try_from(recorded.source)?,
             iteration: recorded.iteration,
@@ -72,12 +81,12 @@ impl Actor {
             policy_version: recorded.policy_version,
             run_seed: recorded.run_seed,
         };
-        let episode = self.factory.begin(name, self.episode.take())?;
-        let episode = self.episode.insert(episode);
+        let mut episode = self.factory.begin(name, self.episode.take())?;
         // What the policy thought of its actions is no business of the environment.
         let mut log_probs = floats(&recorded.log_probs);
         for action in recorded.actions().chunks_exact(self.spec.action.bytes()) {
             if let Some(trajectory) = episode.step(action, log_probs.next())? {
+                self.episode = Some(episode);
                 return Ok(trajectory);
             }
         }

@@ -11,6 +11,7 @@ use run::folder::RunFolder;
 use run::loss;
 use serde::Serialize;
 
+use crate::episode::is_of_no_episode;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
@@ -84,7 +85,7 @@ fn verify_all(
         for (recorded, difference) in some.iter().zip(resimulator.each(&some, difference)) {
             verification.episodes += 1;
             verification.steps += u64::from(recorded.steps);
-            match difference {
+            match difference? {
                 None => verification.equal += 1,
                 Some(difference) => {
                     verification.first_difference.get_or_insert(difference);
@@ -95,17 +96,21 @@ fn verify_all(
 }
 
 /// Where an episode acted again differs from the recorded one.
-fn difference(recorded: &Trajectory, again: Result<Trajectory>) -> Option<String> {
+///
+/// # Errors
+/// When that cannot be told, because its environment has failed for what is none of the episode's.
+fn difference(recorded: &Trajectory, again: Result<Trajectory>) -> Result<Option<String>> {
     let name = name(recorded);
     let mut again = match again {
         Ok(again) => again,
-        Err(error) => return Some(format!("{name}: {error:#}")),
+        Err(error) if is_of_no_episode(&error) => return Err(error.context(name)),
+        Err(error) => return Ok(Some(format!("{name}: {error:#}"))),
     };
     if recorded.is_actions_only() {
         let hash = Encoded::encode(again.clone()).key.hash;
         again = again.actions_only(hash);
     }
-    (again != *recorded).then(|| format!("{name}, {}", first_difference(recorded, &again)))
+    Ok((again != *recorded).then(|| format!("{name}, {}", first_difference(recorded, &again))))
 }
 
 fn name(recorded: &Trajectory) -> String {

@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use mcap_log::{Batches, Record, read_run};
 use protocol::messages::Score;
+use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use run::checkpoint;
 use run::config::{RunConfig, UpdateOrder};
@@ -119,6 +120,13 @@ pub(crate) fn restore(
     let tensors = found.load(PROXIMITY_FILE)?;
     let restored = model.restore(&tensors).map_err(anyhow::Error::msg);
     restored.with_context(|| run.path().display().to_string())?;
+    // A model that learns nothing is its demonstrations.
+    let learns = model.save() != Tensors::default();
+    ensure!(
+        learns || model.sha256() == model::of_run(run, &run.config()?)?.sha256(),
+        "{}: expected a model of the same demonstrations, found one of others",
+        run.path().display()
+    );
     Ok(found.iteration)
 }
 

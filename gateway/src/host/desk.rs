@@ -92,10 +92,11 @@ impl Desk {
             }
             are_more = taken == room && room > 0;
             self.send();
-            self.answer();
+            // Before the answer: an actor that came late is to have the policy that it leases for.
             if let Some(weights) = &self.weights {
                 weights.refresh()?;
             }
+            self.answer();
             self.look_after_actors()?;
         }
         Ok(())

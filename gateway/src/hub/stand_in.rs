@@ -93,7 +93,11 @@ impl StandIn {
 
     /// Where there is no learner any more, the run may be over.
     fn ask_learner(&mut self) -> Option<LeaseReply> {
-        let error = self.leases.ask(&self.request.encode_to_vec()).err()?;
+        let Err(error) = self.leases.ask(&self.request.encode_to_vec()) else {
+            // What the actor has spent counts once, however often the question is asked.
+            self.request.seconds = None;
+            return None;
+        };
         tracing::debug!("no learner to ask: {error}");
         let over = || LeaseReply { finished: true, ..LeaseReply::default() };
         self.folder.summary_file().exists().then(over)

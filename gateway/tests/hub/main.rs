@@ -17,7 +17,7 @@ use gateway::key::{self, JoinKey};
 use gateway::messages::{Beat, Exchange, Hello, WeightsRequest};
 use prost::Message;
 use protocol::build;
-use protocol::messages::{LeaseReply, LeaseRequest};
+use protocol::messages::{ActorSeconds, LeaseReply, LeaseRequest};
 use protocol::weights::Weights;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
@@ -160,6 +160,29 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         let Hosts { expelled, .. } = stage.await_hosts(|hosts| hosts.expelled.len() == 2).await;
         let names: Vec<String> = expelled.into_iter().map(|one| one.name).collect();
         assert_eq!(names, ["node-7", "node-7-2"]);
+    });
+}
+
+/// A question that a learner takes and does not answer is asked again.
+#[test]
+fn what_an_actor_has_spent_counts_once_however_long_it_waits() {
+    let stage = Stage::new();
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        hub.hello(stage.hello(1)).await.unwrap();
+        let spent = ActorSeconds { processor: 3.0, ..ActorSeconds::default() };
+        let mut asked = question(1, 1);
+        asked.request.as_mut().unwrap().seconds = Some(spent);
+        let mut asker = hub.clone();
+        let asker = tokio::spawn(async move { asker.exchange(asked).await });
+        let (start, mut told) = (Instant::now(), Vec::new());
+        while told.len() < 2 && start.elapsed() < PATIENCE {
+            let unanswered = stage.leases.receive().unwrap();
+            told.extend(unanswered.map(|one| LeaseRequest::decode(one.bytes()).unwrap().seconds));
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        assert_eq!(told, [Some(spent), None]);
+        asker.abort();
     });
 }
 

@@ -11,7 +11,7 @@ use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{CallbackProgression, Node};
 use iceoryx2::service::port_factory::event::PortFactory;
-use protocol::Error;
+use protocol::{Error, MAX_ACTORS};
 
 use super::{MAX_NODES, SharedMemory, failed, opened, service_name};
 
@@ -44,14 +44,17 @@ impl Role {
     }
 }
 
+/// Nodes that ring: beside actors, of other machines those that stand in for them, each machine itself.
+const MAX_RINGERS: usize = MAX_NODES + MAX_ACTORS;
+
 fn open_service(node: &Node<SharedMemory>, role: Role) -> Result<PortFactory<SharedMemory>, Error> {
     let name = service_name(role.bell())?;
     opened("opening", role.bell(), || {
         node.service_builder(&name)
             .event()
-            .max_nodes(MAX_NODES)
+            .max_nodes(MAX_RINGERS)
             .max_listeners(MAX_NODES)
-            .max_notifiers(MAX_NODES)
+            .max_notifiers(MAX_RINGERS)
             // Rings carry no meaning, so one event is enough.
             .event_id_max_value(0)
             .open_or_create()

@@ -156,8 +156,12 @@ fn write_anew(
         return Err(read_error(path, "expected the metadata that was there before, found none"));
     };
     let mut writer = FileWriter::create(&draft, scanner.metadata(), topics)?;
-    copy(&mut scanner, &mut writer, repair)?;
-    writer.seal()?;
+    let copied = copy(&mut scanner, &mut writer, repair).and_then(|()| writer.seal());
+    if copied.is_err() {
+        // The original has everything; the draft would but take room.
+        writer.discard().ok();
+    }
+    copied?;
     verify(&draft, repair)?;
     replace(path, target, &draft, repair)
 }
