@@ -166,6 +166,7 @@ def rates(runs: list[Row], name: str) -> Seeds:
     return {run["seed"]: float(run[name]) for run in runs if run[name]}
 
 
+@cache
 def curves(figure: str, panel: str) -> list[Curve]:
     """The curves of a panel whose runs have been evaluated."""
     plan = plans()[figure, panel]

@@ -3,6 +3,7 @@
 import statistics
 import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import tomllib
@@ -58,13 +59,21 @@ def entry(name: str, key: str, row: str) -> Entry:
 def values(whole: Entry) -> Seeds:
     """The values of the runs that an entry names, by seed."""
     wanted = {key: value for key, value in whole.items() if key not in SAYS}
-    data, value = HERE / whole["data"], whole["value"]
-    runs = [run for run in read(data) if described(run, wanted)]
+    data, value = whole["data"], whole["value"]
+    runs = [run for run in rows_of(data) if described(run, wanted)]
     found = rates(runs, value)
     if len(found) < len(runs):
         seeds = " ".join(run["seed"] for run in runs)
-        sys.exit(f"{data}: expected one {value} for each seed, found {len(found)} for {seeds}: {wanted}")
+        sys.exit(
+            f"{HERE / data}: expected one {value} for each seed, found {len(found)} for {seeds}: {wanted}"
+        )
     return found
+
+
+@cache
+def rows_of(data: str) -> list[Row]:
+    """The runs of a file, which every cell asks."""
+    return read(HERE / data)
 
 
 def described(run: Row, wanted: Entry) -> bool:

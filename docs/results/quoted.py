@@ -82,7 +82,8 @@ def points(found: list[Seeds]) -> str:
 def paired(found: list[Seeds]) -> str:
     """How much the first has more than the second in pairs of the same seed: `3.9 points (0.9 to 6.9)`."""
     same_seeds(found)
-    return within(compared(found, paired_gain), " points")
+    own, others = found
+    return within(compared([own, {seed: others[seed] for seed in own}], paired_gain), " points")
 
 
 def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bounded]) -> Bounded:
