@@ -82,7 +82,7 @@ mod tests {
             let [one, other] = [environment, demonstrations].map(setting);
             describe(BUILT_IN, "fetch-push", one, other).expect_err("a refusal").to_string()
         };
-        assert!(refusal("noise = 9", "").contains("`environment.noise` must be 0 to 4"));
+        assert!(refusal("noise = 9", "").contains("`environment.noise` must be 0 to 3"));
         assert!(refusal("", "coverage = 0.3").contains("`demonstrations.coverage`"));
         let unknown = refusal("", "wind = 3");
         assert!(unknown.contains("`demonstrations`") && unknown.contains("`wind`"), "{unknown}");

@@ -153,7 +153,10 @@ impl Server<'_> {
     fn demonstrate(&mut self, slot: u16) -> Result<Vec<u8>> {
         let mut action = vec![0; self.spec.action.bytes()];
         let scripted = self.slot(slot)?.expert_action(&mut action)?;
-        anyhow::ensure!(scripted, "expected a scripted expert and an episode, found none");
+        anyhow::ensure!(
+            scripted,
+            "expected a scripted expert and an episode in which it has not arrived, found none"
+        );
         Ok(action)
     }
 }

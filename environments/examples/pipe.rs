@@ -1,4 +1,4 @@
-//! Plays a task for a program in another language: a JSON request a line on standard input, a JSON
+//! Plays a task of physics for a program in another language: a JSON request a line on standard input, a JSON
 //! answer a line on standard output. `environments/fidelity/` compares the task with MuJoCo by it,
 //! `docs/results/peers_methods.py` methods with those of a Python library.
 //!
@@ -20,7 +20,7 @@ use std::io::{BufRead, Write};
 use environments::{Environment, Setting, create};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
-use protocol::task::{floats, write_floats};
+use protocol::task::{ActionSpec, ObservationSpec, Spec, floats, write_floats};
 use rand::RngExt;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -53,6 +53,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => Setting::default(),
     };
     let mut environment = create(&task, &setting)?;
+    let Spec { observation, action, .. } = environment.spec();
+    let has_numbers = matches!(observation, ObservationSpec::Vector { .. })
+        && matches!(action, ActionSpec::Continuous { .. });
+    if !has_numbers {
+        return Err(format!("expected a task of numbers, found {task}").into());
+    }
     let mut answers = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines() {
         let answer = answer(&mut *environment, serde_json::from_str(&line?)?)?;

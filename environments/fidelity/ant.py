@@ -1,4 +1,4 @@
-"""The ant of Ant Reach (paper, Section 4.4) in MuJoCo: a quadruped of capsules driven by torques.
+"""The ant of Ant Reach (paper, Section 4.5) in MuJoCo: a quadruped of capsules driven by torques.
 
 The model is written here from its published numbers: a ball and twelve capsules of density 5, eight
 hinges of armature 1 and damping 1 driven by torques of up to 150, contact with the floor only. The

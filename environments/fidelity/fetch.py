@@ -1,4 +1,4 @@
-"""Fetch Pick and Fetch Push (paper, Section 4.5) in MuJoCo, and the scripted experts.
+"""Fetch Pick and Fetch Push (paper, Section 4.4) in MuJoCo, and the scripted experts.
 
 The scene, its solver settings and its actions are those of gymnasium-robotics; starts and goals are
 given, the observation is cut to the paper's sixteen numbers, and the experts are the authors'.

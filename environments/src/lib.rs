@@ -101,7 +101,7 @@ pub trait Environment: Send {
     /// Writes the action the scripted expert takes in the present state.
     ///
     /// Returns false, and writes nothing, where there is no such action: the task has no scripted
-    /// expert, or no episode is running.
+    /// expert, no episode is running, or the expert has arrived and has nothing left to do.
     ///
     /// # Errors
     /// When the script fails; those of this crate never do.

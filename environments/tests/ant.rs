@@ -1,4 +1,4 @@
-//! Ant Reach as an agent meets it (paper, Section 4.4): starts and goals, what actions do, what
+//! Ant Reach as an agent meets it (paper, Section 4.5): starts and goals, what actions do, what
 //! observations hold, and what long runs of random torques never do.
 
 use environments::ant::{Ant, AntSetting};

@@ -123,23 +123,45 @@ fn schedule(config: &RunConfig, iteration: u64) -> Schedule {
     Schedule { run_seed: 1, iteration, learning_rate }
 }
 
-/// Trains on random wandering; the policy after so many iterations.
-fn wander(
-    config: &RunConfig,
-    iterations: u64,
-    threads: usize,
-) -> (Box<dyn PolicyLearner>, PolicyState) {
-    let (mut learner, mut policy) = algorithm::create(config, &Corridor::demonstrations());
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    for iteration in 0..iterations {
-        let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
-        let batch = Corridor::wandering(&mut draws, 20);
-        let schedule = schedule(config, iteration);
-        let update = || learner.update(&mut policy, &batch, &[], &schedule);
-        let metrics = threads.install(update).unwrap();
-        assert!(metrics.policy_loss.is_finite() && metrics.value_loss.is_finite());
+/// What there is to learn from: demonstrations, and what an agent at random does in twenty episodes.
+struct World {
+    demonstrations: Vec<Trajectory>,
+    wandering: fn(&mut Stream) -> Vec<Encoded>,
+}
+
+impl World {
+    fn corridor() -> World {
+        let wandering = |draws: &mut Stream| Corridor::wandering(draws, 20);
+        World { demonstrations: Corridor::demonstrations(), wandering }
     }
-    (learner, policy)
+
+    fn line() -> World {
+        let shown = |number| line(number as f32 / 20.0 - 1.0, Source::Demonstration, expert);
+        World { demonstrations: (0..40).map(shown).collect(), wandering: line_at_random }
+    }
+
+    fn batch(&self, iteration: u64) -> Vec<Encoded> {
+        (self.wandering)(&mut stream(1, Purpose::TrainingActions, iteration, 0))
+    }
+
+    /// Trains for so many iterations.
+    fn train(
+        &self,
+        config: &RunConfig,
+        iterations: u64,
+        threads: usize,
+    ) -> (Box<dyn PolicyLearner>, PolicyState) {
+        let (mut learner, mut policy) = algorithm::create(config, &self.demonstrations);
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        for iteration in 0..iterations {
+            let batch = self.batch(iteration);
+            let schedule = schedule(config, iteration);
+            let update = || learner.update(&mut policy, &batch, &[], &schedule);
+            let metrics = threads.install(update).unwrap();
+            assert!(metrics.policy_loss.is_finite() && metrics.value_loss.is_finite());
+        }
+        (learner, policy)
+    }
 }
 
 const SMALL: [&str; 3] =
@@ -181,6 +203,22 @@ fn sqil() -> RunConfig {
     )
 }
 
+fn soft_actor_critic() -> RunConfig {
+    config(
+        "fetch-push",
+        &[
+            "method=sqil",
+            "policy.hidden=[32]",
+            "sqil.hidden=[32]",
+            "sqil.learning_rate=0.003",
+            "sqil.exploration_steps=100",
+            "sqil.gamma=0.9",
+            "sqil.target_rate=0.02",
+            "sqil.batch=64",
+        ],
+    )
+}
+
 #[test]
 fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
     let config = small("bc", &["cloning.patience=150", "cloning.batch=16"]);
@@ -204,12 +242,12 @@ fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
 #[test]
 fn actions_are_inferred_from_what_the_agent_did_itself() {
     let config = bco();
-    let (_, early) = wander(&config, 1, 2);
+    let (_, early) = World::corridor().train(&config, 1, 2);
     assert_eq!(
         early.parameters,
         algorithm::create(&config, &Corridor::demonstrations()).1.parameters
     );
-    let (_, policy) = wander(&config, 60, 2);
+    let (_, policy) = World::corridor().train(&config, 60, 2);
     let agreement = Corridor::agreement(&config, &policy);
     assert!(agreement > 0.9, "{agreement}");
 }
@@ -217,39 +255,15 @@ fn actions_are_inferred_from_what_the_agent_did_itself() {
 #[test]
 fn soft_q_learning_follows_the_expert() {
     let config = sqil();
-    let (_, policy) = wander(&config, 60, 2);
+    let (_, policy) = World::corridor().train(&config, 60, 2);
     let agreement = Corridor::agreement(&config, &policy);
     assert!(agreement > 0.9, "{agreement}");
 }
 
 #[test]
 fn a_soft_actor_critic_follows_the_expert() {
-    let config = config(
-        "fetch-push",
-        &[
-            "method=sqil",
-            "policy.hidden=[32]",
-            "sqil.hidden=[32]",
-            "sqil.learning_rate=0.003",
-            "sqil.exploration_steps=100",
-            "sqil.gamma=0.9",
-            "sqil.target_rate=0.02",
-            "sqil.batch=64",
-        ],
-    );
-    let demonstrations: Vec<Trajectory> = (0..40)
-        .map(|number| line(number as f32 / 20.0 - 1.0, Source::Demonstration, expert))
-        .collect();
-    let (mut learner, mut policy) = algorithm::create(&config, &demonstrations);
-    let mut draws = stream(1, Purpose::TrainingActions, 0, 0);
-    for iteration in 0..25 {
-        let episode = |_| {
-            let from = draws.random_range(-1.0..1.0);
-            Encoded::encode(line(from, Source::Training, |_| draws.random_range(-1.0..1.0)))
-        };
-        let batch: Vec<Encoded> = (0..20).map(episode).collect();
-        learner.update(&mut policy, &batch, &[], &schedule(&config, iteration)).unwrap();
-    }
+    let config = soft_actor_critic();
+    let (_, policy) = World::line().train(&config, 25, 2);
     for place in [-0.8f32, -0.4, 0.4, 0.8] {
         let action = modes(&config, &policy, &point(place)).remove(0);
         let found = floats(&action).next().unwrap();
@@ -319,28 +333,41 @@ fn line(from: f32, source: Source, mut act: impl FnMut(f32) -> f32) -> Trajector
     }
 }
 
+/// Ten steps at a time of an agent at random on a line.
+fn line_at_random(draws: &mut Stream) -> Vec<Encoded> {
+    let episode = |_| {
+        let from = draws.random_range(-1.0..1.0);
+        Encoded::encode(line(from, Source::Training, |_| draws.random_range(-1.0..1.0)))
+    };
+    (0..20).map(episode).collect()
+}
+
 #[test]
 fn threads_change_no_bit_and_a_restored_learner_goes_on_alike() {
-    for config in [bco(), sqil()] {
-        let (one, policy) = wander(&config, 6, 1);
-        let (_, same) = wander(&config, 6, 3);
-        assert_eq!(policy.parameters, same.parameters, "{}", config.method);
+    let bc = small("bc", &["cloning.batch=16"]);
+    for (config, world) in [
+        (bc, World::corridor()),
+        (bco(), World::corridor()),
+        (sqil(), World::corridor()),
+        (soft_actor_critic(), World::line()),
+    ] {
+        let name = format!("{} on {}", config.method, config.task.name);
+        let (one, policy) = world.train(&config, 6, 1);
+        let (_, same) = world.train(&config, 6, 3);
+        assert_eq!(policy.parameters, same.parameters, "{name}");
         let mut tensors = Tensors::default();
         one.save(&mut tensors);
-        let (mut restored, _) = algorithm::create(&config, &Corridor::demonstrations());
+        let (mut restored, _) = algorithm::create(&config, &world.demonstrations);
         restored.restore(&tensors).unwrap();
-        let mut policies = [policy.clone(), policy];
-        let mut learners = [one, restored];
-        let recorded = |iteration| {
-            let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
-            Corridor::wandering(&mut draws, 20)
-        };
-        assert!(config.learner.replays());
-        (0..6).for_each(|iteration| learners[1].remember(&recorded(iteration)));
-        for (learner, policy) in learners.iter_mut().zip(&mut policies) {
-            learner.update(policy, &recorded(6), &[], &schedule(&config, 6)).unwrap();
+        if config.learner.replays() {
+            (0..6).for_each(|iteration| restored.remember(&world.batch(iteration)));
         }
-        assert_eq!(policies[0].parameters, policies[1].parameters, "{}", config.method);
+        let mut policies = [policy.clone(), policy.clone()];
+        for (mut learner, after) in [one, restored].into_iter().zip(&mut policies) {
+            learner.update(after, &world.batch(6), &[], &schedule(&config, 6)).unwrap();
+        }
+        assert_ne!(policies[0].parameters, policy.parameters, "{name}");
+        assert_eq!(policies[0].parameters, policies[1].parameters, "{name}");
     }
 }
 

@@ -28,7 +28,7 @@ pub use distribution::Distribution;
 pub use encoder::{Indexed, Observations, WindowIndex};
 pub use ensemble::{Ensemble, PreparedEnsemble, Score, Squashing};
 pub use initialization::Initialization;
-pub use layer::activation::{Activation, tanh};
+pub use layer::activation::Activation;
 pub use loss::{binary_cross_entropy, ranking, sigmoid, softplus, squared_error};
 pub use network::{Network, Prepared, Workspace};
 pub use normalization::{RunningMoments, RunningNormalizer};

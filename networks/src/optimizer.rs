@@ -2,7 +2,13 @@
 
 use protocol::tensors::Tensors;
 
-/// Adam over a flat slice of parameters; all of it is state to be checkpointed.
+/// How fast the first moment follows the gradient.
+const BETA_1: f64 = 0.9;
+
+/// How fast the second moment follows the gradient's square.
+const BETA_2: f64 = 0.999;
+
+/// Adam over a flat slice of parameters; moments and step are state to be checkpointed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Running mean of the gradient.
@@ -11,10 +17,6 @@ pub struct Adam {
     pub second_moment: Vec<f32>,
     /// Updates so far.
     pub step: u64,
-    /// How fast the first moment follows, 0.9 unless changed.
-    pub beta1: f64,
-    /// How fast the second moment follows, 0.999 unless changed.
-    pub beta2: f64,
     /// What is added to the root of the second moment.
     pub epsilon: f64,
     /// By how much of the learning rate a step shortens the parameters, 0 unless changed (AdamW).
@@ -25,8 +27,7 @@ impl Adam {
     /// A fresh optimizer for as many parameters.
     pub fn new(parameter_count: usize, epsilon: f64) -> Self {
         let [first_moment, second_moment] = [(); 2].map(|()| vec![0.0; parameter_count]);
-        let (beta1, beta2, weight_decay) = (0.9, 0.999, 0.0);
-        Self { first_moment, second_moment, step: 0, beta1, beta2, epsilon, weight_decay }
+        Self { first_moment, second_moment, step: 0, epsilon, weight_decay: 0.0 }
     }
 
     /// Adds its state to arrays, under its name.
@@ -58,10 +59,10 @@ impl Adam {
         assert_eq!(gradient.len(), self.first_moment.len(), "parameters of this optimizer");
         self.step += 1;
         let remaining = |beta: f64| 1.0 - libm::pow(beta, self.step as f64);
-        let rate = (learning_rate / remaining(self.beta1)) as f32;
-        let scale = (1.0 / remaining(self.beta2).sqrt()) as f32;
-        let (follow1, follow2) = ((1.0 - self.beta1) as f32, (1.0 - self.beta2) as f32);
-        let (keep2, epsilon) = (self.beta2 as f32, self.epsilon as f32);
+        let rate = (learning_rate / remaining(BETA_1)) as f32;
+        let scale = (1.0 / remaining(BETA_2).sqrt()) as f32;
+        let (follow1, follow2) = ((1.0 - BETA_1) as f32, (1.0 - BETA_2) as f32);
+        let (keep2, epsilon) = (BETA_2 as f32, self.epsilon as f32);
         let keep = (1.0 - learning_rate * self.weight_decay) as f32;
         let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
         for ((parameter, derivative), (first, second)) in

@@ -2,8 +2,8 @@
 //! threads.
 use nalgebra::DMatrix;
 use networks::{
-    ActorCritic, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture, Shard,
-    ShardedTrainer, Workspace,
+    ActorCritic, Batch, Network, PolicyArchitecture, RewardArchitecture, Shard, ShardedTrainer,
+    Workspace,
 };
 use protocol::encoder::CellsArchitecture;
 use protocol::seed::{Purpose, Stream, stream};
@@ -124,18 +124,4 @@ fn equal_rows_weigh_as_often_as_they_are_there() {
     };
     let error = norm(&mut together.iter().zip(&alone).map(|(one, other)| one - other));
     assert!(error < 1e-5 * norm(&mut alone.iter().copied()), "the sums differ by {error:e}");
-}
-
-#[test]
-fn acting_gives_the_bits_of_the_full_evaluation() {
-    for spec in [CELLS, VECTOR] {
-        let action = ActionSpec::Discrete { count: 4 };
-        let policy = ActorCritic::new(spec, action, &PolicyArchitecture::default());
-        let prepared = policy.prepare(&policy.initial_parameters(&mut random()));
-        let bytes = observations(spec, 5);
-        let mut workspace = PolicyWorkspace::default();
-        let acted = policy.act(&prepared, Batch::new(&bytes), &mut workspace).clone();
-        let found = policy.forward(&prepared, Batch::new(&bytes), &mut workspace);
-        assert_eq!(&acted, found.parameters);
-    }
 }

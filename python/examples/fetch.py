@@ -34,7 +34,7 @@ CUBE_SIDE_M = 0.1
 GOAL_SIDE_M = -0.1
 PICK_GOAL_LIFT_M = 0.15
 COVERAGES = (0.25, 0.5, 0.75, 1.0)
-NOISE_MAX = 4.0
+NOISE_MAX = 3.0
 
 # Half extents along x, then limits along y of the cube and of the goal, meters.
 ONE_SIDED = (0.05, (0.0, 0.04), (-0.04, 0.0))
@@ -57,7 +57,7 @@ def pick(coverage=1.0, noise=1.0, ranges="symmetric"):
 
     Args:
         coverage: share of the bins of cubes and of goals that is drawn from: 0.25, 0.5, 0.75 or 1.
-        noise: factor of their ranges, 0 to 4; 1 for the demonstrations.
+        noise: factor of their ranges, 0 to 3; 1 for the demonstrations.
         ranges: "symmetric" around their centers, as the paper says, or "one-sided", away from the
             gripper, as in the authors' code.
     """

@@ -23,8 +23,8 @@ const BINS: usize = 4;
 /// How far the centers of both rectangles are from the gripper's start, along y.
 const SIDE: f64 = 0.1;
 
-/// Largest factor of the rectangles.
-const NOISE_MAX: f64 = 4.0;
+/// Largest factor of the rectangles: beyond it the cube can begin inside of the fingers.
+const NOISE_MAX: f64 = 3.0;
 
 /// The bins of y that a coverage keeps beside each bin of x.
 type Kept = [&'static [u8]; BINS];

@@ -119,9 +119,9 @@ impl PolicyLearner for Bco {
             let Schedule { run_seed, iteration, learning_rate } = *schedule;
             rows.shuffle(&mut seed::stream(run_seed, Purpose::CloningBatches, iteration, pass));
             let parameters = &mut policy.parameters;
-            metrics = self.policy.train(parameters, &self.pairs, &rows, learning_rate)?;
+            metrics += self.policy.train(parameters, &self.pairs, &rows, learning_rate)?;
         }
-        Ok(metrics)
+        Ok(metrics.divided_by(self.cloning_config.epochs as f64))
     }
 
     fn remember(&mut self, trajectories: &[Encoded]) {

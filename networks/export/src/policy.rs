@@ -6,7 +6,7 @@ use crate::graph::{Graph, Name, integer};
 use crate::message::Kind;
 use crate::network::{inputs, layers};
 
-/// The actor of a policy. Its `action` is the most probable one: the number of a choice, or numbers as the
+/// The actor of a policy. Its `action` is its distribution's mode: the number of a choice, or numbers as the
 /// environment takes them, in [-1, 1], behind the factors of `scale` (none where it is empty). Beside it are
 /// the parameters of the distribution: `logits`, or `mean` and `log_standard_deviation` of the
 /// numbers before they are squashed, scaled and clipped.

@@ -76,7 +76,7 @@ impl Distribution {
         self.log_probability(parameters, action)
     }
 
-    /// Writes the most probable action; of equals, the first.
+    /// Writes the most probable action; of equals, the first; of squashed numbers, the mean as squashed.
     ///
     /// # Panics
     /// If the row or the action has another length than this distribution's.

@@ -62,7 +62,7 @@ const TANH_DENOMINATOR: [f32; 5] =
 /// The coefficients are a minimax fit by reweighted least squares (relative error 2e-8); what is left
 /// of the error is single precision.
 #[inline(always)]
-pub fn tanh(number: f32) -> f32 {
+pub(crate) fn tanh(number: f32) -> f32 {
     let number = number.clamp(-TANH_SATURATION, TANH_SATURATION);
     let square = number * number;
     let polynomial = |coefficients: [f32; 5]| {

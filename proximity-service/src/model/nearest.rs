@@ -1,7 +1,7 @@
 //! The nearest demonstrated state: a step earns minus the distance of the state it reaches from the
 //! nearest one of the demonstrations. Nothing is trained; what it rewards is to be where the expert
-//! was, not to come closer to the goal. In segments, an episode and a demonstration are divided into the
-//! same number of parts, and the nearest state is looked for in the part of the same number (segment
+//! was, not to come closer to the goal. In segments, an episode and a demonstration, each of its own length,
+//! are divided into the same number of parts, and the nearest state is looked for in the part of the same number (segment
 //! matching, arXiv 2506.06793), so that being where the expert began earns nothing at the end.
 
 use anyhow::Result;
@@ -25,8 +25,6 @@ pub struct NearestState {
     normalizer: RunningNormalizer,
     /// Of each segment, one after another, normalized.
     demonstrated: Vec<Vec<u8>>,
-    /// Steps of the longest episode, which the segments divide.
-    horizon_steps: usize,
     threads: rayon::ThreadPool,
 }
 
@@ -56,16 +54,17 @@ impl NearestState {
         for states in &mut demonstrated {
             normalizer.normalize(states);
         }
-        let (config, horizon_steps) = (config.clone(), spec.horizon_steps as usize);
-        NearestState { observation, config, normalizer, demonstrated, horizon_steps, threads }
+        let config = config.clone();
+        NearestState { observation, config, normalizer, demonstrated, threads }
     }
 
     /// Of each observation of an episode: the share of cells that differ, or the root of the mean square
     /// of the numbers' differences.
     fn distances(&self, observations: &[u8]) -> Vec<f32> {
-        let states = observations.chunks_exact(self.observation.bytes()).enumerate();
-        let of_step = |step| self.config.segment(step, self.horizon_steps);
-        states.map(|(step, state)| self.nearest(state, &self.demonstrated[of_step(step)])).collect()
+        let states = observations.chunks_exact(self.observation.bytes());
+        let steps = states.len() - 1;
+        let of_step = |step| &self.demonstrated[self.config.segment(step, steps)];
+        states.enumerate().map(|(step, state)| self.nearest(state, of_step(step))).collect()
     }
 
     /// The distance to the nearest of some states.
@@ -155,6 +154,9 @@ mod tests {
         let distances = model.distances(&stands);
         assert!(distances.is_sorted() && (distances[10] - 0.5_f32.sqrt()).abs() < 1e-6);
         assert_eq!(model.estimate(&stands).unwrap().proximity, [1.0; 11]);
+        // The last of six states is in the tenth of eleven parts.
+        let of_few = model.distances(&place(0.0, 0.0).repeat(6));
+        assert!((of_few[5] - 0.9 * 0.5_f32.sqrt()).abs() < 1e-6, "{of_few:?}");
     }
 
     #[test]

@@ -126,7 +126,7 @@ impl PpoUpdate {
             let Schedule { run_seed, iteration, learning_rate } = *schedule;
             let purpose = Purpose::PolicyMinibatches;
             rows.shuffle(&mut seed::stream(run_seed, purpose, iteration, epoch));
-            let minibatches = rows.chunks_exact(size);
+            let minibatches = rows.chunks_exact(size).take(self.config.minibatches as usize);
             let count = minibatches.len() as f64;
             let mut of_epoch = Metrics::default();
             for (number, minibatch) in minibatches.enumerate() {

@@ -23,7 +23,6 @@ pub(super) struct SoftActorCritic {
 }
 
 /// Actions drawn for some observations.
-#[derive(Default)]
 struct SampledActions {
     /// The normal numbers they were made of.
     noise: Vec<f32>,
