@@ -203,7 +203,11 @@ impl Command {
 /// Runs an actor process that can act in these tasks; its command line says what it is to do.
 pub fn main(tasks: &'static [Registration]) -> ExitCode {
     let arguments = Arguments::parse();
-    process::run(arguments.command.diagnostics(), || run(arguments.command, tasks))
+    process::run(arguments.command.diagnostics(), || {
+        let outcome = run(arguments.command, tasks);
+        crate::python::close();
+        outcome
+    })
 }
 
 fn run(command: Command, tasks: Tasks) -> Result<()> {

@@ -84,6 +84,25 @@ fn a_picture_is_rendered_where_it_is_wanted() {
     let mut none = own("Grid", "render = true\nhorizon_steps = 5").unwrap();
     reset(&mut *none, 0);
     assert_eq!(none.picture().unwrap(), None, "what renders nothing is no failure");
+    let mut refusing = own("Particular", "render = true\nhorizon_steps = 5").unwrap();
+    reset(&mut *refusing, 0);
+    assert_eq!(refusing.picture().unwrap(), None, "nor what has no such mode");
+}
+
+#[test]
+fn environments_are_closed_when_nobody_needs_them() {
+    if !has_python() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("closed");
+    let leaves = format!("horizon_steps = 5\nkwargs.leaves = {:?}", file.to_str().unwrap());
+    let mut environment = own("Particular", &leaves).unwrap();
+    reset(&mut *environment, 0);
+    drop(environment);
+    fs::remove_file(&file).ok();
+    actor::python::close();
+    assert_eq!(fs::read_to_string(&file).unwrap(), "closed");
 }
 
 #[test]
@@ -250,6 +269,14 @@ fn success_is_told_as_the_setting_says() {
         };
         assert_eq!(last.success, reached, "{rule}");
     }
+    let at_the_end = "success = \"is_success\"\nhorizon_steps = 20";
+    let mut environment = own("Particular", at_the_end).unwrap();
+    reset(&mut *environment, 0);
+    let steps =
+        std::iter::repeat_with(|| step(&mut *environment, &1.0_f32.to_le_bytes()).unwrap().0);
+    let told: Vec<bool> =
+        steps.map(|step| step.success).take_while(|success| !success).take(20).collect();
+    assert!(told.len() < 20, "no success in {told:?}");
 }
 
 #[test]
@@ -346,6 +373,11 @@ fn what_no_task_can_have_is_refused_in_one_line() {
         ("make = \"gym:Nowhere-v0\"", "Nowhere"),
         ("make = \"gym:no_such_module:Id-v0\"", "no_such_module"),
         ("make = \"rust:x\"", "expected gym:ID or python:module:function, found rust:x"),
+        ("make = \"python:json\"", "expected module:function, found json"),
+        (
+            "make = \"gym:CartPole-v1\"\nsuccess = \"truncated\"",
+            "success: expected auto, none, is_success, success, terminated, reward or",
+        ),
         ("make = \"gym:CartPole-v1\"\nversions.gymnasium = \"0.1\"", "`versions.gymnasium`"),
         (
             "make = \"python:tests.python_environments:line\"\n\

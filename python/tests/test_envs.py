@@ -8,7 +8,9 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import signal
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -90,6 +92,42 @@ def test_keywords_are_the_environments_setting() -> None:
         Environment("fetch-push", noise=99.0)
     with pytest.raises(goalward.Error, match="unknown task"):
         Environment("flying")
+
+
+def test_there_is_nothing_to_render() -> None:
+    gymnasium.make("goalward/Navigation-v0", render_mode=None).close()
+    with pytest.raises(TypeError, match="render_mode: expected none, found rgb_array"):
+        Environment("navigation", render_mode="rgb_array")
+
+
+def test_an_interrupt_leaves_no_answer_for_the_next_request() -> None:
+    def interrupt(*_: object) -> None:
+        raise TimeoutError
+
+    environment = Environment("ant-reach")
+    environment.reset(seed=1)
+    read = environment._link._read
+    environment._link._read = interrupt  # type: ignore[method-assign,assignment]
+    with pytest.raises(TimeoutError):
+        environment.step(np.zeros(8))
+    environment._link._read = read  # type: ignore[method-assign]
+    with pytest.raises(goalward.Error, match="found one that was closed"):
+        environment.step(np.zeros(8))
+
+
+def test_a_forked_process_does_not_keep_it_open() -> None:
+    environment = Environment("navigation")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads are not needed in it
+        forked = os.fork()
+    if forked == 0:
+        time.sleep(60)
+        os._exit(0)
+    begun = time.monotonic()
+    environment.close()
+    os.kill(forked, signal.SIGKILL)
+    os.waitpid(forked, 0)
+    assert time.monotonic() - begun < 30
 
 
 def test_what_is_refused_changes_nothing() -> None:

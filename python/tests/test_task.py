@@ -56,6 +56,9 @@ def test_json_names_shapes_as_goalward_does() -> None:
         ({"action": {"discrete": {"count": 257}}}, "task.action: expected a number from 1 to 256, found 257"),
         ({"action": {"discrete": {"len": 2}}}, "task.action.discrete: expected count, found ['len']"),
         ({"observation": {"image": {}}}, "task.observation: expected vector or cells, found image"),
+        ({"observation": [1]}, "task.observation: expected vector or cells, found [1]"),
+        ({"labels": "xy"}, "task.labels: expected a list of texts, found xy"),
+        ({"tells_success": "no"}, "task.tells_success: expected true or false, found no"),
         ({"colour": 1}, "found an unknown key"),
     ],
 )

@@ -6,10 +6,13 @@ Nothing is installed for this file: the actor hands its text to the interpreter.
 
 import contextlib
 import ctypes
+import functools
 import hashlib
 import importlib
 import inspect
+import itertools
 import json
+import numbers
 import os
 import random
 import signal
@@ -69,6 +72,8 @@ def send(link, kind, body):
 def imported(reference):
     """What `module:name` names."""
     module, _, name = reference.partition(":")
+    if not name:
+        raise sys.modules[SPACES].Refused(f"expected module:function, found {reference}")
     found = importlib.import_module(module)
     for part in name.split("."):
         found = getattr(found, part)
@@ -87,21 +92,20 @@ def maker(reference, kwargs, render, refused):
     import gymnasium
 
     kind, _, name = reference.partition(":")
-    mode = {"render_mode": "rgb_array"} if render else {}
     if kind == "gym":
-        return lambda: gymnasium.make(name, **{**mode, **kwargs})
-    if kind == "python":
-        function = imported(name)
-        if mode and not takes(function, "render_mode"):
-            mode = {}
-        return lambda: function(**{**mode, **kwargs})
-    raise refused(f"expected gym:ID or python:module:function, found {reference}")
+        make = functools.partial(gymnasium.make, name)
+    elif kind == "python":
+        make = imported(name)
+    else:
+        raise refused(f"expected gym:ID or python:module:function, found {reference}")
 
+    def made():
+        if render:
+            with contextlib.suppress(Exception):  # it may have no such mode, or none at all
+                return make(**{"render_mode": "rgb_array", **kwargs})
+        return make(**kwargs)
 
-def takes(function, name):
-    """Whether a function has a parameter of this name, or takes any."""
-    parameters = inspect.signature(function).parameters
-    return name in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    return made
 
 
 def teller(rule):
@@ -109,11 +113,14 @@ def teller(rule):
     if rule == "none":
         return None
     if rule in ("is_success", "success"):
-        return lambda seen, reward, terminated, info: info[rule]
+        return lambda seen, reward, terminated, info: info.get(rule, False)
     if rule == "terminated":
         return lambda seen, reward, terminated, info: terminated
     if rule == "reward":
         return lambda seen, reward, terminated, info: terminated and reward > 0
+    if ":" not in rule:
+        rules = "auto, none, is_success, success, terminated, reward or module:function"
+        raise sys.modules[SPACES].Refused(f"success: expected {rules}, found {rule}")
     return imported(rule)
 
 
@@ -135,17 +142,17 @@ class Environments:
         self.success, self.tells = self.find_success(options["success"])
         self.expert = imported(options["expert"]) if options["expert"] else None
         self.acting, self.seen, self.buffers = {}, {}, {}
-        limit = time_limit(first)
         observation, labels = self.observations.layout()
+        modules = modules_of(options["environment"], self.success, first)
         self.hello = {
             "observation": observation,
             "action": self.actions.spec,
-            "horizon_steps": int(limit) if limit else None,
+            "horizon_steps": time_limit(first),
             "labels": labels,
             "dropped": list(self.observations.dropped),
             "success": self.success,
-            "versions": versions(),
-            "sources": sources(modules_of(options["environment"], self.success, first)),
+            "versions": versions(modules),
+            "sources": sources(modules),
         }
         self.spare = first
 
@@ -166,6 +173,12 @@ class Environments:
     def fresh(self):
         made, self.spare = self.spare or self.make(), None
         return made
+
+    def close(self):
+        """Lets every environment give back what it holds, such as a process of its own."""
+        for environment in filter(None, [*self.slots.values(), self.spare]):
+            with contextlib.suppress(Exception):
+                environment.close()
 
     def reset(self, slot, seed, rebuild, out):
         """Begins an episode and writes its first observation; reward and flags."""
@@ -250,15 +263,19 @@ def time_limit(environment):
     if environment.spec is not None and environment.spec.max_episode_steps:
         return environment.spec.max_episode_steps
     limit = getattr(environment.unwrapped, "max_steps", None)
+    limit = limit if isinstance(limit, numbers.Integral) and limit > 0 else None
     while environment is not environment.unwrapped:
         limit = getattr(environment, "_max_episode_steps", None) or limit
         environment = environment.env
-    return limit
+    return None if limit is None else int(limit)
 
 
-def versions():
+def versions(modules=()):
+    """Of Python, of packages that environments rest on, and of those that have these modules."""
     found = {"python": ".".join(str(number) for number in sys.version_info[:3])}
-    for package in PACKAGES:
+    packages = metadata.packages_distributions() if modules else {}
+    own = (packages.get(module.partition(".")[0], ()) for module in modules)
+    for package in (*PACKAGES, *itertools.chain.from_iterable(own)):
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
@@ -366,6 +383,14 @@ def main():
         send(link, FAILED, failure(0, "start", error))
         return 1
     send(link, HELLO, json.dumps(environments.hello).encode())
+    try:
+        return serve(link, environments)
+    finally:
+        environments.close()
+
+
+def serve(link, environments):
+    """Answers frames until the link ends; 1 after one that cannot be answered."""
     while (head := receive(link, 5)) is not None:
         length, kind = struct.unpack("<IB", head)
         body = receive(link, length)

@@ -92,13 +92,14 @@ impl PythonSetting {
         versions: &BTreeMap<String, String>,
         sources: &BTreeMap<String, String>,
     ) -> Result<(), EnvironmentError> {
+        // The environment of demonstrations may rest on other packages than the agent's, and have its class
+        // in another module.
         for (package, expected) in &self.versions {
-            let found = versions.get(package).map_or("none", String::as_str);
+            let Some(found) = versions.get(package) else { continue };
             let key = format!("versions.{package}");
             within(&key, found == expected, &format!("{found}, which is installed"), expected)?;
         }
         for (module, expected) in &self.sources {
-            // The environment of demonstrations may have its class in another module than the agent's.
             let Some(found) = sources.get(module) else { continue };
             let key = format!("{SOURCES}.{module}");
             within(&key, found == expected, &format!("{found}, as its file is now"), expected)?;
@@ -134,6 +135,11 @@ fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
     let link = Arc::new(Mutex::new(link));
     links.push((options, Arc::clone(&link)));
     Ok(link)
+}
+
+/// Ends the processes that no environment needs any more, once they have closed their own.
+pub fn close() {
+    locked(&LINKS).clear();
 }
 
 /// Makes an environment of Python.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -27,6 +27,9 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 /// How long a process that has closed its end may take to be gone.
 const FAREWELL: Duration = Duration::from_secs(5);
+
+/// How long a process may take to close its environments.
+const CLOSING: Duration = Duration::from_secs(1);
 
 /// What has every process give the same: texts have the same hashes, so that sets of them are in one order, and
 /// fused multiplication and addition of the system's mathematics library is switched off, which not every
@@ -228,14 +231,24 @@ impl Python {
             let seconds = patience.as_secs_f64();
             return format!("Python has not answered for {seconds} s and was killed");
         }
-        let deadline = Instant::now() + FAREWELL;
-        while Instant::now() < deadline {
+        match self.ended_within(FAREWELL) {
+            Some(status) => format!("Python ended ({status}) without a word"),
+            None => format!("Python has closed its end: {error}"),
+        }
+    }
+
+    /// How it ended; none if it goes on for longer.
+    fn ended_within(&mut self, patience: Duration) -> Option<ExitStatus> {
+        let deadline = Instant::now() + patience;
+        loop {
             if let Ok(Some(status)) = self.child.try_wait() {
-                return format!("Python ended ({status}) without a word");
+                return Some(status);
+            }
+            if Instant::now() >= deadline {
+                return None;
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        format!("Python has closed its end: {error}")
     }
 }
 
@@ -262,10 +275,12 @@ fn spawned(command: Command) -> io::Result<Child> {
 
 impl Drop for Python {
     fn drop(&mut self) {
-        // The end of the link ends it; one that spins is killed.
+        // The end of the link ends it, when its environments are closed; one that spins is killed.
         self.stream.shutdown(std::net::Shutdown::Both).ok();
-        self.child.kill().ok();
-        self.child.wait().ok();
+        if self.ended_within(CLOSING).is_none() {
+            self.child.kill().ok();
+            self.child.wait().ok();
+        }
     }
 }
 

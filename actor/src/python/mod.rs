@@ -17,5 +17,5 @@ mod link;
 mod purity;
 
 pub(crate) use environment::as_recorded;
-pub use environment::{PythonSetting, RENDER, make};
+pub use environment::{PythonSetting, RENDER, close, make};
 pub use purity::purified;

@@ -174,7 +174,7 @@ class Numbered:
         low, high = space.low.astype(np.float64), space.high.astype(np.float64)
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise Refused(
-                f"expected bounded actions, found {space}; wrap it in gymnasium.wrappers.RescaleAction"
+                f"expected bounded actions, found {space}; gymnasium.wrappers.TransformAction gives it bounds"
             )
         count = int(np.prod(space.shape, dtype=np.int64))
         self.spec, self.bytes = {"continuous": {"len": count}}, 4 * count

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from goalward.error import Error, expecting
 from goalward.packages import optional
-from goalward.task import Discrete, Task
+from goalward.task import Discrete, Task, Vector
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -92,8 +92,10 @@ class Policy:
 
         observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
         layout, labels = observations.layout()
-        labels = labels if self.task.labels else ()  # a task need not have any
-        expected, found = self._layout(), (layout, actions.spec, tuple(labels))
+        # A task need not have labels, and a grid's are of its classes, which no space names.
+        named = bool(self.task.labels) and isinstance(self.task.observation, Vector)
+        expected = (*self._layout(), self.task.labels if named else ())
+        found = layout, actions.spec, tuple(labels) if named else ()
         if expected != found:
             raise Error(f"{self.path}: expected the spaces {expected}, found {found}")
         row, shape = observations.row(), self.task.observation.shape
@@ -107,11 +109,11 @@ class Policy:
 
         return act
 
-    def _layout(self) -> tuple[Any, Any, tuple[str, ...]]:
+    def _layout(self) -> tuple[Any, Any]:
         def table(shape: Any) -> dict[str, dict[str, int]]:
             return {type(shape).__name__.lower(): dict(vars(shape))}
 
-        return table(self.task.observation), table(self.task.action), self.task.labels
+        return table(self.task.observation), table(self.task.action)
 
     def _outputs(self, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
         names = [output.name for output in self._session.get_outputs()]

@@ -167,7 +167,12 @@ class Task:
         values = dict(table)
         values["observation"] = _shape("observation", table["observation"], vector=Vector, cells=Cells)
         values["action"] = _shape("action", table["action"], discrete=Discrete, continuous=Continuous)
-        values["labels"] = tuple(map(str, table.get("labels", ())))
+        labels = table.get("labels", ())
+        texts = isinstance(labels, (list, tuple)) and all(isinstance(one, str) for one in labels)
+        _require(texts, "labels", "a list of texts", labels)
+        values["labels"] = tuple(labels)
+        for key in ("deterministic", "tells_success"):
+            _require(isinstance(table.get(key, True), bool), key, "true or false", table.get(key))
         return cls(**values)
 
     def to_json(self) -> str:
@@ -183,8 +188,9 @@ def _size(action: Action) -> int:
 
 
 def _shape(key: str, table: Any, **kinds: Any) -> Any:
+    named = isinstance(table, dict) and len(table) == 1
     kind = next(iter(table), "nothing") if isinstance(table, dict) else table
-    _require(kind in kinds and len(table) == 1, key, " or ".join(kinds), kind)
+    _require(named and kind in kinds, key, " or ".join(kinds), kind)
     names = [field.name for field in fields(kinds[kind])]
     sizes = table[kind]
     found = sorted(sizes) if isinstance(sizes, dict) else sizes

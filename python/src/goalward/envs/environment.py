@@ -26,16 +26,20 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, task: str, **setting: Any) -> None:
+    def __init__(self, task: str, render_mode: str | None = None, **setting: Any) -> None:
         """Start the program.
 
         Args:
             task: `navigation`, `fetch-pick`, `fetch-push` or `ant-reach`.
+            render_mode: none, for there is nothing to render.
             setting: keys of the task's `[environment]`, such as `noise`.
 
         Raises:
+            TypeError: for any render mode, by which Stable-Baselines3 knows to go without.
             Error: if the program is missing, or does not have the task or the setting.
         """
+        if render_mode is not None:
+            raise TypeError(f"render_mode: expected none, found {one_line(render_mode)}")
         self._link = Link(task, setting)
         hello = self._link.hello
         self.labels: list[str] = hello["labels"]
@@ -66,7 +70,8 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         """The action that the task's scripted expert takes now; `step` clips it where it is out of bounds.
 
         Raises:
-            Error: if there is no such expert, or no episode runs.
+            Error: if there is no such expert, no episode runs, or the expert has arrived: that of NAVIGATION
+                has nothing left to do at the goal.
         """
         taken = self._link.expert_action()
         if isinstance(self.action_space, gymnasium.spaces.Discrete):

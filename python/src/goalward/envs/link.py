@@ -39,7 +39,11 @@ class Link:
         # A file, because nobody reads it while the environment is at work.
         self._words = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
-            [program, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._words
+            [program, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            start_new_session=True,  # Ctrl-C is for whoever acts here
         )
         try:
             self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
@@ -69,11 +73,12 @@ class Link:
         Raises:
             Error: if there is no such expert, or no episode runs.
         """
-        self._send(EXPERT, struct.pack("<H", 0))
-        return self._receive(EXPERT)
+        return self._answer(EXPERT, struct.pack("<H", 0))
 
     def close(self) -> None:
         """End the process."""
+        # The end of its input would end it, too, but a process that was forked here may hold that open.
+        self._process.terminate()
         # Leaving it closes its pipes and waits; a process that has ended takes no more of what was sent.
         with contextlib.suppress(BrokenPipeError), self._process:
             self._words.close()
@@ -83,10 +88,20 @@ class Link:
         return 4 * action["continuous"]["len"] if "continuous" in action else 1
 
     def _turn(self, body: bytes) -> tuple[float, int, bytes]:
-        self._send(TURN, body)
-        answer = self._receive(TURN)
+        answer = self._answer(TURN, body)
         _, flags, _, reward = struct.unpack_from("<HBBf", answer)
         return reward, flags, answer[8:]
+
+    def _answer(self, kind: int, body: bytes) -> bytes:
+        try:
+            self._send(kind, body)
+            return self._receive(kind)
+        except Error:
+            raise
+        except BaseException:
+            # An interrupt: the next request would be given the answer to this one.
+            self.close()
+            raise
 
     def _send(self, kind: int, body: bytes) -> None:
         pipe = self._process.stdin
