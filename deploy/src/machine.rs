@@ -159,7 +159,7 @@ mod tests {
         }
     }
 
-    /// The README has 481 MiB, measured with four actors.
+    /// 481 MiB were measured with four actors.
     #[test]
     fn the_default_run_takes_about_what_was_measured() {
         let config =

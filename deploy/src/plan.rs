@@ -11,6 +11,7 @@ use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
 use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
+use protocol::table::MODULES;
 use run::actors_wanted::ActorsWanted;
 use run::config::RunConfig;
 use run::folder::RunFolder;
@@ -284,9 +285,8 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
         return Ok(());
     }
     let begun = recorded_configs(folder).map_err(Refusal::usage)?;
-    let Some((key, [began, found])) =
-        begun.iter().find_map(|begun| begun.result_difference(config))
-    else {
+    let mut differing = begun.iter().flat_map(|begun| begun.result_differences(config));
+    let Some((key, [began, found])) = differing.find(|(key, _)| !key.starts_with(MODULES)) else {
         return Ok(());
     };
     Err(wrong_usage(format!(

@@ -167,4 +167,18 @@ mod tests {
         ];
         assert_eq!(curves, expected);
     }
+
+    #[test]
+    fn environments_of_other_modules_are_told_apart() {
+        let run = |seed: u64, hash: &str| {
+            let set = [format!("seed={seed}"), format!("environment.sources.track={hash}")];
+            let mut config = configuration("fetch-push", None, &set).unwrap();
+            config.task.name = "own".to_owned();
+            (RunFolder::new(hash), config)
+        };
+        let runs = described(vec![run(1, "aa"), run(2, "aa"), run(3, "bb")]);
+        let curves = panel(run(1, "aa").1.task, runs).curves;
+        let curves: Vec<_> = curves.iter().map(|curve| curve.runs.len()).collect();
+        assert_eq!(curves, [2, 1]);
+    }
 }

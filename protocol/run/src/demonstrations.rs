@@ -7,15 +7,15 @@ use mcap_log::{Ending, FileReader, Kind, Record};
 use protocol::Error;
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
-use protocol::setting::{ACTION_SCALE, EXPERT, Setting, is_same};
-use protocol::table::ABSENT;
+use protocol::setting::{ACTION_SCALE, EXPERT, Setting, VERSIONS, is_same};
+use protocol::table::{ABSENT, merge};
 use protocol::task::{Spec, Task, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use protocol::weights::to_bytes;
 use rand::seq::SliceRandom;
-use toml::Value;
+use toml::{Table, Value};
 
-use crate::config::{RewardConfig, RunConfig, set_by_user};
+use crate::config::{RewardConfig, RunConfig, merged_settings};
 use crate::folder::RunFolder;
 use crate::metadata::recorded_task;
 
@@ -90,21 +90,25 @@ pub fn adopt(mut config: RunConfig, settings: &[String]) -> Result<RunConfig, Er
     if let Some(file) = &config.demonstrations.file {
         let reader = open(file, &config.task)?;
         let recorded = setting(&reader, file)?.unwrap_or_default();
-        let named = set_by_user(settings)?;
+        let mut named = match merged_settings(settings)?.remove("demonstrations") {
+            Some(Value::Table(named)) => named,
+            _ => Table::new(),
+        };
         let held = reader.metadata().get("episodes").and_then(|count| count.parse::<u64>().ok());
-        if let Some(held) = held.filter(|_| !named.contains_key("demonstrations.episodes")) {
+        if let Some(held) = held.filter(|_| !named.contains_key("episodes")) {
             let wanted = &mut config.demonstrations.episodes;
             *wanted = held.clamp(1, (*wanted).max(1));
         }
         let own = &mut config.demonstrations.environment.0;
-        let is_named = |key: &str| named.contains_key(&format!("demonstrations.{key}"));
-        *own = std::mem::take(own)
-            .into_iter()
-            .filter_map(|(key, value)| match recorded.0.get(&key) {
-                _ if is_named(&key) => Some((key, value)),
-                recorded => Some((key, recorded?.clone())),
-            })
-            .collect();
+        named.retain(|key, _| own.contains_key(key));
+        own.retain(|key, value| match recorded.0.get(key) {
+            Some(recorded) => {
+                *value = recorded.clone();
+                true
+            }
+            None => named.contains_key(key),
+        });
+        merge(own, named);
     }
     Ok(config)
 }
@@ -147,13 +151,14 @@ fn setting(reader: &FileReader, file: &Path) -> Result<Option<Setting>, Error> {
     setting.map(Some).map_err(|error| failed(file, format!("setting {text}: {error}")))
 }
 
-/// Refuses demonstrations that were recorded in another setting than the configuration says. A scale
-/// of actions may be another one: actions are brought to the run's own. So may who demonstrates.
+/// What may be another one where demonstrations were recorded: a scale of actions, which are brought to the
+/// run's own, who demonstrates, and the packages it was done with, for states stay what they are.
+const MAY_DIFFER: [&str; 3] = [ACTION_SCALE, EXPERT, VERSIONS];
+
+/// Refuses demonstrations that were recorded in another setting than the configuration says.
 fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Result<(), Error> {
     let own = config.demonstration_setting();
-    for (key, found) in
-        recorded.0.iter().filter(|(key, _)| ![ACTION_SCALE, EXPERT].contains(&key.as_str()))
-    {
+    for (key, found) in recorded.0.iter().filter(|(key, _)| !MAY_DIFFER.contains(&key.as_str())) {
         let expected = own.0.get(key);
         if !expected.is_some_and(|expected| is_same(expected, found)) {
             let expected = expected.map_or(ABSENT.to_owned(), Value::to_string);

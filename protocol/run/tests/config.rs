@@ -109,6 +109,29 @@ fn what_is_wrong_is_named() {
 }
 
 #[test]
+fn what_a_file_has_wrong_is_told_with_the_file_and_the_table() {
+    let own = "[task]\nname = \"own\"\nobservation.vector.len = 2\naction.discrete.count = 2\n\
+               horizon_steps = 10\n";
+    let refusal = |text: &str, settings: &[&str]| {
+        let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+        of_text(&format!("{own}{text}"), "own.toml", None, &settings).unwrap_err().to_string()
+    };
+    for (text, settings, words) in [
+        ("[ppo]\nclipp = 0.3\n", &[][..], "own.toml: in `ppo`: unknown field `clipp`"),
+        ("[ppo]\nclip = \"wide\"\n", &["seed=2"], "own.toml: in `ppo.clip`"),
+        ("", &["ppo.clip=wide"], "--set: in `ppo.clip`"),
+        ("[environment]\nwind = [0.5, nan]\n", &[], "`environment.wind` must be finite"),
+        ("", &["environment.wind=[0.5, inf]"], "expected a finite environment.wind"),
+    ] {
+        let said = refusal(text, settings);
+        assert!(said.contains(words), "expected {words} in: {said}");
+    }
+    let settings = ["seed=1".to_owned()];
+    let said = of_text(own, "own.toml", Some("paper"), &settings).unwrap_err().to_string();
+    assert!(said.contains("`preset` must be one of goalward, found paper"), "{said}");
+}
+
+#[test]
 fn a_message_of_the_log_holds_the_longest_episode() {
     let pixels = "[task]\nname = \"pixels\"\nobservation.vector.len = 27648\n\
                   action.discrete.count = 4\nhorizon_steps = 1000\n[rollout]\nlane_steps = 1250\n";

@@ -159,6 +159,21 @@ fn the_setting_of_a_file_decides() {
 }
 
 #[test]
+fn tables_of_a_setting_are_decided_key_by_key_and_versions_of_packages_not_at_all() {
+    let whole = [demonstration(9, 9, Ending::GoalReached)];
+    let given = || {
+        let recorded =
+            "{\"kwargs\":{\"width\":0.5,\"height\":2.0},\"versions\":{\"python\":\"3.12\"}}";
+        let given = Given::new(Some(recorded), &whole);
+        given.with("environment.versions.python=\"3.13\"").with("environment.kwargs.width=0.5")
+    };
+    given().with("demonstrations.kwargs.width=0.5").load().unwrap();
+    let refusal = given().with("demonstrations.kwargs.width=0.9").refusal();
+    assert!(refusal.contains("demonstrations.kwargs = "), "{refusal}");
+    assert!(refusal.contains("width = 0.9") && refusal.contains("height = 2.0"), "{refusal}");
+}
+
+#[test]
 fn a_setting_that_cannot_be_read_is_refused() {
     let whole = [demonstration(9, 9, Ending::GoalReached)];
     for (setting, words) in [

@@ -17,6 +17,9 @@ pub const ACTION_SCALE: &str = "action_scale";
 /// The key that names who demonstrates in an environment of Python. It says nothing of the environment.
 pub const EXPERT: &str = "expert";
 
+/// The key that has the versions of the packages that an environment of Python runs on.
+pub const VERSIONS: &str = "versions";
+
 /// The key that says what makes an environment of Python; those of Rust have none.
 pub const MAKE: &str = "make";
 

@@ -8,8 +8,9 @@ use toml::{Table, Value};
 /// The parts of a configuration that change no result.
 pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
 
-/// Where a configuration has the hashes of the user's modules of Python, which the environment itself checks.
-const MODULES: &str = "environment.sources.";
+/// Where a configuration has the hashes of the user's modules of Python, which the environment itself checks
+/// when a run goes on.
+pub const MODULES: &str = "environment.sources.";
 
 /// Lays `changes` over `table`, table by table.
 pub fn merge(table: &mut Table, changes: Table) {
@@ -68,8 +69,6 @@ pub fn result_differences(expected: &Table, found: &Table) -> Vec<(String, [Stri
     let shown = |key: &String| {
         both.each_ref().map(|values| values.get(key).map_or(ABSENT.to_owned(), Value::to_string))
     };
-    let is_compared = |key: &&String| !key.starts_with(MODULES);
     let is_other = |key: &&String| both[0].get(*key) != both[1].get(*key);
-    let differing = keys.into_iter().filter(is_compared).filter(is_other);
-    differing.map(|key| (key.clone(), shown(key))).collect()
+    keys.into_iter().filter(is_other).map(|key| (key.clone(), shown(key))).collect()
 }

@@ -2,9 +2,11 @@
 
 use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
+use protocol::table::flat;
 use protocol::task::ObservationSpec;
 use protocol::{Error, MAX_ACTORS};
 
+use super::settings::is_infinite;
 use super::{InverseDynamicsConfig, RewardConfig, RewardForm, RewardInput, RewardModel, RunConfig};
 
 /// The place of a number in its pooled square is kept in a byte.
@@ -40,12 +42,27 @@ impl RunConfig {
             within(key, number <= most, &format!("at most {most}"), number)?;
         }
         self.task.check()?;
+        self.check_finite()?;
         self.check_widths()?;
         self.check_encoders()?;
         self.check_limits()?;
         self.check_learner()?;
         self.check_reward()?;
         self.check_fractions()
+    }
+
+    /// Environments get their settings as JSON, which has no other numbers.
+    fn check_finite(&self) -> Result<(), Error> {
+        let settings = [
+            ("environment", &self.environment),
+            ("demonstrations", &self.demonstrations.environment),
+        ];
+        for (table, setting) in settings {
+            for (key, value) in flat(&setting.0) {
+                within(&format!("{table}.{key}"), !is_infinite(&value), "finite", value)?;
+            }
+        }
+        Ok(())
     }
 
     /// A layer of no width has no outputs, and a network behind it nothing to see.

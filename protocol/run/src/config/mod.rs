@@ -42,6 +42,7 @@ pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
 pub use reward::{
     Discounting, REWARD_MODELS, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder,
 };
+pub(crate) use settings::merged as merged_settings;
 pub use settings::set_by_user;
 
 /// The preset a task's file holds without a table of its own.
@@ -194,8 +195,10 @@ impl RunConfig {
         let mut table = over_defaults(file, "file")?;
         if preset != DEFAULT_PRESET {
             let Some(Value::Table(changes)) = presets.get(preset) else {
-                let known = format!("one of {DEFAULT_PRESET}, {}", names(&presets));
-                return Err(out_of_range("preset", &known, preset));
+                let known =
+                    std::iter::once(DEFAULT_PRESET).chain(presets.keys().map(String::as_str));
+                let known = known.collect::<Vec<_>>().join(", ");
+                return Err(out_of_range("preset", &format!("one of {known}"), preset));
             };
             merge(&mut table, changes.clone());
         }
@@ -209,7 +212,7 @@ impl RunConfig {
         merge(&mut table, changes);
         let learner = settings.get("learner").or(table.get("learner")).cloned();
         unread::leave_out_tables(learner, &mut table);
-        Self::changed(table, settings)
+        Self::changed(table, settings, "file")
     }
 
     /// The configuration of a run, which its preset and its method have been laid over already, with
@@ -223,7 +226,7 @@ impl RunConfig {
             let wanted = wanted.unwrap_or(own);
             within(key, wanted == own, &expected, wanted)?;
         }
-        Self::changed(table, settings)
+        Self::changed(table, settings, "file")
     }
 
     /// This configuration with `key=value` settings laid over it.
@@ -231,18 +234,27 @@ impl RunConfig {
     /// # Errors
     /// For the first setting that is no `key=value`, unknown, out of its range, or without effect.
     pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
-        Self::changed(parse(&self.to_text(), "configuration")?, settings::merged(settings)?)
+        let own = parse(&self.to_text(), "configuration")?;
+        Self::changed(own, settings::merged(settings)?, "configuration")
     }
 
-    /// A configuration that is to be trained: every setting means something, and it can learn.
-    fn changed(mut table: Table, settings: Table) -> Result<Self, Error> {
+    /// A configuration that is to be trained: every setting means something, and it can learn. What is wrong
+    /// with it without the settings is the fault of its origin.
+    fn changed(table: Table, settings: Table, origin: &str) -> Result<Self, Error> {
         let (before, set) = (flat(&table), flat(&settings));
+        let unchanged = table.clone();
+        let mut table = table;
         merge(&mut table, settings);
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             unread::check_tables(learner, &set)?;
         }
-        let config = Self::from_table(table, "values")
-            .map_err(|refused| settings::with_likely_key(refused, &set, &before))?;
+        let config =
+            Self::from_table(table, "--set").map_err(|refused| {
+                match Self::from_table(unchanged, origin) {
+                    Err(own @ Error::ConfigurationText { .. }) => own,
+                    _ => settings::with_likely_key(refused, &set, &before),
+                }
+            })?;
         config.check_all_is_read(&set, &before)?;
         config.check_learning()?;
         Ok(config)
@@ -273,7 +285,7 @@ impl RunConfig {
             Value::Table(table).try_into().map_err(|error: toml::de::Error| {
                 Error::ConfigurationText {
                     origin: origin.to_owned(),
-                    message: line_of(&error.to_string()),
+                    message: line_of(&place_first(&error.to_string())),
                 }
             })?;
         config.check()?;
@@ -287,16 +299,10 @@ impl RunConfig {
 
     /// Whether another configuration gives the same weights, bit for bit.
     pub fn same_result_as(&self, other: &Self) -> bool {
-        self.result_difference(other).is_none()
+        self.result_differences(other).is_empty()
     }
 
-    /// The first key of those that decide the result whose value is another one in `other`, with
-    /// both values.
-    pub fn result_difference(&self, other: &Self) -> Option<(String, [String; 2])> {
-        self.result_differences(other).into_iter().next()
-    }
-
-    /// Every such key, in order.
+    /// The keys of those that decide the result whose values are others in `other`, with both values, in order.
     pub fn result_differences(&self, other: &Self) -> Vec<(String, [String; 2])> {
         let table =
             |config: &Self| config.to_text().parse::<Table>().expect("it has just been written");
@@ -446,6 +452,14 @@ fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
 fn place(text: &str, span: Option<Range<usize>>) -> String {
     let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
     format!("line {}", before.matches('\n').count() + 1)
+}
+
+/// A parser's words with the table that they are about, which it names in the last line, in front.
+fn place_first(words: &str) -> String {
+    match words.trim().rsplit_once('\n') {
+        Some((what, place)) if place.starts_with("in ") => format!("{place}: {what}"),
+        _ => words.to_owned(),
+    }
 }
 
 /// A parser's words in one line.

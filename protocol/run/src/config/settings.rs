@@ -23,7 +23,7 @@ pub fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error
 }
 
 /// Settings as one table, the later over the earlier.
-pub(super) fn merged(settings: &[String]) -> Result<Table, Error> {
+pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
     let mut table = Table::new();
     for setting in settings {
         let refused = |message: &str| Error::ConfigurationText {
@@ -37,13 +37,22 @@ pub(super) fn merged(settings: &[String]) -> Result<Table, Error> {
                 return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
             }
         }
-        let infinite = |value: &Value| value.as_float().is_some_and(|number| !number.is_finite());
-        if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| infinite(value)) {
+        if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| is_infinite(value))
+        {
             return Err(refused(&format!("expected a finite {key}, found {value}")));
         }
         merge(&mut table, change);
     }
     Ok(table)
+}
+
+/// Whether it is, or holds, a number that is infinite or none.
+pub(super) fn is_infinite(value: &Value) -> bool {
+    match value {
+        Value::Float(number) => !number.is_finite(),
+        Value::Array(values) => values.iter().any(is_infinite),
+        _ => false,
+    }
 }
 
 /// What a parser refused; if it is a key of a setting that is like others, with those in place of all that
@@ -54,8 +63,7 @@ pub(super) fn with_likely_key(
     known: &BTreeMap<String, Value>,
 ) -> Error {
     let Error::ConfigurationText { message, .. } = &refused else { return refused };
-    let is_refused =
-        |key: &&String| message.starts_with(&format!("unknown field `{}`", name_of(key)));
+    let is_refused = |key: &&String| message.contains(&format!("unknown field `{}`", name_of(key)));
     let Some(key) = set.keys().filter(|key| !known.contains_key(*key)).find(is_refused) else {
         return refused;
     };
