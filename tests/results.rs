@@ -154,6 +154,28 @@ fn what_has_no_runs_or_no_end_is_named() {
 }
 
 #[test]
+fn seeds_are_paired_by_their_numbers_whatever_the_order_of_the_rows() {
+    let copy = copied();
+    let rows = copy.path().join("docs/results/settings.csv");
+    let text = fs::read_to_string(&rows).unwrap();
+    let (head, runs) = text.split_once('\n').unwrap();
+    let runs: Vec<&str> = runs.lines().rev().collect();
+    fs::write(&rows, format!("{head}\n{}\n", runs.join("\n"))).unwrap();
+    let Some((well, said)) = rebuilt(copy.path(), &[]) else { return };
+    assert!(well, "{said}");
+    for page in ["README.md", "ablations.md"] {
+        let paired = |root: &Path| {
+            let text = fs::read_to_string(root.join("docs/results").join(page)).unwrap();
+            let numbers = text.split("<!-- number: paired ").skip(1);
+            numbers.map(|number| number.split_once("<!-- end").unwrap().0.to_owned()).collect()
+        };
+        let numbers: Vec<String> = paired(copy.path());
+        assert!(!numbers.is_empty());
+        assert_eq!(numbers, paired(Path::new(REPOSITORY)), "{page}");
+    }
+}
+
+#[test]
 fn curves_share_runs_as_in_an_experiment() {
     let count = "
 from data import plans

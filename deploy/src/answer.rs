@@ -35,7 +35,12 @@ async fn printed(program: Command, input: &[u8]) -> Result<Vec<u8>> {
     let ((), output) = tokio::join!(writing, child.wait_with_output());
     let output = output.context("waiting for a program")?;
     let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.lines().last().unwrap_or("a program failed without a word");
-    ensure!(output.status.success(), "{}", last.trim_start_matches("goalward: "));
+    let why = last_words(&said).unwrap_or("a program failed without a word");
+    ensure!(output.status.success(), "{why}");
     Ok(output.stdout)
+}
+
+/// What a program that failed ended with.
+pub(crate) fn last_words(said: &str) -> Option<&str> {
+    said.lines().last().map(|line| line.trim_start_matches("goalward: "))
 }

@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::io;
+use std::time::Duration;
 
 use prost::Message;
 use protocol::durable;
@@ -20,6 +21,12 @@ pub(crate) fn write(folder: &RunFolder, progress: &Progress) -> io::Result<()> {
 /// The newest progress since a run was last started; none while there is none.
 pub(crate) fn read(folder: &RunFolder) -> Option<Progress> {
     Progress::decode(&*fs::read(folder.progress_file()).ok()?).ok()
+}
+
+/// How long ago it was told.
+pub(crate) fn age(folder: &RunFolder) -> Duration {
+    let told = fs::metadata(folder.progress_file()).and_then(|file| file.modified());
+    told.ok().and_then(|told| told.elapsed().ok()).unwrap_or_default()
 }
 
 /// Removes the progress of an earlier start.

@@ -81,6 +81,9 @@ fn rate(success_rate: Option<f64>) -> String {
 
 /// How episodes of an evaluation ended.
 pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>) -> String {
+    if episodes == 0 {
+        return "no episodes".to_owned();
+    }
     let episodes = numbers::count(episodes);
     let rate = match rate {
         Some(rate) => format!("{} of {episodes} episodes", numbers::percent(rate, 1)),
@@ -110,7 +113,7 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
         share(seconds.environment, work),
         numbers::duration(work),
     );
-    [("where time went", stages), ("where actors' time went", actors)]
+    [("where the last sitting's time went", stages), ("where its actors' time went", actors)]
 }
 
 #[cfg(test)]

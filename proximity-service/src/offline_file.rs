@@ -18,26 +18,36 @@ const HASH: &str = "sha256";
 /// Name of the array that holds the hash of what training began with.
 const BEGINNING: &str = "beginning";
 
+/// What the names of the model's arrays begin with.
+const MODEL: &str = "model.";
+
+/// Name of the array that holds the processor time that training has taken, in seconds.
+const SPENT: &str = "spent_s";
+
 /// Where offline training is kept while it is under way.
 pub(crate) struct OfflineFile {
     path: PathBuf,
     beginning: String,
+    spent_s: f64,
     saved: Instant,
 }
 
 impl OfflineFile {
     /// The file at `path` for training that begins with a fresh model.
     pub(crate) fn new(path: PathBuf, fresh: &Tensors) -> OfflineFile {
-        OfflineFile { path, beginning: fresh.sha256(), saved: Instant::now() }
+        OfflineFile { path, beginning: fresh.sha256(), spent_s: 0.0, saved: Instant::now() }
     }
 
-    /// The model as it was kept, if it was.
-    pub(crate) fn load(&self) -> Option<Tensors> {
+    /// The model as it was kept, if it was. The processor time that it has taken by then counts from here on.
+    pub(crate) fn load(&mut self) -> Option<Tensors> {
         if !self.path.exists() {
             return None;
         }
         match self.checked() {
-            Ok(tensors) => Some(tensors),
+            Ok((tensors, spent_s)) => {
+                self.spent_s = spent_s;
+                Some(tensors)
+            }
             Err(error) => {
                 tracing::warn!("offline training begins anew: {error:#}");
                 None
@@ -45,7 +55,7 @@ impl OfflineFile {
         }
     }
 
-    fn checked(&self) -> Result<Tensors> {
+    fn checked(&self) -> Result<(Tensors, f64)> {
         let mut tensors = Tensors::load(&self.path)?;
         let hash = tensors.take_text(HASH).map_err(anyhow::Error::msg)?;
         anyhow::ensure!(
@@ -61,7 +71,14 @@ impl OfflineFile {
             self.path.display(),
             self.beginning
         );
-        Ok(tensors)
+        let spent = tensors.exactly(SPENT, 1, Tensors::f64).map_err(anyhow::Error::msg)?;
+        Ok((tensors.all(MODEL), spent[0]))
+    }
+
+    /// Adds to the processor time that training has taken; gives all of it, that of earlier processes, too.
+    pub(crate) fn spend(&mut self, processor_s: f64) -> f64 {
+        self.spent_s += processor_s;
+        self.spent_s
     }
 
     /// Whether it is time to keep it again.
@@ -77,14 +94,17 @@ impl OfflineFile {
         }
     }
 
-    fn write(&self, mut model: Tensors) -> Result<()> {
-        model.put_u8(BEGINNING, self.beginning.bytes());
-        let hash = model.sha256();
-        model.put_u8(HASH, hash.bytes());
+    fn write(&self, model: Tensors) -> Result<()> {
+        let mut kept = Tensors::default();
+        kept.put_all(MODEL, model);
+        kept.put_u8(BEGINNING, self.beginning.bytes());
+        kept.put_f64(SPENT, [self.spent_s]);
+        let hash = kept.sha256();
+        kept.put_u8(HASH, hash.bytes());
         if let Some(folder) = self.path.parent() {
             durable::create_folder(folder).with_context(|| folder.display().to_string())?;
         }
-        model.save(&self.path)?;
+        kept.save(&self.path)?;
         Ok(())
     }
 }
@@ -104,8 +124,11 @@ mod tests {
         trained.put_f32("weights", [2.0]);
         let mut file = OfflineFile::new(path.clone(), &fresh);
         assert_eq!(file.load(), None);
+        file.spend(2.0);
         file.save(trained.clone());
+        let mut file = OfflineFile::new(path.clone(), &fresh);
         assert_eq!(file.load(), Some(trained.clone()));
+        assert_eq!(file.spend(1.0), 3.0, "the processor time of both");
         assert_eq!(OfflineFile::new(path.clone(), &trained).load(), None);
         let mut bytes = fs::read(&path).unwrap();
         for at in [3, bytes.len() - 3, bytes.len() / 2] {

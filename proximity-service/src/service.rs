@@ -124,7 +124,7 @@ impl Service {
             }
         }
         if let OfflineTraining::UnderWay(_) = self.offline {
-            self.offline_file.save(self.model.save());
+            self.keep_offline();
         }
         Ok(())
     }
@@ -133,7 +133,7 @@ impl Service {
     fn train_offline(&mut self, time: Duration) {
         self.offline = match self.model.pretrain(time) {
             Ok(Slice::Done(update)) => {
-                let processor_s = self.clock.lap();
+                let processor_s = self.offline_file.spend(self.clock.lap());
                 OfflineTraining::Done(RewardUpdate { processor_s, ..update }, self.model.save())
             }
             Ok(Slice::UnderWay(standing)) => OfflineTraining::UnderWay(standing),
@@ -142,8 +142,13 @@ impl Service {
         if let OfflineTraining::UnderWay(_) = self.offline
             && self.offline_file.is_due()
         {
-            self.offline_file.save(self.model.save());
+            self.keep_offline();
         }
+    }
+
+    fn keep_offline(&mut self) {
+        self.offline_file.spend(self.clock.lap());
+        self.offline_file.save(self.model.save());
     }
 
     fn learner_is_gone(&self) -> Result<bool> {

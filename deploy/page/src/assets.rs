@@ -44,6 +44,7 @@ pub(crate) const ASSETS: &[Asset] = &[
     script!("table.js"),
     // Bundled by `deploy/page/three`.
     script!("three.js"),
+    script!("turns.js"),
 ];
 
 /// The file of that name; the page itself where none is given.

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use protocol::table::{flat, parse_setting};
 use run::config::RunConfig;
+use run::tasks;
 use serde::Deserialize;
 use toml::{Table, Value};
 
@@ -54,17 +55,27 @@ pub(crate) fn success_rate(config: &RunConfig) -> Option<f64> {
     PUBLISHED.iter().filter(fits).find_map(|found| found.anchors.get(&config.method).copied())
 }
 
+/// What the authors' settings differ in; a panel that does not say has its task's own.
+const SETTINGS: [&str; 4] = [
+    "environment.coverage",
+    "environment.noise",
+    "demonstrations.coverage",
+    "demonstrations.noise",
+];
+
 impl Published {
     fn of(Panel { task, set, anchors }: Panel) -> Published {
         let setting = |text: &String| flat(&parse_setting(text).expect("a test reads the plans"));
-        Published { task, settings: set.iter().flat_map(setting).collect(), anchors }
+        let own = tasks::configuration(&task, None, &[]).expect("a test reads the plans");
+        let mut settings = flat(&Table::try_from(own).expect("a configuration is a table"));
+        settings.retain(|key, _| SETTINGS.contains(&key.as_str()));
+        settings.extend(set.iter().flat_map(setting));
+        Published { task, settings, anchors }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use run::tasks;
-
     use super::*;
 
     #[test]
@@ -78,6 +89,11 @@ mod tests {
         assert_eq!(of("navigation", &["demonstrations.coverage=0.3"]), None);
         assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=gaifo"]), Some(0.23));
         assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=segment-matching"]), None);
+        // Of these noises and coverages there are curves, but not of both together.
+        assert_eq!(of("fetch-pick", &["demonstrations.coverage=0.5"]), Some(0.8));
+        let both = ["demonstrations.coverage=0.5", "environment.noise=2.0"];
+        assert_eq!(of("fetch-pick", &both), None);
+        assert_eq!(of("fetch-push", &["demonstrations.coverage=0.25"]), None);
         let ant = ["environment.noise=0.05", "method=difference"];
         assert_eq!(of("ant-reach", &ant), Some(0.34));
     }

@@ -137,9 +137,10 @@ fn named(paths: Vec<PathBuf>) -> Vec<Found> {
     for path in paths {
         let full = path.canonicalize().unwrap_or_else(|_| path.clone());
         let own = full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned();
-        let others =
-            found.iter().filter(|(_, other)| other.file_name() == path.file_name()).count();
-        let name = if others == 0 { own } else { format!("{own}~{}", others + 1) };
+        let is_taken = |name: &String| found.iter().any(|(known, _)| known == name);
+        let numbered = (2..).map(|number| format!("{own}~{number}"));
+        let mut names = std::iter::once(own.clone()).chain(numbered);
+        let name = names.find(|name| !is_taken(name)).expect("numbers do not end");
         found.push((name, path));
     }
     found

@@ -38,6 +38,7 @@ export class Chart {
     [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
     this.svg.setAttribute("aria-label", this.summary());
     if (this.lines.length === 0) {
+      [this.told, this.readout.textContent] = [null, ""];
       this.svg.replaceChildren(words(WIDTH / 2, this.height / 2, "nothing yet", "middle"));
       return;
     }

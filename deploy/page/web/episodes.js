@@ -6,6 +6,7 @@ import { count, short } from "./format.js";
 import { Player } from "./player.js";
 import { Rows } from "./rows.js";
 import { LongTable } from "./table.js";
+import { oneAtATime } from "./turns.js";
 
 const COLUMNS = [
   { key: "place", label: "#" },
@@ -81,29 +82,23 @@ export class EpisodesView {
   async show(list) {
     this.runs = list.runs;
     const run = list.runs.find((other) => other.id === this.run);
-    const line = run ? `${run.state} ${run.environment_steps}` : "gone";
-    if (this.known !== null && this.known !== line) await this.read();
-    this.known = line;
+    this.line = run ? `${run.state} ${run.environment_steps}` : "gone";
+    if (this.known !== this.line) await this.refresh();
   }
 
   async open(collection) {
     this.collection = collection;
     this.rows = new Rows(this.run, collection);
-    try {
-      this.details ??= await api.details(this.run);
-    } catch (error) {
-      this.tell([error.message]);
-      return;
-    }
-    const names = this.details.collections.map((name) => element("option", { value: name, selected: name === collection }, name));
-    this.collections.replaceChildren(...names);
-    await this.read();
+    this.refresh = oneAtATime(() => this.read());
+    await this.refresh();
   }
 
   async read() {
-    const { rows } = this;
+    const { rows, line } = this;
     try {
+      this.know(await api.details(this.run));
       await rows.read();
+      this.known = line;
     } catch (error) {
       this.tell([error.message]);
       return;
@@ -112,6 +107,17 @@ export class EpisodesView {
     this.tell(rows.trouble);
     this.draw();
     await this.playWanted();
+  }
+
+  /** Takes over which collections and checkpoints the run has by now. */
+  know(details) {
+    this.details = details;
+    for (const player of [this.first, this.second]) player?.know(details);
+    const [names, known] = [details.collections, Array.from(this.collections.options, ({ value }) => value)];
+    if (String(names) !== String(known)) {
+      this.collections.replaceChildren(...names.map((name) => element("option", { value: name }, name)));
+    }
+    this.collections.value = this.collection;
   }
 
   /** Plays what the address names; at first the newest of what is shown. */
@@ -160,7 +166,7 @@ export class EpisodesView {
       this.second.close();
       this.second = null;
     } else {
-      this.second = new Player();
+      this.second = new Player({ follows: true });
       this.second.open(this.first.name, this.details, this.runs);
     }
     this.first.follower = this.second;

@@ -10,12 +10,17 @@ const WALL_TIME = ["rollout", "scoring", "policy_update"];
 export function facts({ run, configuration, differences, summary, published, command }) {
   return [
     element("h2", {}, "How it stands"), list([...standing(run, summary), ...ofAuthors(published)]),
-    ...(summary ? [element("h2", {}, "Where the time went"), parts(summary.seconds)] : []),
+    ...(summary ? [element("h2", {}, "Where the time of the last sitting went"), parts(summary.seconds)] : []),
     element("h2", {}, "To repeat it"),
-    element("p", {}, element("code", {}, command), " ", button("Copy", () => navigator.clipboard.writeText(command))),
+    element("p", {}, element("code", {}, command), " ", copying(command)),
     element("h2", {}, "Settings that are not the default"), settings(differences),
     element("details", {}, element("summary", {}, "The whole configuration"), element("pre", {}, configuration)),
   ];
+}
+
+/** Copies a text, where the browser lets a page do so: by HTTP it must come from this machine. */
+function copying(text) {
+  return navigator.clipboard ? button("Copy", () => navigator.clipboard.writeText(text)) : "";
 }
 
 /** How several runs differ, below their curves. */

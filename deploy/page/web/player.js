@@ -17,10 +17,10 @@ const PACE = { cells: 8, vector: 20 };
 const HEIGHT = 125;
 const COLORS = { proximity: "var(--c0)", uncertainty: "var(--c1)", reward: "var(--c2)" };
 
-/** A place where one episode at a time is played. `follower` is a player that is taken along. */
+/** A place where one episode at a time is played. `follower` is a player that is taken along: it does not play by itself. */
 export class Player {
-  constructor() {
-    [this.name, this.at, this.last, this.isPlaying, this.follower] = [null, 0, 0, false, null];
+  constructor({ follows = false } = {}) {
+    [this.name, this.at, this.last, this.isPlaying, this.follower, this.follows] = [null, 0, 0, false, null, follows];
     this.caption = element("p", { class: "soft" });
     this.trouble = element("p", { class: "trouble", hidden: true });
     this.stagePlace = element("div", { class: "stage" });
@@ -70,7 +70,17 @@ export class Player {
     await this.stage(episode);
     if (this.name !== name) return;
     this.seek(0);
-    this.start();
+    if (!this.follows) this.start();
+  }
+
+  /** Takes over what there is of the run by now. */
+  know(details) {
+    const isSame = String(this.details?.checkpoints) === String(details.checkpoints);
+    this.details = details;
+    if (isSame || !(this.shown instanceof GridStage) || !this.episode) return;
+    if (this.heated && !details.checkpoints.map(String).includes(String(this.heated))) this.drawHeat("");
+    this.extras.querySelector("select")?.remove();
+    this.extras.prepend(...this.heat());
   }
 
   /** The stage that fits the task: a grid, solids, or numbers. */
@@ -198,7 +208,8 @@ export class Player {
     this.timeline.value = this.at;
     this.shown?.show(this.at);
     for (const chart of Object.values(this.charts)) chart.mark(this.at);
-    const score = this.episode.proximity[this.at];
+    const { proximity } = this.recorded;
+    const score = proximity[this.at - (this.last + 1 - proximity.length)];
     this.told.textContent = `step ${this.at} of ${this.last}${score === undefined ? "" : `, proximity ${short(score)}`}`;
     this.follower?.seek(Math.min(this.at, this.follower.last));
   }
@@ -213,6 +224,7 @@ export class Player {
 
   start() {
     if (!this.episode) return;
+    cancelAnimationFrame(this.ticket);
     [this.isPlaying, this.begun] = [true, null];
     this.button.textContent = "Pause";
     this.ticket = requestAnimationFrame((now) => this.tick(now));
@@ -242,6 +254,7 @@ export class Player {
   }
 
   close() {
+    this.name = null;
     this.stop();
     this.shown?.close();
   }

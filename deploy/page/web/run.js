@@ -6,6 +6,7 @@ import { button, element, renew } from "./dom.js";
 import { compared, facts } from "./facts.js";
 import { Processes } from "./processes.js";
 import { band, CHARTS, points, smoothed, Updates } from "./series.js";
+import { oneAtATime } from "./turns.js";
 
 const COLORS = 8;
 const AXES = { environment_steps: "steps", wall_s: "seconds" };
@@ -15,7 +16,8 @@ export class RunView {
   constructor(place, ids) {
     this.ids = ids;
     this.updates = ids.map((id) => new Updates(id));
-    this.known = new Map();
+    [this.known, this.troubles] = [new Map(), new Map()];
+    this.refresh = oneAtATime(() => this.read());
     this.looks = { x: "environment_steps", weight: 0.6, bands: false };
     this.isOpen = true;
     this.trouble = element("div");
@@ -54,13 +56,14 @@ export class RunView {
 
   /** Reads again what the list says has changed. */
   async show(list) {
-    const line = (id) => {
-      const run = list.runs.find((other) => other.id === id);
-      return run ? `${run.state} ${run.environment_steps}` : "gone";
-    };
-    const changed = this.updates.filter(({ id }) => this.known.get(id) !== line(id));
-    for (const { id } of changed) this.known.set(id, line(id));
-    if (changed.length > 0) await this.read(changed);
+    this.list = list;
+    await this.refresh();
+  }
+
+  /** What the list says of a run, in a line. */
+  line(id) {
+    const run = this.list.runs.find((other) => other.id === id);
+    return run ? `${run.state} ${run.environment_steps}` : "gone";
   }
 
   close() {
@@ -68,26 +71,34 @@ export class RunView {
     this.processes?.close();
   }
 
-  async read(changed) {
-    const lines = [];
-    for (const updates of changed) {
-      try {
-        await updates.read();
-        const found = await api.details(updates.id);
-        [updates.run, updates.details] = [found.run, found];
-        lines.push(...found.trouble);
-        if (this.ids.length === 1 && this.isOpen) renew(this.facts, facts(found));
-      } catch (error) {
-        lines.push(`${updates.id}: ${error.message}`);
-      }
-    }
+  async read() {
+    const changed = this.updates.filter(({ id }) => this.known.get(id) !== this.line(id));
+    if (changed.length === 0) return;
+    for (const updates of changed) await this.readRun(updates);
     if (!this.isOpen) return;
+    const lines = [...this.troubles.values()].flat();
     this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
     if (this.ids.length > 1) {
       renew(this.facts, compared(this.updates.flatMap(({ details }) => details ?? [])));
     }
     this.pictures.hidden = this.updates.every((updates) => !updates.run);
     this.draw();
+  }
+
+  /** Reads a run; one that could not be read is read again with the next list. */
+  async readRun(updates) {
+    const { id } = updates;
+    const line = this.line(id);
+    try {
+      await updates.read();
+      const found = await api.details(id);
+      [updates.run, updates.details] = [found.run, found];
+      this.known.set(id, line);
+      this.troubles.set(id, found.trouble);
+      if (this.ids.length === 1 && this.isOpen) renew(this.facts, facts(found));
+    } catch (error) {
+      this.troubles.set(id, [`${id}: ${error.message}`]);
+    }
   }
 
   draw() {
@@ -127,8 +138,8 @@ export class RunView {
       const own = this.ids.length > 1 ? name : "";
       const look = { name: `${own}${several}`.trim() || "value", color, dashed: index > 0 };
       if (all.length > 1) {
-        const { mean, low, high } = band(found.map((line) => smoothed(line, this.looks.weight)));
-        return { ...look, name: `${look.name} (${all.length} seeds)`, points: mean, low, high };
+        const { mean, low, high, seeds } = band(found.map((line) => smoothed(line, this.looks.weight)));
+        return { ...look, name: `${look.name} (${seeds} ${seeds === 1 ? "seed" : "seeds"})`, points: mean, low, high };
       }
       return { ...look, raw: this.looks.weight > 0 ? found[0] : null, points: smoothed(found[0], this.looks.weight) };
     });

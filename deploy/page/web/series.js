@@ -72,13 +72,13 @@ export function smoothed(line, weight) {
   });
 }
 
-/** The mean and the range of several lines, where all of them have points. */
+/** The mean and the range of those of several lines that have points, where all of them do, and of how many. */
 export function band(lines, count = 200) {
   const full = lines.filter((line) => line.length > 1);
-  if (full.length === 0) return { mean: [], low: [], high: [] };
+  if (full.length === 0) return { mean: [], low: [], high: [], seeds: 0 };
   const first = Math.max(...full.map((line) => line[0][0]));
   const last = Math.min(...full.map((line) => line.at(-1)[0]));
-  const found = { mean: [], low: [], high: [] };
+  const found = { mean: [], low: [], high: [], seeds: full.length };
   for (let i = 0; i <= count && last > first; i += 1) {
     const x = first + ((last - first) * i) / count;
     const values = full.map((line) => at(line, x));

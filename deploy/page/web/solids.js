@@ -19,9 +19,10 @@ export class SolidStage {
 
   async take(_, { parts, frames }) {
     this.three ??= await import("./three.js");
+    if (this.isClosed) return;
     if (!this.renderer) this.begin();
     this.frames = frames;
-    this.group.clear();
+    this.clear();
     this.meshes = parts.map((part) => this.mesh(part));
     this.group.add(...this.meshes);
     this.look(parts, frames);
@@ -86,6 +87,7 @@ export class SolidStage {
 
   /** Shows a frame. */
   show(step) {
+    if (this.isClosed) return;
     const frame = this.frames[Math.min(step, this.frames.length - 1)];
     this.meshes.forEach((mesh, index) => {
       const [x, y, z, ...turned] = frame.slice(7 * index, 7 * index + 7);
@@ -106,7 +108,17 @@ export class SolidStage {
     this.render();
   }
 
+  /** Removes what is shown, and gives its memory back. */
+  clear() {
+    for (const { geometry, material } of this.group.children) {
+      geometry.dispose();
+      material.dispose();
+    }
+    this.group.clear();
+  }
+
   close() {
+    this.isClosed = true;
     this.sizes?.disconnect();
     this.controls?.dispose();
     this.renderer?.dispose();

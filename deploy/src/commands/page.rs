@@ -15,6 +15,7 @@ use serde::de::IgnoredAny;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
+use crate::commands::status;
 use crate::other_reward::OtherReward;
 use crate::programs::Program;
 use crate::supervisor::runtime;
@@ -129,9 +130,16 @@ impl Programs for OfRuns {
     fn processes(&self, folder: &RunFolder) -> Result<Option<Processes>> {
         let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(None) };
         let found = processes::Processes::on(&address)?;
-        let heard = progress_file::read(folder).map_or(Vec::new(), |newest| newest.actors_heard);
+        let newest = progress_file::read(folder);
+        let age = progress_file::age(folder);
+        let mut heard = newest.as_ref().map_or(Vec::new(), |newest| newest.actors_heard.clone());
+        heard.iter_mut().for_each(|actor| actor.ago_s += age.as_secs_f64());
+        let trouble = match &newest {
+            Some(newest) => status::trouble(&found, (age < status::PATIENCE).then_some(newest)),
+            None => found.trouble(),
+        };
         Ok(found.train().then(|| Processes {
-            trouble: found.trouble(),
+            trouble,
             head: processes::HEAD,
             rows: found.rows(&heard),
             hosts: Hosts::of_run(folder).present.iter().map(Host::line).collect(),

@@ -15,7 +15,7 @@ use serde::Deserialize;
 
 use crate::experiment::figure_of_plan;
 use crate::programs::{self, Program};
-use crate::{destination, event_files};
+use crate::{answer, destination, event_files};
 use terminal::print::{print_line, print_remark};
 use terminal::refusal::wrong_usage;
 
@@ -143,9 +143,6 @@ fn told<T>(program: &mut Command, ask: impl FnOnce(&mut Command) -> Result<T>) -
     ask(program).map_err(|error| {
         let mut words = String::new();
         said.rewind().and_then(|()| said.read_to_string(&mut words)).ok();
-        match words.lines().last() {
-            Some(last) => anyhow!("{}", last.trim_start_matches("goalward: ").to_owned()),
-            None => error,
-        }
+        answer::last_words(&words).map_or(error, |why| anyhow!("{why}"))
     })
 }

@@ -57,8 +57,8 @@ impl Calls {
 
     /// Why a joining is not known.
     fn stranger(&self, session: u64) -> Status {
-        match self.hub.expelled().get(&session) {
-            Some(expelled) => Status::permission_denied(expelled.why.clone()),
+        match self.hub.offence(session) {
+            Some(why) => Status::permission_denied(why),
             None => Status::unauthenticated("the hub does not know this joining"),
         }
     }
@@ -71,9 +71,9 @@ impl Calls {
         let name = guest.host().to_owned();
         tracing::error!("host {name} is expelled: {why}");
         let mut expelled = self.hub.expelled();
-        expelled.insert(session, Expelled { name, why: why.to_owned() });
+        expelled.push_back((session, Expelled { name, why: why.to_owned() }));
         if expelled.len() > EXPELLED {
-            expelled.pop_first();
+            expelled.pop_front();
         }
         Status::permission_denied(why)
     }
@@ -214,8 +214,8 @@ impl Gateway for Calls {
 
     async fn hello(&self, request: Request<Hello>) -> Result<Response<Welcome>, Status> {
         let hello = request.into_inner();
-        if let Some(expelled) = self.hub.expelled().get(&hello.session) {
-            return Err(Status::permission_denied(expelled.why.clone()));
+        if let Some(why) = self.hub.offence(hello.session) {
+            return Err(Status::permission_denied(why));
         }
         let host = self.admit(&hello).inspect_err(|why| {
             let name = shortened(&hello.host, NAME_CHARS);

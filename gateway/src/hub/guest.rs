@@ -141,6 +141,8 @@ struct Work {
     granted: BTreeSet<(i32, u64, u64)>,
     heard: Instant,
     dropped: Dropped,
+    /// What actors ask that have no place on this bus; they ask again.
+    placeless: Dropped,
 }
 
 impl Work {
@@ -158,6 +160,7 @@ impl Work {
             granted: BTreeSet::new(),
             heard: Instant::now(),
             dropped: Dropped::new("trajectories of leases that a host did not hold"),
+            placeless: Dropped::new("requests of a host's actors that have no place"),
         })
     }
 
@@ -210,6 +213,7 @@ impl Work {
         match self.stand_in(&request.actor) {
             Ok(stand_in) => stand_in.ask(number, request, done),
             Err(why) => {
+                self.placeless.note(format!("host {}: {why:#}", self.host));
                 done.send(Err(Refusal::NoRoom(why))).ok();
             }
         }

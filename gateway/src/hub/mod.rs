@@ -10,7 +10,7 @@ mod guest;
 mod newest;
 mod stand_in;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -74,8 +74,8 @@ struct Hub {
     configuration: String,
     golden: String,
     guests: Mutex<BTreeMap<u64, Guest>>,
-    /// Joinings that broke the rules, and how.
-    expelled: Mutex<BTreeMap<u64, Expelled>>,
+    /// Joinings that broke the rules, and how; the oldest first.
+    expelled: Mutex<VecDeque<(u64, Expelled)>>,
     weights: watch::Receiver<Newest>,
     auditor: Option<Auditor>,
     is_ending: AtomicBool,
@@ -86,8 +86,14 @@ impl Hub {
         self.guests.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn expelled(&self) -> MutexGuard<'_, BTreeMap<u64, Expelled>> {
+    fn expelled(&self) -> MutexGuard<'_, VecDeque<(u64, Expelled)>> {
         self.expelled.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What a joining was expelled for, if it was.
+    fn offence(&self, session: u64) -> Option<String> {
+        let expelled = self.expelled();
+        expelled.iter().find(|(known, _)| *known == session).map(|(_, who)| who.why.clone())
     }
 
     /// Who takes part, and who may not any more.
@@ -95,7 +101,8 @@ impl Hub {
         let guests = self.guests();
         let present = guests.values().filter(|guest| guest.is_there());
         let present = present.map(|guest| guest.about.clone()).collect();
-        Hosts { present, expelled: self.expelled().values().cloned().collect() }
+        let expelled = self.expelled().iter().map(|(_, who)| who.clone()).collect();
+        Hosts { present, expelled }
     }
 
     /// Whether the run is over for its hosts.

@@ -159,7 +159,7 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         hub.hello(stage.hello(3)).await.unwrap();
         let Hosts { expelled, .. } = stage.await_hosts(|hosts| hosts.expelled.len() == 2).await;
         let names: Vec<String> = expelled.into_iter().map(|one| one.name).collect();
-        assert_eq!(names, ["node-7", "node-7-2"]);
+        assert_eq!(names, ["node-7-2", "node-7"], "in the order in which they were expelled");
     });
 }
 

@@ -25,8 +25,10 @@ use crate::figures::Figures;
 use crate::processes::Processes;
 use terminal::print::print_remark;
 
+pub(crate) use table::trouble;
+
 /// How long a live run is listened to; it publishes every second at least.
-const PATIENCE: Duration = Duration::from_secs(3);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Flags of `goalward status`.
 #[derive(Debug, clap::Args)]

@@ -25,7 +25,8 @@ impl Status {
                 let expelled = |one: &Expelled| format!("{}: {}", one.name, one.why);
                 rows.extend(hosts.expelled.iter().map(|one| ("expelled", expelled(one))));
                 let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
-                let headline = headline(processes, progress.as_deref());
+                let trouble = trouble(processes, progress.as_deref());
+                let headline = trouble.unwrap_or_else(|| "training".to_owned());
                 format!("{headline}\n{}{}", numbers::table(&rows), processes.table(heard))
             }
             Standing::Finished(summary) => format!("finished\n{}", summary::table(summary)),
@@ -41,16 +42,15 @@ impl Status {
     }
 }
 
-fn headline(processes: &Processes, progress: Option<&Progress>) -> String {
+/// What keeps a run from going on whose newest progress this is, if anything does.
+pub(crate) fn trouble(processes: &Processes, progress: Option<&Progress>) -> Option<String> {
     let silence =
         || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
-    let usual = || {
-        progress.map_or_else(silence, |progress| match Phase::try_from(progress.phase) {
-            Ok(Phase::DiskFull) => doing(progress),
-            _ => "training".to_owned(),
-        })
-    };
-    processes.trouble().unwrap_or_else(usual)
+    processes.trouble().or_else(|| match progress {
+        None => Some(silence()),
+        Some(progress) if progress.phase() == Phase::DiskFull => Some(doing(progress)),
+        Some(_) => None,
+    })
 }
 
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
