@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use anyhow::{Context, Result};
 use protocol::description::Description;
 use protocol::digest;
-use protocol::setting::{MAKE, SOURCES, Setting};
+use protocol::setting::{MAKE, SOURCES, Setting, VERSIONS};
 use protocol::task::Task;
 use run::config::RunConfig;
 
@@ -77,7 +77,12 @@ pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<Run
     }
     if other_build {
         config.environment.0.remove(SOURCES);
-        return complete(config);
+        let began = config.environment.0.get(VERSIONS).cloned();
+        let mut completed = complete(config)?;
+        // Packages that the run's first build did not name are not what it began with.
+        completed.environment.0.remove(VERSIONS);
+        completed.environment.0.extend(began.map(|versions| (VERSIONS.to_owned(), versions)));
+        return Ok(completed);
     }
     complete(config.clone())?;
     Ok(config)

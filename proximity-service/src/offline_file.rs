@@ -40,6 +40,7 @@ impl OfflineFile {
 
     /// The model as it was kept, if it was. The processor time that it has taken by then counts from here on.
     pub(crate) fn load(&mut self) -> Option<Tensors> {
+        self.spent_s = 0.0;
         if !self.path.exists() {
             return None;
         }

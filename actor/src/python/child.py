@@ -101,8 +101,10 @@ def maker(reference, kwargs, render, refused):
 
     def made():
         if render:
-            with contextlib.suppress(Exception):  # it may have no such mode, or none at all
+            try:
                 return make(**{"render_mode": "rgb_array", **kwargs})
+            except Exception as error:  # it may have no such mode, or none at all
+                print(f"made without pictures: {type(error).__name__}: {error}", file=sys.stderr)
         return make(**kwargs)
 
     return made
@@ -113,7 +115,8 @@ def teller(rule):
     if rule == "none":
         return None
     if rule in ("is_success", "success"):
-        return lambda seen, reward, terminated, info: info.get(rule, False)
+        # What is told at the end alone is so far no success.
+        return lambda seen, reward, terminated, info: info[rule] if terminated else info.get(rule, False)
     if rule == "terminated":
         return lambda seen, reward, terminated, info: terminated
     if rule == "reward":

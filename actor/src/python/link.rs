@@ -29,7 +29,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const FAREWELL: Duration = Duration::from_secs(5);
 
 /// How long a process may take to close its environments.
-const CLOSING: Duration = Duration::from_secs(1);
+const CLOSING: Duration = Duration::from_secs(3);
 
 /// What has every process give the same: texts have the same hashes, so that sets of them are in one order, and
 /// fused multiplication and addition of the system's mathematics library is switched off, which not every

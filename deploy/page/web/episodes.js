@@ -88,25 +88,31 @@ export class EpisodesView {
 
   async open(collection) {
     this.collection = collection;
-    this.rows = new Rows(this.run, collection);
+    [this.rows, this.known] = [new Rows(this.run, collection), null];
     this.refresh = oneAtATime(() => this.read());
     await this.refresh();
   }
 
+  /** Reads what is new; false where that fails. */
   async read() {
     const { rows, line } = this;
+    const isLeft = () => !this.isOpen || rows !== this.rows;
+    if (isLeft()) return true;
     try {
-      this.know(await api.details(this.run));
+      const details = await api.details(this.run);
+      if (isLeft()) return true;
+      this.know(details);
       await rows.read();
-      this.known = line;
     } catch (error) {
-      this.tell([error.message]);
-      return;
+      if (!isLeft()) this.tell([error.message]);
+      return false;
     }
-    if (!this.isOpen || rows !== this.rows) return;
+    if (isLeft()) return true;
+    this.known = line;
     this.tell(rows.trouble);
     this.draw();
-    await this.playWanted();
+    this.playWanted();
+    return true;
   }
 
   /** Takes over which collections and checkpoints the run has by now. */
@@ -127,9 +133,10 @@ export class EpisodesView {
     if (this.first.name || !found) return;
     if (beside !== null && this.rows.rows[beside]) {
       await this.play(this.rows.rows[beside]);
-      this.putBeside();
+      if (!this.isOpen) return;
+      await this.putBeside();
     }
-    await this.play(found);
+    if (this.isOpen) await this.play(found);
   }
 
   tell(lines) {
@@ -167,12 +174,14 @@ export class EpisodesView {
       this.second = null;
     } else {
       this.second = new Player({ follows: true });
-      this.second.open(this.first.name, this.details, this.runs);
     }
+    const opened = this.second?.open(this.first.name, this.details, this.runs);
     this.first.follower = this.second;
     this.writeAddress();
     this.players.replaceChildren(this.first.place, ...(this.second ? [this.second.place] : []));
     this.first.resize();
+    await opened;
+    this.first.seek(this.first.at);
   }
 
   key(event) {

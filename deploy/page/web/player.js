@@ -42,7 +42,7 @@ export class Player {
     for (const chart of Object.values(this.charts)) chart.onpoint = (step) => this.seek(Math.round(step));
     this.place = element("section", { class: "player" },
       element("div", { class: "seen" }, this.stagePlace, this.extras,
-        element("div", { class: "controls" }, this.button, this.timeline, this.speed, this.told),
+        element("div", { class: "controls" }, ...(follows ? [] : [this.button, this.timeline, this.speed]), this.told),
         this.caption, this.trouble),
       element("div", { class: "curves" }, Object.values(this.charts).map((chart) => chart.figure), this.otherwise.place));
   }

@@ -72,10 +72,12 @@ export class RunView {
   }
 
   async read() {
-    const changed = this.updates.filter(({ id }) => this.known.get(id) !== this.line(id));
-    if (changed.length === 0) return;
-    for (const updates of changed) await this.readRun(updates);
-    if (!this.isOpen) return;
+    const isChanged = ({ id }) => this.known.get(id) !== this.line(id);
+    const changed = this.updates.filter(isChanged);
+    if (changed.length === 0 || !this.isOpen) return true;
+    const isRead = [];
+    for (const updates of changed) isRead.push(await this.readRun(updates));
+    if (!this.isOpen) return true;
     const lines = [...this.troubles.values()].flat();
     this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
     if (this.ids.length > 1) {
@@ -83,9 +85,10 @@ export class RunView {
     }
     this.pictures.hidden = this.updates.every((updates) => !updates.run);
     this.draw();
+    return isRead.every(Boolean);
   }
 
-  /** Reads a run; one that could not be read is read again with the next list. */
+  /** Reads a run; whether it could be read. */
   async readRun(updates) {
     const { id } = updates;
     const line = this.line(id);
@@ -96,8 +99,10 @@ export class RunView {
       this.known.set(id, line);
       this.troubles.set(id, found.trouble);
       if (this.ids.length === 1 && this.isOpen) renew(this.facts, facts(found));
+      return true;
     } catch (error) {
       this.troubles.set(id, [`${id}: ${error.message}`]);
+      return false;
     }
   }
 

@@ -134,8 +134,13 @@ impl Programs for OfRuns {
         let age = progress_file::age(folder);
         let mut heard = newest.as_ref().map_or(Vec::new(), |newest| newest.actors_heard.clone());
         heard.iter_mut().for_each(|actor| actor.ago_s += age.as_secs_f64());
+        let silence = || {
+            let said = terminal::numbers::duration(age.as_secs_f64());
+            format!("nothing heard for {said}: its learner is silent, or the disk is full")
+        };
         let trouble = match &newest {
-            Some(newest) => status::trouble(&found, (age < status::PATIENCE).then_some(newest)),
+            Some(newest) if age < status::PATIENCE => status::trouble(&found, Some(newest)),
+            Some(_) => found.trouble().or_else(|| Some(silence())),
             None => found.trouble(),
         };
         Ok(found.train().then(|| Processes {

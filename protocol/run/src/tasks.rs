@@ -62,11 +62,9 @@ pub fn of_text(
     preset: Option<&str>,
     settings: &[String],
 ) -> Result<RunConfig, Error> {
-    RunConfig::assemble(text, METHODS, preset, settings).map_err(|error| match error {
-        Error::ConfigurationText { origin: own, message } if own == "file" => {
-            Error::ConfigurationText { origin: origin.to_owned(), message }
-        }
-        other => other,
+    RunConfig::assemble(text, METHODS, preset, settings).map_err(|error| match &error {
+        Error::ConfigurationText { origin: own, .. } if own == "file" => error.of_origin(origin),
+        _ => error,
     })
 }
 

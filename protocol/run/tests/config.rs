@@ -122,6 +122,8 @@ fn what_a_file_has_wrong_is_told_with_the_file_and_the_table() {
         ("", &["ppo.clip=wide"], "--set: in `ppo.clip`"),
         ("[environment]\nwind = [0.5, nan]\n", &[], "`environment.wind` must be finite"),
         ("", &["environment.wind=[0.5, inf]"], "expected a finite environment.wind"),
+        ("", &["environment.wind=[{ x = nan }]"], "expected a finite environment.wind"),
+        ("", &["ppo.clipp=0.3"], "--set ppo.clipp: expected a key that there is, such as ppo.clip"),
     ] {
         let said = refusal(text, settings);
         assert!(said.contains(words), "expected {words} in: {said}");

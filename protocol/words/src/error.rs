@@ -163,6 +163,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// The same of a configuration's text with where that is from.
+    pub fn of_origin(self, origin: &str) -> Error {
+        match self {
+            Error::ConfigurationText { message, .. } => {
+                Error::ConfigurationText { origin: origin.to_owned(), message }
+            }
+            other => other,
+        }
+    }
+
     /// The refusal of a setting, with the part of the configuration that has the setting.
     pub fn of_part(self, part: &str) -> Error {
         match self {

@@ -238,8 +238,8 @@ impl RunConfig {
         Self::changed(own, settings::merged(settings)?, "configuration")
     }
 
-    /// A configuration that is to be trained: every setting means something, and it can learn. What is wrong
-    /// with it without the settings is the fault of its origin.
+    /// A configuration that is to be trained: every setting means something, and it can learn. What is just as
+    /// wrong without the settings is the fault of its origin.
     fn changed(table: Table, settings: Table, origin: &str) -> Result<Self, Error> {
         let (before, set) = (flat(&table), flat(&settings));
         let unchanged = table.clone();
@@ -248,13 +248,11 @@ impl RunConfig {
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             unread::check_tables(learner, &set)?;
         }
-        let config =
-            Self::from_table(table, "--set").map_err(|refused| {
-                match Self::from_table(unchanged, origin) {
-                    Err(own @ Error::ConfigurationText { .. }) => own,
-                    _ => settings::with_likely_key(refused, &set, &before),
-                }
-            })?;
+        let blamed = |refused: Error| match Self::from_table(unchanged, "--set") {
+            Err(own) if own.to_string() == refused.to_string() => refused.of_origin(origin),
+            _ => settings::with_likely_key(refused, &set, &before),
+        };
+        let config = Self::from_table(table, "--set").map_err(blamed)?;
         config.check_all_is_read(&set, &before)?;
         config.check_learning()?;
         Ok(config)

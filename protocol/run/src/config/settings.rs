@@ -51,6 +51,7 @@ pub(super) fn is_infinite(value: &Value) -> bool {
     match value {
         Value::Float(number) => !number.is_finite(),
         Value::Array(values) => values.iter().any(is_infinite),
+        Value::Table(values) => values.values().any(is_infinite),
         _ => false,
     }
 }

@@ -47,7 +47,7 @@ class Link:
         )
         try:
             self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
-        except Error:
+        except BaseException:
             self.close()
             raise
 
