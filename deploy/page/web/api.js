@@ -18,6 +18,12 @@ const get = async (path, query) => (await answered(path, query)).json();
 /** All runs. */
 export const runs = () => get("runs");
 
+/** How a run stands in a list of all, in a line: where that is another one, there is something to read. */
+export function standing(list, id) {
+  const run = list.runs.find((other) => other.id === id);
+  return run ? `${run.state} ${run.environment_steps}` : "gone";
+}
+
 /** What a run is. */
 export const details = (id) => get(`runs/${encodeURIComponent(id)}`);
 

@@ -81,8 +81,7 @@ export class EpisodesView {
   /** Reads again when the list says that the run has gone on. */
   async show(list) {
     this.runs = list.runs;
-    const run = list.runs.find((other) => other.id === this.run);
-    this.line = run ? `${run.state} ${run.environment_steps}` : "gone";
+    this.line = api.standing(list, this.run);
     if (this.known !== this.line) await this.refresh();
   }
 

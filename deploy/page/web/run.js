@@ -60,19 +60,13 @@ export class RunView {
     await this.refresh();
   }
 
-  /** What the list says of a run, in a line. */
-  line(id) {
-    const run = this.list.runs.find((other) => other.id === id);
-    return run ? `${run.state} ${run.environment_steps}` : "gone";
-  }
-
   close() {
     this.isOpen = false;
     this.processes?.close();
   }
 
   async read() {
-    const isChanged = ({ id }) => this.known.get(id) !== this.line(id);
+    const isChanged = ({ id }) => this.known.get(id) !== api.standing(this.list, id);
     const changed = this.updates.filter(isChanged);
     if (changed.length === 0 || !this.isOpen) return true;
     const isRead = [];
@@ -91,7 +85,7 @@ export class RunView {
   /** Reads a run; whether it could be read. */
   async readRun(updates) {
     const { id } = updates;
-    const line = this.line(id);
+    const line = api.standing(this.list, id);
     try {
       await updates.read();
       const found = await api.details(id);

@@ -242,17 +242,16 @@ impl RunConfig {
     /// wrong without the settings is the fault of its origin.
     fn changed(table: Table, settings: Table, origin: &str) -> Result<Self, Error> {
         let (before, set) = (flat(&table), flat(&settings));
-        let unchanged = table.clone();
-        let mut table = table;
-        merge(&mut table, settings);
-        if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
+        let mut changed = table.clone();
+        merge(&mut changed, settings);
+        if let Some(Ok(learner)) = changed.get("learner").cloned().map(Value::try_into) {
             unread::check_tables(learner, &set)?;
         }
-        let blamed = |refused: Error| match Self::from_table(unchanged, "--set") {
+        let blamed = |refused: Error| match Self::from_table(table, "--set") {
             Err(own) if own.to_string() == refused.to_string() => refused.of_origin(origin),
             _ => settings::with_likely_key(refused, &set, &before),
         };
-        let config = Self::from_table(table, "--set").map_err(blamed)?;
+        let config = Self::from_table(changed, "--set").map_err(blamed)?;
         config.check_all_is_read(&set, &before)?;
         config.check_learning()?;
         Ok(config)
