@@ -18,11 +18,14 @@ usage() {
     cat <<'USAGE'
 Reproduces figures of the paper: trains every run of their plans and writes a report.
 
-Usage: deploy/reproduce.sh [--quick] [--dry-run] [--out DIR] [--jobs N] [FIGURE...]
+Usage: deploy/reproduce.sh [--quick] [--dry-run] [--out DIR] [--jobs N] [FIGURE | PLAN]...
 
 FIGURE is 3, 4, 5, 6, 7, 8, 9, 11 or 12; without one all of them. Figure 4d and Figure 10 are in the
-report of any. Two are no figures, so they have to be named: `paper`, a run for each task with the values
-of the paper's tables, beside the default, and `no-online`, the penalty for uncertainty without online training.
+report of any. The other plans of deploy/experiments are trained only when they are named:
+
+  paper            each task with the values of the paper's tables, beside the default
+  no-online        the penalty for uncertainty without online training
+  no-termination   episodes that do not end at the goal
 
   --quick      reduced size: fewer steps and panels, one seed
   --dry-run    trains nothing: says what is done and how many core-hours the rest takes
@@ -45,9 +48,9 @@ while [ $# -gt 0 ]; do
             ;;
         *)
             name=figure$1
-            [[ $1 != paper && $1 != no-online ]] || name=$1
+            [[ $1 == [0-9]* ]] || name=$1
             plan=$root/deploy/experiments/$name.toml
-            [ -f "$plan" ] || refuse "expected a figure with a plan in deploy/experiments, paper or no-online, found $1"
+            [ -f "$plan" ] || refuse "expected a figure or a plan of deploy/experiments, found $1"
             plans+=("$plan")
             ;;
     esac
