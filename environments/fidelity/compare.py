@@ -20,13 +20,13 @@ HERE = pathlib.Path(__file__).resolve().parent
 INTRODUCTION = """\
 # How near the physics is to MuJoCo
 
-Goalward steps Fetch Pick, Fetch Push and Ant Reach in rapier; the paper has them in MuJoCo. Here
-both play the same episodes: every start and goal is drawn by Goalward and set in MuJoCo, and the
-same actions, or the same expert, act on both. Fetch in MuJoCo is the scene of gymnasium-robotics;
-the ant is built from the numbers of the authors' model, without the goal marker, which touches
-nothing.
+Goalward steps Fetch Pick, Fetch Push and Ant Reach in rapier; the paper uses MuJoCo. Here both
+simulators play the same episodes: Goalward draws every start and goal, MuJoCo is set to them, and
+the same actions, or the same expert, act on both sides. Fetch in MuJoCo is the scene of
+gymnasium-robotics. The ant is built from the numbers of the authors' model, without the goal
+marker, which touches nothing.
 
-Measured {date}, MuJoCo {mujoco}, {machine}, by:
+Measured {date}, MuJoCo {mujoco}, {machine}, with:
 
 ```
 {commands}
@@ -42,8 +42,9 @@ def sections(arguments):
     """The tables, from the smallest movement to the whole task."""
     yield table.section(
         "Fetch: gripper, fingers and cube",
-        "The start of every episode, with the cube in the middle of its range. An action of 1 asks "
-        "for 50 mm. The push has the closed fingers in front of the cube and drives them into it.",
+        "Every row begins at an episode's start, with the cube in the middle of its range. An action of "
+        "1 asks for 50 mm. In the push the closed fingers start in front of the cube and are driven "
+        "into it.",
         fetch_measures.gripper() + fetch_measures.fingers() + fetch_measures.push() + fetch_measures.press(),
     )
     rows = fetch_measures.hold(arguments.episodes)
@@ -53,30 +54,30 @@ def sections(arguments):
         rows += fetch_measures.random_actions(task, arguments.episodes)
     yield table.section(
         "Fetch: experts and random actions",
-        "Mean and standard deviation of episodes; differences are of the same episode on both "
-        "sides, ± the standard error of their mean. Goalward's own expert is compared with the "
+        "Mean and standard deviation over episodes. Differences are between the same episodes on "
+        "both sides, ± the standard error of their mean. Goalward's own expert is compared with the "
         "authors' in MuJoCo.",
         rows,
     )
     yield table.section(
         "Ant: passive, and under the same torques",
         f"Errors are distances from MuJoCo's trajectory (RK4, 0.02 s), means over fifty steps and "
-        f"{ant_measures.SEQUENCES} sequences of random torques up to the amplitude. Under MuJoCo "
-        "stands MuJoCo's own error when its timestep is 0.005 s instead: what the choice of a "
-        "timestep alone makes of the same model.",
+        f"{ant_measures.SEQUENCES} sequences of random torques up to the amplitude. The column MuJoCo "
+        "has MuJoCo's own error at a timestep of 0.005 s: the effect of the timestep alone on the "
+        "same model.",
         ant_measures.settling() + ant_measures.torque_sequences(),
     )
     yield table.section(
         "Ant: a whole episode",
         f"{arguments.episodes} episodes; mean and standard deviation, differences as above. The depth "
-        "is that of the lowest capsule or ball in the floor, after any step of the episode.",
+        "is how deep the lowest capsule or ball is in the floor, after any step of the episode.",
         ant_measures.random_torques(arguments.episodes)
         + ant_measures.expert(Policy(ANT_EXPERT), arguments.episodes),
     )
     yield table.section(
         "Speed",
-        "One thread's processor time, the sides in turns; median, least and most of seven rounds, "
-        "and the median of their ratios. Goalward's steps write the observation and include "
+        "Processor time of one thread, both sides in turns: median, minimum and maximum of seven "
+        "rounds, and the median of their ratios. Goalward's steps write the observation and include "
         "resets; `mj_step` alone does neither. Ant-v5 is Gymnasium's own ant: the same legs and motors "
         "at half the timestep, so 0.05 s a step, with contact forces in its observation.",
         speed(),
