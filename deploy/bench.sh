@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# How fast a whole training run is, and where its time goes. About a minute and a half.
+# Measures how fast a whole training run is, and where its time goes. Takes about a minute and a half.
 #
 #   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
 #   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
-#   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, of seeds 101 to 105
-#   deploy/bench.sh --memory [TASK] [flags]               # most memory that all processes of a run hold
-#   deploy/bench.sh --costs TASK                          # core-seconds of its runs, as deploy/costs.toml has them
+#   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, for seeds 101 to 105
+#   deploy/bench.sh --memory [TASK] [flags]               # peak memory of all processes of a run together
+#   deploy/bench.sh --costs TASK                          # core-seconds of its runs, in the form of deploy/costs.toml
 #
-# --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment are other seeds.
+# --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment selects other seeds.
 #
-# Runs are thrown away afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
+# Runs are deleted afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -19,12 +19,12 @@ trap 'rm -rf "$folder"' EXIT
 # BC is not among them: it takes no environment steps.
 methods="goal-proximity environment-reward gaifo-s gaifo-s-uncertainty gaifo gail ranking proximity-with-actions bco sqil"
 
-# Offline training is left out of the runs, it is the same for every length of them.
+# Steps per second of a run. The runs of --methods have no offline training, which takes the same time for every length.
 steps_per_second() {
     sed -n 's/^ *"steps_per_s": \([0-9]*\).*/\1/p' "$1/summary.json"
 }
 
-# Environment steps, wall and processor seconds until a run had the success rate for good; nothing if it had not.
+# Environment steps, wall and processor seconds until a run reached the success rate for good; nothing if it did not.
 time_to() {
     awk -v level="\"success_rate\": $2," '
         /"time_to_success": \[/ { inside = 1 }
@@ -33,19 +33,19 @@ time_to() {
         /^  \]/ { inside = 0 }' "$1/summary.json"
 }
 
-# The middle of numbers, one a line; those that are missing count as the longest.
+# The median of numbers, one per line; missing ones count as the longest.
 median() {
     sort -g | awk '{ number[NR] = $1 } END { print number[int((NR + 1) / 2)] }'
 }
 
-# The processor time of a run of so many steps, and in $folder/run the run.
+# Trains a run of a task, a method and a number of steps in $folder/run, and prints its processor time.
 core_seconds() {
     rm -rf "$folder/run"
     "$goalward" train "$1" --no-page --method "$2" --steps "$3" --run "$folder/run" >"$folder/progress.txt"
     sed -n 's/^  "processor_s": \([0-9.]*\).*/\1/p' "$folder/run/summary.json"
 }
 
-# The memory of every process of the run, in MiB: program and number, each shared page counted in parts.
+# The memory of every process of the run and their sum, in MiB; each shared page is divided between its users.
 memory() {
     local process
     for process in $(pgrep -f "$folder/run"); do

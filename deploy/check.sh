@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What must hold before a change is handed in, and what CI runs: form, lints, tests, documentation.
+# Checks what must hold before a change is handed in, as CI does: formatting, lints, tests, documentation.
 #
 #   deploy/check.sh        # from any folder; ends at the first step that fails
 set -euo pipefail
@@ -22,7 +22,7 @@ documentation() {
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --locked --no-deps --document-private-items
 }
 
-# With what `deploy/test.sh` has installed.
+# Runs with the packages that `deploy/test.sh` has installed.
 python_lints() {
     local python=${GOALWARD_PYTHON:-$root/target/python/bin/python}
     "$python" -m ruff check && "$python" -m ruff format --check && (cd python && "$python" -m mypy)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Reproduces the paper's figures: builds Goalward, trains the runs of their plans (deploy/experiments),
-# writes a report. What is finished is never trained again, so it can be stopped and called again.
+# Reproduces the paper's figures: builds Goalward, trains the runs of their plans (deploy/experiments), and writes a
+# report. Finished runs are never trained again, so the script can be stopped and called again.
 #
 #   deploy/reproduce.sh --quick             # every figure at reduced size
 #   deploy/reproduce.sh 3 4                 # Figures 3 and 4 at full size
@@ -66,7 +66,7 @@ goalward=$("$root/deploy/run_local.sh" --only-build)
 status=0
 "$goalward" experiment "${plans[@]}" "${quick[@]}" "${jobs[@]}" "${dry_run[@]}" --out "$out" || status=$?
 [ ${#dry_run[@]} -eq 0 ] || exit "$status"
-# A run that failed is missing in the report, the others are in it; after Ctrl-C there is none.
+# The report lacks failed runs but has all others; after Ctrl-C there is no report.
 [ "$status" -le 1 ] || exit "$status"
 "$goalward" report "${plans[@]}" "${quick[@]}" --experiments "$out" --out "$out/report" --force
 exit "$status"

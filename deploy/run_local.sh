@@ -3,7 +3,7 @@
 #
 #   deploy/run_local.sh [TASK] [flags of `goalward train`]
 #
-# Runs from any folder; the run lies in runs/ of the folder it is called from.
+# Can be called from any folder; the run is put into runs/ of that folder.
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -50,7 +50,7 @@ check_machine() {
     fi
 }
 
-# The folder cargo builds into, which users can move.
+# The folder that cargo builds into, which users can change.
 target_folder() {
     cargo metadata --format-version 1 --no-deps --locked |
         sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p'
@@ -75,7 +75,7 @@ for argument in "$@"; do
 done
 
 check_machine
-# Cargo reads its settings (.cargo/config.toml) from the folder it is called in.
+# Cargo reads its settings (.cargo/config.toml) from the folder it is called from.
 target=$(cd "$root" && target_folder)
 (cd "$root" && build "$target") || { say "the build failed"; exit 1; }
 [ "${1:-}" != --all-flags ] || exec "$target/release/goalward" train --help

@@ -1,12 +1,11 @@
 #!/usr/bin/env bash
-# Plays random schedules of faults against short runs of all tasks, with lag 0 and 1, for as long as you
-# like: kills, held processes, a slow service, a full disk, damaged checkpoints, repairs, changes of scale,
-# Ctrl-C, power cuts. Names every schedule whose run ends with other weights than the undisturbed one, or
-# leaves something behind.
+# Runs short trainings of all tasks, with lag 0 and 1, under random schedules of faults, for as long as you like: kills,
+# suspended processes, a slow service, a full disk, damaged checkpoints, repairs, changes of scale, Ctrl-C, power cuts.
+# Names every schedule whose run ends with other weights than the undisturbed run, or leaves something behind.
 #
 #   deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]   # 10 minutes, schedules from 100 on, one at a time
 #   deploy/soak.sh --minutes 0 --seed 117                    # schedule 117 alone
-#   deploy/soak.sh --hosts N [--seed FIRST]   # N of a run on several machines: hosts, gateways, links fail
+#   deploy/soak.sh --hosts N [--seed FIRST]   # N schedules of a run on several machines: hosts, gateways, links fail
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)

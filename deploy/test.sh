@@ -3,10 +3,10 @@
 #
 #   deploy/test.sh [arguments of `cargo test`]      # such as: deploy/test.sh --workspace --test ledger
 #
-# Some tests read a log with the public Python packages for MCAP, or act in environments of Gymnasium; without
-# arguments the tests of the Python package follow. What they need goes into an environment of their own in
-# target/python; nothing of your Python is touched. GOALWARD_PYTHON names another interpreter that has
-# it; GOALWARD_PYTHON=none leaves those tests out.
+# Some tests read a log with the public Python packages for MCAP, or act in Gymnasium environments; without arguments,
+# the tests of the Python package follow. The packages that they need are installed into a virtual environment of their
+# own in target/python; your own Python is not touched. GOALWARD_PYTHON names another interpreter that has them;
+# GOALWARD_PYTHON=none leaves those tests out.
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -34,7 +34,7 @@ if [ -z "${GOALWARD_PYTHON:-}" ]; then
     }
 fi
 
-# The tests of the Python package, which act with the actor that was just built.
+# Runs the tests of the Python package, which use the actor that was just built.
 python_tests() {
     local target
     target=$(cargo metadata --format-version 1 --no-deps --locked |

@@ -1,4 +1,4 @@
-//! Makes client and server of the calls between hosts; their messages are in `src/messages.rs`.
+//! Generates client and server of the calls between gateways; their messages are in `src/messages.rs`.
 
 use tonic_build::manual::{Builder, Method, Service};
 

@@ -1,9 +1,8 @@
-//! What a run goes on from is what was saved: a checkpoint that is damaged is passed over for the one
-//! before it, offline training goes on from where it was stopped, and demonstrations that were swapped,
-//! or a log that lacks what is replayed, are refused. However it went, the hashes at the end are those of
-//! the undisturbed run.
+//! A run continues only from what was saved: a damaged checkpoint is skipped for the one before it, offline training
+//! continues where it was stopped, and replaced demonstrations or a log without the data that must be replayed are
+//! refused. In every case the final hashes are those of the undisturbed run.
 //!
-//! Method: a run of the real programs is stopped, what lies in its folder is damaged, and it is resumed.
+//! Method: a run of the real programs is stopped, files in its folder are damaged, and it is resumed.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -17,20 +16,20 @@ use system_tests::{
     CHECKPOINT_ITERATIONS, Hashes, PATIENCE, Signal, TestRun, await_some, programs,
 };
 
-/// Forty iterations.
+/// Makes a run of forty iterations.
 const LONG: &str = "steps=16000";
 
-/// Offline training that lasts many seconds.
+/// Makes offline training last many seconds.
 const MUCH_OFFLINE: [&str; 2] = ["reward.pretraining_epochs=150", "steps=800"];
 
-/// What a stop may take on a machine that has much else to do; an idle one needs a second.
+/// How long a stop may take on a busy machine; an idle one needs a second.
 const STOP_PATIENCE: Duration = Duration::from_secs(8);
 
 fn undisturbed(settings: &[&str]) -> Hashes {
     TestRun::new(programs!()).finish(settings).hashes()
 }
 
-/// Damages a file of the newest checkpoint; gives the checkpoint's number.
+/// Damages a file of the newest checkpoint; returns the checkpoint's iteration.
 fn damage(run: &TestRun, name: &str, how: impl Fn(Vec<u8>) -> Vec<u8>) -> u64 {
     let (iteration, folder) = run.folder().newest_checkpoint().unwrap();
     let path = folder.join(name);
@@ -45,7 +44,7 @@ fn flip(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// What becomes of the bytes of a file.
+/// Turns the bytes of a file into damaged ones.
 type Damage = dyn Fn(Vec<u8>) -> Vec<u8>;
 
 #[test]
@@ -98,11 +97,11 @@ fn a_run_without_a_checkpoint_that_holds_begins_anew_and_no_damaged_policy_is_ev
     let (code, said) = evaluated();
     assert!(code == Some(1) && said.contains("found none"), "{code:?} {said}");
     assert_eq!(run.resume().finish().hashes(), undisturbed(&[LONG]));
-    assert!(run.remarks().contains("the run begins anew"), "{}", run.remarks());
+    assert!(run.remarks().contains("the run starts over"), "{}", run.remarks());
     assert_eq!(evaluated().0, Some(0));
 }
 
-/// What SQIL draws its batches from lies in the log alone.
+/// SQIL rebuilds its replay buffer from the log, which is the only place that has it.
 #[test]
 fn a_run_that_replays_is_not_continued_on_a_log_that_lacks_updates() {
     let run = TestRun::new(programs!());
@@ -122,12 +121,12 @@ fn a_run_that_replays_is_not_continued_on_a_log_that_lacks_updates() {
     training.signal(Signal::Interrupt);
     assert_eq!(training.end(), Some(130));
 
-    // The newest checkpoint is recorded in the file behind it.
+    // The newest checkpoint is recorded in the next file.
     fs::remove_file(run.folder().log().join("updates-00000.mcap")).unwrap();
     assert_eq!(run.resume().end(), Some(1));
     let remarks = run.remarks();
     assert!(remarks.contains("to learn from again, found no update 0"), "{remarks}");
-    assert!(!remarks.contains("go on from"), "expected no restart: {remarks}");
+    assert!(!remarks.contains("restarting learner"), "expected no restart: {remarks}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());
 }
 
@@ -165,7 +164,7 @@ fn offline_training_is_stopped_at_once_and_goes_on_where_it_was() {
     let kept = run.folder().offline_file();
     assert!(kept.exists(), "expected what the service has trained in {}", kept.display());
 
-    // Nobody is left to start the service again: the learner ends, too.
+    // Once the supervisor is killed, nobody restarts the service, so the learner ends, too.
     let training = run.resume();
     let second = await_steps(&run, 1);
     assert!(second >= first, "begun anew: {second} gradient steps after {first}");
@@ -178,7 +177,7 @@ fn offline_training_is_stopped_at_once_and_goes_on_where_it_was() {
     assert!(!kept.exists(), "expected it to be removed with the first checkpoint");
 }
 
-/// Steps of such a length lead beyond all numbers at once.
+/// Gradient steps this large overflow at once.
 #[test]
 fn training_that_diverges_ends_the_run_at_once_and_says_why() {
     for (setting, parts) in [
@@ -191,14 +190,17 @@ fn training_that_diverges_ends_the_run_at_once_and_says_why() {
         for part in parts {
             assert!(remarks.contains(part), "{setting}: expected {part} in {remarks}");
         }
-        assert!(!remarks.contains("go on from"), "{setting}: expected no restart: {remarks}");
+        assert!(
+            !remarks.contains("restarting learner"),
+            "{setting}: expected no restart: {remarks}"
+        );
         assert_eq!(run.folder().checkpoint_folders(), [], "{setting}: nothing of it is saved");
         assert_eq!(run.resume().end(), Some(1), "{setting}: resumed, it comes to the same");
         assert_eq!(run.shared_memory(), Vec::<String>::new());
     }
 }
 
-/// Waits until offline training has taken so many gradient steps; gives how many it then has.
+/// Waits until offline training has taken at least `wanted` gradient steps; returns how many it has taken.
 fn await_steps(run: &TestRun, wanted: u64) -> u64 {
     run.process("learner");
     let address = BusAddress::of_run(run.folder().path()).unwrap();

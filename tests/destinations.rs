@@ -1,9 +1,8 @@
-//! Nothing is overwritten by an `--out`, and nothing is ever written into a run under a name that the user
-//! chose.
+//! `--out` overwrites nothing unless asked, and nothing is ever written into a run under a name that the user chose.
 //!
-//! Method: every verb that writes is pointed at files that exist, at files and folders of a run, and at
-//! links to them. Each is refused in one line, with exit code 2, and every byte of the test's folder
-//! stays; with `--force` what lies outside of runs is replaced.
+//! Method: every verb that writes is pointed at files that exist, at files and folders of a run, and at links to
+//! them. Each is refused in one line with exit code 2, and every byte of the test's folder stays. With `--force`,
+//! files outside of runs are replaced.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -47,7 +46,7 @@ fn every_verb_keeps_what_is_there() {
     }
     let taken = "not overwritten";
     refused(&run, &format!("{DEMONSTRATE} --out d.mcap"), taken);
-    // The configuration and the picture lie beside the rewards.
+    // The configuration and the picture are written beside the rewards.
     for out in ["a.csv", "b.csv", "c.csv"] {
         refused(&run, &format!("{WITH} --out {out}"), taken);
     }

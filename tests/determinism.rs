@@ -1,18 +1,17 @@
-//! The same configuration, seed and programs give the same weights, bit for bit: whatever the number
-//! of actors and threads, whoever is killed on the way, however often the run is stopped.
+//! The same configuration, seed and programs give the same weights, bit for bit: whatever the number of actors and
+//! threads, whichever process is killed, however often the run is stopped.
 //!
-//! Method: one undisturbed run is the measure. Every test trains the same run in another way and
-//! compares the two hashes of `summary.json`. Signals are sent when a certain checkpoint has
-//! appeared and the run still goes on, so they surely come in its middle; what the supervisor says
-//! of it proves that they had their effect. That a hash can differ at all is shown with another
-//! seed and with another lag.
+//! Method: one undisturbed run is the reference. Every test trains the same run in another way and compares the two
+//! hashes of `summary.json`. Signals are sent once a certain checkpoint has appeared and the run is still going on,
+//! so they certainly come in the middle; the supervisor's remarks prove that they had an effect. Another seed and
+//! another lag show that the hashes can differ.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::sync::LazyLock;
 
 use system_tests::{Hashes, ITERATIONS, PATIENCE, Signal, TestRun, await_some, programs};
 
-/// What the undisturbed run with two actors and lag 0 learns.
+/// The hashes of the undisturbed run, with two actors and lag 0.
 static UNDISTURBED: LazyLock<Hashes> = LazyLock::new(|| trained(&[]));
 
 fn trained(settings: &[&str]) -> Hashes {
@@ -46,7 +45,7 @@ fn actors_that_come_and_go_change_nothing() {
     expect_remark(&run, "actors: 2 from now on");
 }
 
-/// Waits until so many actors live.
+/// Waits until exactly `count` actors are alive.
 fn expect_actors(run: &TestRun, count: usize) {
     await_some("the actors wanted", PATIENCE, || {
         let processes = run.processes();
@@ -102,7 +101,10 @@ fn killed_in_the_middle(process: &str) {
     run.process(process).signal(Signal::Kill);
     assert_eq!(training.finish().hashes(), *UNDISTURBED);
     expect_remark(&run, &format!("{process} ended (signal: 9"));
-    expect_remark(&run, "go on from the checkpoint after iteration");
+    expect_remark(
+        &run,
+        "restarting learner and proximity service from the checkpoint after iteration",
+    );
 }
 
 #[test]
@@ -110,14 +112,14 @@ fn what_dies_before_the_first_checkpoint_begins_again() {
     let run = TestRun::new(programs!());
     let training = run.train(&["checkpoint.iterations=1000"]);
     let learner = run.process("learner");
-    // By then trajectories are in the log and all of them must come again.
+    // By then there are trajectories in the log, and all of them must be made again.
     await_some("a log", PATIENCE, || {
         let files = mcap_log::log_files(&run.folder().log()).unwrap_or_default();
         (!files.is_empty()).then_some(())
     });
     learner.signal(Signal::Kill);
     assert_eq!(training.finish().hashes(), *UNDISTURBED);
-    expect_remark(&run, "go on from the beginning");
+    expect_remark(&run, "restarting learner and proximity service from the beginning");
 }
 
 #[test]
@@ -143,7 +145,7 @@ fn a_run_whose_supervisor_was_killed_is_resumed_the_same() {
     training.await_checkpoint(8);
     training.signal(Signal::Kill);
     assert_eq!(training.end(), None);
-    // At once: the new supervisor itself waits for the processes of the old one.
+    // Resume at once: the new supervisor itself waits for the old one's processes.
     assert_eq!(run.resume().finish().hashes(), *UNDISTURBED);
 }
 

@@ -1,8 +1,8 @@
-//! How a run ends that cannot go on, or is to stop in an awkward moment: soon, in words, with the right
-//! exit code, and so that it can be continued.
+//! A run that cannot go on, or is stopped at an awkward moment, ends soon, with a message and the right exit code, and
+//! can be continued.
 //!
-//! Method: real runs. The disk is full because the processes' files may not grow; a folder is moved
-//! or removed under its run; an actor that cannot work is a program that fails in its place.
+//! Method: real runs. A full disk is a limit on the size of the processes' files; a folder is moved or removed while
+//! its run trains; an actor that cannot work is a failing program in its place.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs, send};
 
-/// Much longer than these endings take, much shorter than what would happen without them.
+/// Much longer than a correct ending takes, and much shorter than a run that does not end.
 const SOON: Duration = Duration::from_secs(30);
 
 fn undisturbed() -> Hashes {
@@ -79,7 +79,7 @@ fn a_run_whose_folder_is_removed_says_so() {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["steps=4000000"]);
     training.await_checkpoint(4);
-    // As `rm -r` does, from a name that nobody writes to.
+    // Like `rm -r`, but renamed first, so that nobody writes to the folder while it is removed.
     fs::rename(run.path("run"), run.path("rubbish")).unwrap();
     assert_eq!(training.end(), Some(1));
     fs::remove_dir_all(run.path("rubbish")).unwrap();
@@ -87,8 +87,8 @@ fn a_run_whose_folder_is_removed_says_so() {
     assert!(!run.path("run").exists());
 }
 
-/// Lets demonstrations be recorded without end, by `goalward` with these arguments, and ends it: the
-/// recorder ends, too, and nothing of it is left in `folder`.
+/// Starts `goalward` with arguments that make it record demonstrations for minutes, and ends it with a signal. The
+/// recorder must end, too, and leave nothing in `folder`.
 fn expect_no_recorder(signal: Signal, arguments: &[&str], folder: &str) {
     let run = TestRun::new(programs!());
     let mut goalward = run.program("goalward");
@@ -104,13 +104,13 @@ fn expect_no_recorder(signal: Signal, arguments: &[&str], folder: &str) {
     assert!(!find(&run, folder, ".mcap"), "expected no demonstrations");
 }
 
-/// Whether a folder of the test has a file of this ending.
+/// Whether a folder of the test has a file whose name has this ending.
 fn find(run: &TestRun, folder: &str, ending: &str) -> bool {
     let mut entries = fs::read_dir(run.path(folder)).into_iter().flatten().flatten();
     entries.any(|entry| entry.file_name().to_string_lossy().ends_with(ending))
 }
 
-/// The ant takes minutes for so many.
+/// Recording this many demonstrations takes minutes on ANT REACH.
 const ENDLESS: &str = "demonstrations.episodes=5000";
 
 #[test]
@@ -153,7 +153,7 @@ fn a_recorder_ends_with_its_experiment() {
     }
 }
 
-/// Puts a program that fails into the place of the actor's: those that work keep theirs.
+/// Replaces the actor's program with one that fails; running actors are not affected.
 fn spoil_actor(run: &TestRun) {
     let actor = run.path("bin/goalward-actor");
     fs::remove_file(&actor).unwrap();
@@ -176,12 +176,12 @@ fn actors_that_cannot_work_do_not_end_the_run() {
     assert!(!took && said.contains("`resources.actors` must be at least 1"), "{said}");
     spoil_actor(&run);
     scale(&run, "3");
-    let said = || run.remarks().contains("the run goes on without it").then_some(());
+    let said = || run.remarks().contains("the run continues without it").then_some(());
     await_some("a word of the actor that dies", PATIENCE, said);
     let (reached, _) = run.folder().newest_checkpoint().unwrap();
     training.await_checkpoint(reached + 8);
 
-    // When none works, there is nothing to go on with.
+    // Without any working actor, the run cannot continue.
     run.process("actor-0").signal(Signal::Kill);
     assert_eq!(training.end(), Some(1));
     let remarks = run.remarks();

@@ -1,10 +1,10 @@
-//! An experiment trains what is missing and nothing else, and its runs are those that
-//! `goalward train` makes.
+//! An experiment trains exactly the runs that are missing, and they equal those that `goalward train` makes.
 //!
-//! Method: a plan of two methods and two seeds, two runs at a time. It is stopped as soon as one
-//! run has a checkpoint, continued, and called once more when all is done. A run of it must then have
-//! the hashes of the same run trained alone, with other numbers of actors and threads and with
-//! demonstrations of its own. A summary of another build is counted only when asked for. At last a run is spoilt: it is named, and the others are trained.
+//! Method: a plan of two methods and two seeds, two runs at a time. It is stopped as soon as one run has a
+//! checkpoint, continued, and called once more when everything is finished. One of its runs must then have the
+//! hashes of the same run trained alone, with other numbers of actors and threads and with its own demonstrations.
+//! A summary of another build counts only when asked for. Finally a run is spoilt: it is named, and the others are
+//! trained.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs::{self, Permissions};
@@ -17,7 +17,7 @@ use system_tests::{
     PATIENCE, SMALL, Signal, Summary, TestRun, await_some, programs, read_by, send,
 };
 
-/// Writes a plan and gives the line that carries it out.
+/// Writes a plan and returns the command that carries it out.
 fn experiment(test: &TestRun) -> Command {
     let mut plan = "title = \"A test\"\nseeds = [1, 2]\n[[panel]]\nname = \"small\"\n\
                     title = \"Small\"\ntask = \"navigation\"\nmethods = []\n"
@@ -36,7 +36,7 @@ fn experiment(test: &TestRun) -> Command {
     command
 }
 
-/// Folders of runs, each with its method and seed in its name.
+/// Returns the run folders; method and seed are in their names.
 fn folders(test: &TestRun) -> Vec<RunFolder> {
     let entries = fs::read_dir(test.path("all/runs")).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> =
@@ -50,7 +50,7 @@ fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
-/// As if another build had finished a run: it is counted if the user says so, and kept apart.
+/// Makes a run look as if another build had finished it: it counts only if the user says so, and is kept apart.
 fn count_other_builds_when_asked_to(test: &TestRun, folder: &RunFolder) {
     let before = fs::read(folder.summary_file()).unwrap();
     let mut summary = run::summary::Summary::of_run(folder).unwrap().unwrap();
@@ -91,7 +91,7 @@ fn what_is_missing_is_trained() {
     let output = begun.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130));
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(said.contains("stopped; go on with"), "{said}");
+    assert!(said.contains("stopped; continue with"), "{said}");
     assert!(folders(&test).iter().any(|folder| !folder.summary_file().exists()), "{said}");
 
     let said = text(&experiment(&test).output().unwrap());
@@ -114,8 +114,8 @@ fn what_is_missing_is_trained() {
     let summary: Summary = serde_json::from_slice(&before[ours]).unwrap();
     assert_eq!(summary.hashes(), test.finish(&["seed=2"]).hashes());
 
-    // One run's folder becomes one that holds something else; another run is gone, and the machine
-    // died while a third one's summary was written by a program that does not wait for the disk.
+    // One run's folder has lost its configuration and summary, so it looks like somebody else's. A second run is
+    // gone. A third one's summary is empty, as after a crash of the machine while it was written without a sync.
     let spoilt = &finished[named("navigation-environment-reward-s1-")];
     for file in [spoilt.summary_file(), spoilt.config_file()] {
         fs::remove_file(file).unwrap();
@@ -137,7 +137,7 @@ fn what_is_missing_is_trained() {
     assert_eq!(anew.hashes(), expected.hashes());
 }
 
-/// Slurm as far as the command speaks to it: it begins every task of an array at once.
+/// Mocks Slurm's `sbatch` as far as the command uses it: it starts all tasks of an array at once.
 const SBATCH: &str = r#"#!/bin/sh
 [ "$1 $2" = '--parsable --output' ] || exit 1
 out=$(dirname "$3")
@@ -150,7 +150,7 @@ done
 echo '7;cluster'
 "#;
 
-/// Names the tasks that are at work.
+/// Mocks Slurm's `squeue`: it lists the running tasks.
 const SQUEUE: &str = r#"#!/bin/sh
 [ "$*" = '--noheader --jobs 7' ] || exit 1
 for task in $(cat all/tasks); do

@@ -1,7 +1,8 @@
-"""Runs exported models on the observations of a run's log and prints the largest differences to what actors
-and service recorded, as JSON.
+"""Compares exported models with a run's log: prints the largest differences from what actors and service
+recorded, as JSON.
 
-Usage: exported.py RUN EXPORT. Run by exported.rs; needs requirements.txt beside this file.
+Usage: exported.py RUN EXPORT DISTRIBUTION, which is `squashed` for a squashed Gaussian policy, else empty.
+Run by exported.rs; needs requirements.txt beside this file.
 """
 
 import json
@@ -18,7 +19,7 @@ HALF_LOG_TAU = 0.5 * np.log(2 * np.pi)
 
 
 def messages(run, contents):
-    """The messages of a run's log, by topic."""
+    """Reads the messages of a run's log, by topic."""
     found = {}
     for path in sorted((run / "log").glob(f"{contents}-*.mcap")):
         with open(path, "rb") as file:
@@ -34,13 +35,13 @@ def session(path):
 
 
 def versions(model, updates, name):
-    """The log's versions of an exported model, by the hash of its weights; several if it learned nothing."""
+    """Returns the versions in the log with the exported weights; several if an update changed nothing."""
     sha256 = model.get_modelmeta().custom_metadata_map["weights_sha256"]
     return {getattr(update, name) for update in updates if update.weights_sha256 == sha256}
 
 
 def observations(trajectory):
-    """All observations, steps + 1 rows."""
+    """Returns all observations, steps + 1 rows."""
     shape = (trajectory.steps + 1, *trajectory.observation_shape)
     if trajectory.cells:
         return np.frombuffer(trajectory.cells, dtype=np.uint8).reshape(shape)
@@ -48,7 +49,7 @@ def observations(trajectory):
 
 
 def actions(trajectory):
-    """Choices as numbers, or rows of numbers."""
+    """Returns the actions: (steps,) choices, or (steps, numbers) continuous actions."""
     if trajectory.discrete_actions:
         return np.frombuffer(trajectory.discrete_actions, dtype=np.uint8).astype(np.int64)
     return np.array(trajectory.continuous_actions, dtype=np.float32).reshape(trajectory.steps, -1)
@@ -68,7 +69,7 @@ def log_probabilities(outputs, taken, squashed):
 
 
 def most_probable(model, outputs, squashed):
-    """What the environment is to be given, from the parameters of the distribution."""
+    """Returns the actions that the environment is to be given, from the parameters of the distribution."""
     if "logits" in outputs:
         return np.argmax(outputs["logits"], axis=1)
     config = tomllib.loads(model.get_modelmeta().custom_metadata_map["config"])
@@ -83,7 +84,7 @@ def outputs_of(model, inputs):
 
 
 def policy(path, log, updates, squashed):
-    """Steps compared, and the largest difference of log-probabilities, relative where they are above 1."""
+    """Returns the steps compared and the largest difference of log-probabilities, relative where above 1."""
     model = session(path)
     of = versions(model, updates["/policy/update"], "policy_version")
     own = [trajectory for trajectory in log["/trajectory"] if trajectory.policy_version in of]
@@ -100,11 +101,11 @@ def policy(path, log, updates, squashed):
 
 
 def rows(model, trajectory, count):
-    """The inputs of an ensemble for the rows that were scored: steps, or as many observations and one."""
+    """Returns an ensemble's inputs for the `count` scored rows: steps, or steps + 1 observations."""
     seen, names = observations(trajectory), [given.name for given in model.get_inputs()]
     scored = np.arange(count)
     if "action" in names and count > trajectory.steps:
-        # An action stands for the observation it leads to; the first one has the row of the second.
+        # The action that leads to an observation belongs to its row; the first row repeats the second.
         scored = np.maximum(scored - 1, 0)
     inputs = {"observation": seen[scored]}
     if "next_observation" in names:
@@ -118,7 +119,7 @@ def rows(model, trajectory, count):
 
 
 def ensemble(path, log, updates):
-    """Rows compared, and the largest differences of proximity and uncertainty."""
+    """Returns the rows compared and the largest differences of proximity and uncertainty."""
     model = session(path)
     of = versions(model, updates["/proximity/update"], "model_version")
     trajectories = {(one.lane, one.episode): one for one in log["/trajectory"]}

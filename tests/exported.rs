@@ -1,8 +1,7 @@
-//! Exported policies and reward models say in onnxruntime what actors and the service recorded.
+//! Exported policies and reward models reproduce in onnxruntime what actors and the service recorded.
 //!
-//! Method: small runs of the real programs; `exported.py` finds the exported version in the log by the hash of
-//! its weights and compares. It needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none`
-//! leaves this out.
+//! Method: small runs of the real programs; `exported.py` finds the exported version in the log by the hash of its
+//! weights and compares. The test needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none` skips it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::process::Command;
@@ -10,13 +9,13 @@ use std::process::Command;
 use serde_json::Value;
 use system_tests::{SMALL, SMALL_PHYSICS, TestRun, programs, python, read_by};
 
-/// The largest difference that single precision may make.
+/// Largest difference allowed for single precision.
 const LARGEST: f64 = 1e-5;
 
-/// The checkpoint that is exported. Its policy acts and its reward model scores in iterations that follow.
+/// The checkpoint that is exported. Its policy acts and its reward model scores in the iterations after it.
 const CHECKPOINT: &str = "4";
 
-/// Methods whose networks differ in kind, with the task they are trained in.
+/// Tasks and methods whose networks differ in kind, with their settings.
 const METHODS: [(&str, &str, &[&str]); 9] = [
     ("navigation", "goal-proximity", &["reward.batch=32"]),
     ("navigation", "goal-proximity", &["reward.batch=32", "policy.shared_trunk=false"]),

@@ -1,11 +1,11 @@
-//! Schedules of faults drawn at random: whoever is killed, held, slow or too many, or finds the disk full
-//! or a checkpoint damaged, and whenever, the run ends with the weights of the undisturbed one,
-//! everything it recorded happened, and nothing is left.
+//! Random fault schedules: processes are killed, stopped, slowed down, added or removed, the disk is full, checkpoints
+//! are damaged. Whatever happens, and whenever, the run ends with the weights of the undisturbed one, its episodes can
+//! be verified, and nothing is left behind.
 //!
-//! Method: a schedule is drawn from a number and played against a short run of the real programs; the
-//! tasks take turns, and so do lags 0 and 1. The number is the bug report: `deploy/soak.sh --seed N`
-//! plays its schedule again (the moments differ a little, as processes take their own time). What ends
-//! the supervisor is followed by `--resume`, as its user would.
+//! Method: a schedule is drawn from a seed and played against a short run of the real programs; tasks and lags 0 and 1
+//! alternate. The seed is the bug report: `deploy/soak.sh --seed N` plays its schedule again, though the moments
+//! differ a little, because the timing of processes varies. After a fault that ends the supervisor, the run is
+//! resumed with `--resume`, as its user would do.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::io::Write;
@@ -26,20 +26,20 @@ use system_tests::{
 
 const LAGS: [&str; 2] = ["rollout.lag=0", "rollout.lag=1"];
 
-/// Schedules of the quick form: each task twice, with either lag.
+/// Seeds of the quick test's schedules: each task twice, with either lag.
 const QUICK: std::ops::Range<u64> = 0..8;
 
-/// Times a run may be resumed; a schedule has fewer faults.
+/// How often a run may be resumed; a schedule has fewer faults.
 const MOST_RESUMES: usize = 12;
 
-/// What happens to a run.
+/// A fault that happens to a run.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// One of its processes, whichever this number falls on, is killed.
+    /// One of its processes, chosen by this number, is killed.
     Kill(usize),
-    /// One of its processes is held for some milliseconds.
+    /// One of its processes, chosen by the first number, is stopped for some milliseconds.
     Hold(usize, u64),
-    /// It gets so many actors.
+    /// It is scaled to this number of actors.
     Scale(u64),
     /// The user presses Ctrl-C.
     Interrupt,
@@ -47,17 +47,17 @@ enum Fault {
     KillSupervisor,
     /// The machine loses power: everything is killed.
     KillAll,
-    /// The disk takes no byte of learner and service for some milliseconds.
+    /// The disk is full for learner and service for some milliseconds.
     FillDisk(u64),
-    /// The service gets a sixth of its time for some milliseconds.
+    /// The service may run only a sixth of the time for some milliseconds.
     SlowService(u64),
-    /// The user has the log repaired, whether the run lives or not.
+    /// The user asks for a repair of the log, whether the run is alive or not.
     Repair,
-    /// The machine loses power and the newest checkpoint is not what it was.
+    /// The machine loses power, which damages the newest checkpoint.
     DamageCheckpoint(Damage),
 }
 
-/// What becomes of a file of a checkpoint.
+/// Damage to a file of a checkpoint.
 #[derive(Clone, Copy, Debug)]
 struct Damage {
     file: &'static str,
@@ -66,9 +66,9 @@ struct Damage {
 
 #[derive(Clone, Copy, Debug)]
 enum DamageKind {
-    /// One bit of the byte at this part of the file is another.
+    /// One bit of the byte at this fraction of the file is flipped.
     Bit(f64),
-    /// The four bytes there are a number that is none.
+    /// The four bytes there become NaN.
     NotANumber(f64),
     /// The file ends there.
     Cut(f64),
@@ -103,7 +103,7 @@ impl Damage {
     }
 }
 
-/// Milliseconds to wait, and what happens then.
+/// Draws a schedule: milliseconds to wait, and the fault that follows, for each of two to five faults.
 fn schedule(seed: u64) -> Vec<(u64, Fault)> {
     let mut stream = stream(seed, Purpose::TrainingEpisode, 0, 0);
     let fault = |stream: &mut Stream| match stream.random_range(0..14) {
@@ -122,7 +122,7 @@ fn schedule(seed: u64) -> Vec<(u64, Fault)> {
     (0..count).map(|_| (stream.random_range(20..1_500), fault(&mut stream))).collect()
 }
 
-/// What is trained: a task, and how far actors may run ahead.
+/// A kind of run: an index of a task, and one of a lag.
 #[derive(Clone, Copy, Debug)]
 struct Subject {
     task: usize,
@@ -147,7 +147,7 @@ impl Subject {
         run.train_task(task, small, &settings)
     }
 
-    /// What it learns where nothing happens.
+    /// The hashes of this run without faults.
     fn undisturbed(self) -> &'static Hashes {
         static HASHES: [[OnceLock<Hashes>; LAGS.len()]; TASKS.len()] =
             [const { [const { OnceLock::new() }; LAGS.len()] }; TASKS.len()];
@@ -158,7 +158,7 @@ impl Subject {
     }
 }
 
-/// Lets no file of learner and service grow beyond so many bytes.
+/// Limits the size of the files that learner and service write.
 fn limit_writers(run: &TestRun, bytes: Option<u64>) {
     let writers = ["learner", "proximity-service"];
     for process in run.processes() {
@@ -168,7 +168,7 @@ fn limit_writers(run: &TestRun, bytes: Option<u64>) {
     }
 }
 
-/// Lets a fault happen.
+/// Makes a fault happen.
 fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
     let chosen = |number: usize| {
         let mut processes = run.processes();
@@ -192,7 +192,7 @@ fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
         Fault::Scale(actors) => {
             let mut scale = run.program("goalward");
             scale.arg("scale").arg(run.folder().path()).args(["--actors", &actors.to_string()]);
-            // Refused when the run is over or its supervisor has just been killed.
+            // This is refused if the run is over or its supervisor has just been killed.
             scale.output().unwrap();
         }
         Fault::FillDisk(milliseconds) => {
@@ -216,7 +216,7 @@ fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
         Fault::KillSupervisor => training.signal(Signal::Kill),
         Fault::Repair => {
             let mut repair = run.program("goalward");
-            // Refused while the run lives.
+            // This is refused while the run is alive.
             repair.args(["log", "repair"]).arg(run.folder().path()).output().unwrap();
         }
         Fault::DamageCheckpoint(damage) => {
@@ -229,7 +229,7 @@ fn strike(run: &TestRun, training: &Training<'_>, fault: Fault) {
     }
 }
 
-/// Kills every process of a run and waits until none is left.
+/// Kills every process of a run, and waits until none is left.
 fn kill_all(run: &TestRun, training: &Training<'_>) {
     training.signal(Signal::Kill);
     await_some("the death of all processes", PATIENCE, || {
@@ -239,14 +239,14 @@ fn kill_all(run: &TestRun, training: &Training<'_>) {
     });
 }
 
-/// Files of a run that only a program at work may have, by the endings of their names.
+/// Lists leftover files that only a running program may have, by the endings of their names.
 fn unfinished_files(run: &TestRun) -> Vec<String> {
     const ENDINGS: [&str; 4] = ["unfinished", ".active", ".repairing", ".tmp"];
     let paths = run.contents().into_iter().map(|(path, _)| path.display().to_string());
     paths.filter(|path| ENDINGS.iter().any(|ending| path.ends_with(ending))).collect()
 }
 
-/// Plays a schedule; the run must end as the undisturbed one.
+/// Plays a schedule; the run must end like the undisturbed one.
 fn play(seed: u64) {
     let subject = Subject::of(seed);
     let expected = subject.undisturbed();
@@ -260,7 +260,7 @@ fn play(seed: u64) {
         if run.folder().summary_file().exists() {
             break;
         }
-        // Before the folder has a configuration there is no run to resume.
+        // Until the folder has a configuration, there is no run to resume.
         if training.has_ended() && run.folder().config_file().exists() {
             training = run.resume();
             resumes += 1;
@@ -315,7 +315,7 @@ fn random_faults_change_nothing() {
     QUICK.for_each(play);
 }
 
-/// `deploy/soak.sh` calls this with the minutes, the first number and the jobs in the environment.
+/// `deploy/soak.sh` runs this test, with minutes, first seed and number of jobs in environment variables.
 #[test]
 #[ignore = "as long as deploy/soak.sh says"]
 fn soak() {
@@ -337,7 +337,7 @@ fn soak() {
     assert!(failed.is_empty(), "{} of {played} schedules: {failed:?}", failed.len());
 }
 
-/// Plays one schedule after another, at least one; what fails has said why.
+/// Plays one schedule after another, at least one, until the deadline; a failed one has printed its reason.
 fn play_until(deadline: Instant, next: &AtomicU64, failed: &Mutex<Vec<u64>>) {
     loop {
         let seed = next.fetch_add(1, Ordering::Relaxed);

@@ -1,9 +1,9 @@
-//! The guide and the README do what they say: their blocks are run as a reader would run them.
+//! The guide and the README do what they say: their code blocks are run as a reader would run them.
 //!
-//! Method: of a page every block of `sh` and of `python` is run in order in one folder, with the programs first on
-//! the path; one of `sh,refused` has to end with exit code 2. A block of `text` has lines that the block before it has
-//! to print, where `…` stands for anything. Installing packages is left out. It needs the packages of
-//! `tests/requirements.txt`; `GOALWARD_PYTHON=none` leaves this out.
+//! Method: every `sh` and `python` block of a page is run in order in one folder, with the programs first on the
+//! path. An `sh,refused` block must end with exit code 2. A `text` block has lines that the block before it must
+//! print, where `…` stands for anything. `pip install` lines are skipped. The tests need the packages of
+//! `tests/requirements.txt`; `GOALWARD_PYTHON=none` skips them.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -14,7 +14,7 @@ use system_tests::{TestRun, programs};
 
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// A block of a page.
+/// A code block of a page.
 struct Block<'a> {
     info: &'a str,
     line: usize,
@@ -42,7 +42,7 @@ fn blocks(page: &str) -> Vec<Block<'_>> {
     blocks
 }
 
-/// Whether a line is what a pattern says, in which `…` stands for anything.
+/// Whether a line matches a pattern, in which `…` stands for anything.
 fn matches(pattern: &str, line: &str) -> bool {
     let mut rest = line;
     let parts: Vec<&str> = pattern.split('…').collect();
@@ -56,7 +56,7 @@ fn matches(pattern: &str, line: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// Runs the blocks of a page, whose text may be changed before; `begin` is run first.
+/// Runs the shell line `begin`, then the blocks of a page after `change` has been applied to its text.
 fn run(page: &str, change: impl Fn(String) -> String, begin: &str) {
     let Some(python) = system_tests::python() else { return };
     let home = TestRun::new(programs!());
@@ -67,7 +67,7 @@ fn run(page: &str, change: impl Fn(String) -> String, begin: &str) {
         std::env::var("PATH").unwrap(),
     ];
     let call = |program: &str, arguments: &[&str]| {
-        // Both outputs in the order in which they were written.
+        // Captures both outputs in the order in which they were written.
         let mut command = Command::new("bash");
         command.args(["-c", r#"exec "$@" 2>&1"#, "bash", program]).args(arguments);
         command.current_dir(home.path("")).stdin(Stdio::null()).env_remove("RUST_LOG");
@@ -103,7 +103,7 @@ fn run(page: &str, change: impl Fn(String) -> String, begin: &str) {
     }
 }
 
-/// A test for a chapter of the guide.
+/// Defines a test for each chapter of the guide.
 macro_rules! chapter {
     ($($name:ident, $file:literal;)*) => {
         $(
@@ -141,10 +141,10 @@ fn every_chapter_is_run() {
 
 #[test]
 fn the_readme() {
-    // At its own length and width it takes minutes. With these its expert reaches the goal.
+    // Its own steps and network width take minutes. With these settings the expert still reaches the goal.
     let shorter = "--steps 60000 --set policy.hidden=[32,32]";
     let shortened = |text: String| text.replace("--steps 150000", shorter);
-    // The run that the README's first command makes.
+    // Stands in for the run that the README's first command makes.
     let begin = "goalward train fetch-push --steps 4000 --set demonstrations.episodes=40 \
                  --run runs/navigation-0001";
     run("README.md", shortened, begin);

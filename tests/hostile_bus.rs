@@ -1,9 +1,8 @@
-//! Somebody on a run's bus who sends nonsense on every service: the run trains on to the same bits.
+//! An intruder on a run's bus sends nonsense on every service: the run trains on to the same bits.
 //!
-//! Method: the test joins the bus of a live run as any process of the same user can, with a port of
-//! every kind, and sends through all of them what no process of ours sends: random bytes, damaged
-//! messages, and whole messages with absurd numbers. Nobody may end, and the hashes are those of a
-//! run that was left alone.
+//! Method: the test joins the bus of a live run, as any process of the same user can, with a port of every kind.
+//! Through all of them it sends what no process of ours sends: random bytes, damaged messages, and whole
+//! messages with absurd numbers. No process may end, and the hashes must be those of an undisturbed run.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::time::{Duration, Instant};
@@ -24,25 +23,25 @@ use protocol::weights::Weights;
 use rand::RngExt;
 use system_tests::{TestRun, programs, spec};
 
-/// Between two rounds, so that the run has the machine most of the time.
+/// Pause between two rounds, so that the run has the machine most of the time.
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// What is sent of each kind.
+/// Rounds; each sends a message through every port.
 const ROUNDS: u64 = 200;
 
-/// Long enough for all rounds.
+/// Makes the run long enough for all rounds.
 const STEPS: &str = "steps=16000";
 
-/// For all rounds.
+/// Time limit for all rounds.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A full queue is not waited for.
+/// How long the intruder waits for room in a full queue.
 const IMPATIENT: Duration = Duration::from_millis(1);
 
-/// Room of the publishers of newest values.
+/// Longest message of the publishers of newest values, bytes.
 const PLACE_BYTES: usize = 16 << 10;
 
-/// One port of every kind.
+/// An intruder with one port of every kind.
 struct Intruder {
     trajectories: TrajectoryPublisher,
     leases: Client,
@@ -77,7 +76,7 @@ impl Intruder {
         extremes[self.random.random_range(0..extremes.len())]
     }
 
-    /// A third random bytes, a third the message damaged, a third the message.
+    /// Returns, with equal probability, random bytes, the damaged message or the whole message.
     fn spoil(&mut self, mut bytes: Vec<u8>) -> Vec<u8> {
         match self.random.random_range(0..3) {
             0 => (0..self.random.random_range(0..2_000)).map(|_| self.random.random()).collect(),
@@ -106,7 +105,7 @@ impl Intruder {
         }
     }
 
-    /// Says of itself that it has billions of steps, and has none.
+    /// Makes a trajectory that may claim any number of steps but has at most two observations.
     fn trajectory(&mut self) -> Trajectory {
         let spec = spec("navigation");
         Trajectory {
@@ -152,7 +151,7 @@ impl Intruder {
         ServiceRequest { ask: Some(ask) }
     }
 
-    /// Sends through every port once. What has no place is left out.
+    /// Sends through every port once; a message that finds no room is dropped.
     fn round(&mut self) {
         let header = TrajectoryHeader {
             iteration: self.number(),
@@ -172,7 +171,7 @@ impl Intruder {
         let bytes = self.spoil(bytes);
         self.asked.splice(0..0, self.scores.send(&bytes));
 
-        // Whole weights are no nonsense: nobody could tell them from the learner's.
+        // Fewer parameters than the policy has: nobody could tell complete weights from the learner's.
         let parameters = vec![f32::NAN; self.random.random_range(0..100)];
         let bytes = Weights::new(self.number(), &parameters, &[0.5]).encode_to_vec();
         let bytes = self.spoil(bytes);
@@ -198,7 +197,7 @@ impl Intruder {
             question.reply(&self.spoil(reply)).ok();
         }
         while let Ok(Some(question)) = self.score_server.receive() {
-            // A field that is not ours, or a message cut off: never an answer.
+            // A truncated unknown field, or an empty message: never a valid answer.
             question.reply(if self.random.random() { &[0x7a] } else { b"" }).ok();
         }
     }

@@ -1,9 +1,10 @@
-//! A run whose actors are on several machines: they come and go, links fail, and the weights are those of a
-//! run that was alone.
+//! A run with actors on several machines: hosts come and go, links fail, and the weights are those of a run without
+//! hosts.
 //!
-//! Method: what another machine has of a run is its key and its address, so a `goalward join` beside the
-//! run is one: it has a folder and a bus of its own. Where the test may make network namespaces it is in one, and
-//! a cut is a pulled cable. The link goes through a relay that the test makes slow and lossy, and cuts elsewhere.
+//! Method: another machine knows only a run's key and address, so a `goalward join` on the same machine can stand in
+//! for one: it has its own folder and bus. If the test may make network namespaces, the host runs in one, and a cut
+//! pulls its cable. The link goes through a relay that the test makes slow and lossy; without namespaces, the relay
+//! also makes the cuts.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs::{self, File, Permissions};
@@ -21,29 +22,29 @@ use system_tests::{
     Hashes, Namespace, PATIENCE, Relay, Signal, TestRun, Training, await_some, programs, send,
 };
 
-/// Long enough for hosts to come and go.
+/// Makes the run long enough for hosts to come and go.
 const STEPS: &str = "steps=60000";
 
-/// Schedules of the quick form.
+/// Seeds of the quick test's schedules.
 const QUICK: std::ops::Range<u64> = 0..2;
 
-/// An address that nobody listens at.
+/// Returns an address on which nobody listens.
 fn free_address() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
 }
 
-/// What the run learns alone.
+/// The hashes of the run without hosts.
 fn alone() -> &'static Hashes {
     static HASHES: OnceLock<Hashes> = OnceLock::new();
     HASHES.get_or_init(|| TestRun::new(programs!()).finish(&[STEPS]).hashes())
 }
 
-/// A run that listens, with one actor of its own.
+/// Starts a run that accepts hosts, with one actor of its own.
 fn listen<'a>(run: &'a TestRun, address: &str, audit: f64) -> Training<'a> {
     listen_with(run, address, audit, "resources.actors=1")
 }
 
-/// The same with so many actors of its own.
+/// Starts a run that accepts hosts; `actors` is the setting for its own actors.
 fn listen_with<'a>(run: &'a TestRun, address: &str, audit: f64, actors: &str) -> Training<'a> {
     let training = run.train_listening(address, audit, &[STEPS, actors]);
     let key = run.folder().path().join("join.toml");
@@ -51,7 +52,8 @@ fn listen_with<'a>(run: &'a TestRun, address: &str, audit: f64, actors: &str) ->
     training
 }
 
-/// What starts another machine's actors, which find the hub at `address`. It has its folder in that of the test.
+/// Returns the command of a host with two actors that joins a run at `address`; its programs and folder are those of
+/// `programs`.
 fn joining(programs: &TestRun, run: &TestRun, name: &str, address: &str) -> Command {
     let mut command = programs.program("goalward");
     command.args(["join", address, "--actors", "2", "--name", name]);
@@ -69,7 +71,7 @@ fn join(run: &TestRun, name: &str, address: &str) -> Child {
     start(run, name, joining(run, run, name, address))
 }
 
-/// Waits until an actor of the host has asked for leases.
+/// Waits until an actor of the host is on the run's bus, which it joins with its first request for leases.
 fn await_actor_of(run: &TestRun, host: &str) {
     let address = BusAddress::of_run(run.folder().path()).unwrap();
     let is_one = |name: &str| name.starts_with("actor") && name.ends_with(host);
@@ -90,7 +92,7 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
         let is_there = |host: &str| said.contains(&format!("{host}, actors: 2, "));
         (is_there("first") && is_there("second") && said.contains(" ms away")).then_some(())
     });
-    // Its other processes notice, and end.
+    // The host's other processes notice this, and end.
     send(first.id(), Signal::Kill);
     first.wait().unwrap();
     run.process("gateway").signal(Signal::Kill);
@@ -137,14 +139,14 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     let (took, said) = run.goalward(&["scale", "run", "--actors", "1", "--host", "second"]);
     let words = "--host: expected one of the machines that take part, first, found second";
     assert!(!took && said.contains(words), "{said}");
-    // Nor need this machine have any.
+    // The run's own machine needs no actors either.
     scale(&["--actors", "0"]);
     scale(&["--actors", "0", "--host", "first"]);
     await_actors(0);
     let (took, said) = run.goalward(&["scale", "run", "--actors", "64"]);
     let words = "expected at most 63, as other machines take 1 of the 64 places of a run, found 64";
     assert!(!took && said.contains(words), "{said}");
-    // What was wanted outlives the gateway that was told of it: the host tells the next one.
+    // The number of actors outlives the gateway that received it: the host reports it to the next one.
     run.process("gateway").signal(Signal::Kill);
     let joined = || {
         let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();
@@ -160,7 +162,7 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     scale(&["--actors", "1"]);
     assert_eq!(training.finish().hashes(), *alone());
     assert!(first.wait().unwrap().success());
-    // Actors that come and go do not make the host join again.
+    // Changing the number of actors does not make the host join again.
     assert_eq!(joined(), 2);
     let said = fs::read_to_string(run.path("first.err")).unwrap();
     let numbers = said.lines().filter_map(|line| line.strip_suffix(" from now on"));
@@ -184,13 +186,13 @@ fn a_run_whose_own_actor_cannot_work_goes_on_with_those_of_hosts() {
     fs::set_permissions(&actor, Permissions::from_mode(0o755)).unwrap();
     run.process("actor-0").signal(Signal::Kill);
     await_some("a word of the actor that dies", PATIENCE, || {
-        run.remarks().contains("the run goes on without it").then_some(())
+        run.remarks().contains("the run continues without it").then_some(())
     });
     assert_eq!(training.finish().hashes(), *alone());
     assert!(host.wait().unwrap().success());
 }
 
-/// Its golden episodes are right; in its rollouts agents start elsewhere.
+/// An actor whose golden episodes are right, but in whose rollouts agents start elsewhere.
 const DISHONEST: &str = r#"#!/bin/sh
 [ "$1" = rollout ] && sed -i 's/^coverage = .*/coverage = 0.3/' "$3/config.toml"
 exec "$(dirname "$0")/honest-actor" "$@"
@@ -210,39 +212,45 @@ fn a_host_that_acts_otherwise_is_expelled_and_named() {
     let mut honest = join(&run, "honest", &address);
     assert!(!dishonest.wait().unwrap().success());
     let said = fs::read_to_string(run.path("dishonest.err")).unwrap();
-    assert!(said.contains("refuses this host: it acts otherwise: lane "), "{said}");
+    assert!(
+        said.contains("refuses this host: its episode differs when re-simulated: lane "),
+        "{said}"
+    );
     assert!(said.contains("step 0: another observation"), "{said}");
     assert_eq!(training.finish().hashes(), *alone());
     assert!(honest.wait().unwrap().success());
     let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();
     assert!(said.contains("episodes of hosts acted again: 16"), "{said}");
     let said = run.remarks();
-    assert!(said.contains("dishonest is expelled: it acts otherwise"), "{said}");
-    assert!(said.contains("honest takes part\n"), "{said}");
+    assert!(
+        said.contains("dishonest is expelled: its episode differs when re-simulated"),
+        "{said}"
+    );
+    assert!(said.contains("honest joined the run\n"), "{said}");
 }
 
-/// What happens to a run on several machines.
+/// A fault that happens to a run on several machines.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// A machine is gone: whoever joined last.
+    /// The host that joined last is killed.
     KillHost,
-    /// The gateway beside the learner is killed.
+    /// The run's own gateway is killed.
     KillHub,
     /// The gateway of a host is killed.
     KillGateway,
-    /// Nothing comes through for some milliseconds.
+    /// The link is cut for some milliseconds.
     Cut(u64),
-    /// Everything takes some milliseconds from now on.
+    /// The link has a delay of some milliseconds from now on.
     Delay(u64),
-    /// A hundredth of everything is lost from now on.
+    /// The link loses one per cent of the pieces from now on.
     Lose,
-    /// Another machine joins.
+    /// Another host joins.
     Join,
     /// The learner is killed.
     KillLearner,
 }
 
-/// Milliseconds to wait, and what happens then.
+/// Draws a schedule: milliseconds to wait, and the fault that follows, for each of two to five faults.
 fn schedule(seed: u64) -> Vec<(u64, Fault)> {
     let mut stream = stream(seed, Purpose::TrainingEpisode, 0, 0);
     let fault = |stream: &mut Stream| match stream.random_range(0..9) {
@@ -269,7 +277,7 @@ struct Play<'a> {
 }
 
 impl<'a> Play<'a> {
-    /// Two machines that have joined a run whose hub listens at `address`.
+    /// Starts two hosts that join a run whose hub listens at `address`.
     fn begin(run: &'a TestRun, address: &str) -> Play<'a> {
         let namespace = Namespace::new();
         let local = IpAddr::from(Ipv4Addr::LOCALHOST);
@@ -340,7 +348,7 @@ fn play(seed: u64) {
     assert!(verified, "{shown}: {said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new(), "{shown}");
     for mut host in play.hosts {
-        // One that was cut off at the end waits for the hub for a minute.
+        // A host that was cut off at the end would wait for the hub for a minute.
         send(host.id(), Signal::Interrupt);
         host.wait().unwrap();
     }
@@ -357,7 +365,7 @@ fn random_faults_of_hosts_and_links_change_nothing() {
     QUICK.for_each(play);
 }
 
-/// `deploy/soak.sh --hosts N` calls this with the number of schedules and the first in the environment.
+/// `deploy/soak.sh --hosts N` runs this test, with number of schedules and first seed in environment variables.
 #[test]
 #[ignore = "as long as deploy/soak.sh says"]
 #[expect(clippy::print_stdout, reason = "says how far it is")]

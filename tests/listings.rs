@@ -1,6 +1,6 @@
-//! What `goalward` lists for people and, as JSON, for programs; and a run that is stopped by name.
+//! The listings of `goalward`, for people and as JSON for programs, and stopping a run by name.
 //!
-//! Method: a real run that is looked at while it trains, after `goalward stop` and at its end.
+//! Method: a real run is inspected while it trains, after `goalward stop` and at its end.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::Path;
@@ -10,7 +10,7 @@ use protocol::trajectory::Encoded;
 use serde_json::Value;
 use system_tests::{SMALL, TestRun, programs, spec};
 
-/// What a verb prints with `--json`.
+/// Returns what a verb prints with `--json`.
 fn json(run: &TestRun, arguments: &[&str]) -> Value {
     let output = run.program("goalward").args(arguments).arg("--json").output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -18,7 +18,7 @@ fn json(run: &TestRun, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Seeds of the episodes of an evaluation of NAVIGATION.
+/// Reads the run seeds of the episodes in a NAVIGATION evaluation file.
 fn seeds(file: &Path) -> Vec<u64> {
     let seed = |record| match record {
         Record::EvaluationTrajectory(bytes) => {
@@ -54,7 +54,7 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     assert_eq!(status["state"], "stopped");
     assert!(status["checkpoint"]["iteration"].as_u64() >= Some(4), "{status}");
     let (well, said) = run.goalward(&["stop", "run"]);
-    assert!(!well && said.contains("nobody trains the run"), "{said}");
+    assert!(!well && said.contains("expected a run that is training, found none"), "{said}");
 
     let summary = run.resume().finish();
     let line = listed();
@@ -179,7 +179,10 @@ fn a_dry_run_says_what_would_be_trained_and_leaves_nothing() {
     let run = TestRun::new(programs!());
     let arguments = ["train", "navigation", "--dry-run", "--run", "run", "--set", "ppo.clip=0.3"];
     let (well, said) = run.goalward(&arguments);
-    assert!(well && said.starts_with("would train navigation by goal-proximity in run"), "{said}");
+    assert!(
+        well && said.starts_with("would train navigation with goal-proximity in run"),
+        "{said}"
+    );
     assert!(said.contains("ppo.clip") && said.contains("(default 0.2)"), "{said}");
     assert!(said.contains("processor time") && !said.contains("environment."), "{said}");
     assert!(!run.path("run").exists());

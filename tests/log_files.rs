@@ -1,8 +1,8 @@
-//! Log files in the hands of users: those of a live run are left alone, and one that has lost its end
-//! is no success of whatever reads it.
+//! Log files and users' commands: files of a live run are left alone, and a command that reads a file without its
+//! end does not report success.
 //!
-//! Method: the command `goalward` on a run that is being trained, called from wherever a user may
-//! stand, and on a finished run whose files are cut.
+//! Method: `goalward` is called on a run that is being trained, from various working directories and through links,
+//! and on a finished run whose files are truncated.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -14,7 +14,7 @@ use system_tests::{Signal, TestRun, programs};
 
 const REWARDED: &str = "method=environment-reward";
 
-/// What `goalward`, called in `folder`, says, and its exit code.
+/// Runs `goalward` in `folder`; returns its exit code and what it printed.
 fn goalward(run: &TestRun, folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let mut command = run.program("goalward");
     let Output { status, stdout, stderr } =
@@ -67,7 +67,7 @@ fn a_file_that_lost_its_end_is_no_success() {
     let (shown, home) = (folder.path().to_str().unwrap(), run.path(""));
     let file = folder.log().join("trajectories-00000.mcap");
     let whole = fs::read(&file).unwrap();
-    // Behind the last chunk and its indexes, and within a chunk.
+    // After the last chunk and its indexes, and within a chunk.
     let data_end = whole.windows(9).rposition(|bytes| bytes == [0x0f, 4, 0, 0, 0, 0, 0, 0, 0]);
     for at in [data_end.unwrap(), whole.len() / 2] {
         fs::write(&file, &whole[..at]).unwrap();
@@ -77,7 +77,7 @@ fn a_file_that_lost_its_end_is_no_success() {
             assert!(said.contains("cut off"), "{command:?} at {at}: {said}");
         }
     }
-    // Nothing is left but that there was a file, or an episode-less one.
+    // Only the beginning of a file is left, then a file without episodes.
     fs::write(&file, &whole[..20]).unwrap();
     let (code, said) = goalward(&run, &home, &["log", "info", shown]);
     assert_eq!(code, Some(3), "{said}");

@@ -1,10 +1,10 @@
-//! What rapier takes from the system's mathematics library decides nothing: the last bits of those
-//! functions differ from one C library to the next, and the episodes stay the same.
+//! The functions that rapier takes from the system's mathematics library do not affect results: their last bits differ
+//! between C libraries, but the episodes stay the same.
 //!
-//! Method: `nm` lists what the programs import from the mathematics library, and the list is kept
-//! here, so that a new import is noticed. A small library made by the C compiler stands before the
-//! system's (`LD_PRELOAD`): it gives every function on the list one unit in the last place too much,
-//! and counts. Episodes recorded without it must act again to the same bits under it.
+//! Method: `nm` lists what the programs import from the mathematics library. The list is kept here, so that a new
+//! import is noticed. A small library built with the C compiler is loaded before the system's (`LD_PRELOAD`): it shifts
+//! every result of the functions on the actor's list by one unit in the last place, and counts the calls.
+//! Episodes recorded without it must be re-simulated to the same bits with it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,18 +15,18 @@ use std::process::Command;
 
 use system_tests::{SMALL_PHYSICS, TestRun, programs};
 
-/// What the actor imports from the mathematics library, for its physics: glamx and parry under
-/// rapier. Our own crates take none of it, see `tests/tidy/`.
+/// Functions that the actor imports from the mathematics library for its physics: rapier's dependencies glamx and
+/// parry call them. Our own crates call none of them, see `tests/tidy/`.
 const OF_PHYSICS: [&str; 7] = ["acosf", "cosf", "expf", "log2f", "powf", "sincosf", "sinf"];
 
-/// What `goalward` itself imports, for charts and intervals of reports; nothing learns from them.
+/// Functions that `goalward` itself imports, for the charts and intervals of reports; no training uses them.
 const OF_REPORTS: [&str; 9] =
     ["atan2", "cos", "exp", "hypotf", "log", "log10", "pow", "sin", "sincos"];
 
 /// Demonstrations of a run with [`SMALL_PHYSICS`].
 const DEMONSTRATIONS: u64 = 10;
 
-/// Where the library writes how often each function was called.
+/// Environment variable with the path of the file that the library writes call counts to.
 const COUNTS: &str = "GOALWARD_TEST_COUNTS";
 
 fn output(command: &mut Command) -> String {
@@ -36,7 +36,7 @@ fn output(command: &mut Command) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Names of the dynamic symbols that a file has of a kind, without their versions.
+/// Lists a file's dynamic symbols of a kind (an option of `nm`), without their versions.
 fn symbols(kind: &str, file: &Path) -> BTreeSet<String> {
     let listing = output(Command::new("nm").args(["-D", kind]).arg(file));
     let name = |line: &str| line.split_whitespace().last()?.split('@').next().map(str::to_owned);
@@ -65,7 +65,7 @@ fn no_program_imports_more_mathematics_than_is_known() {
     }
 }
 
-/// The library's source.
+/// Returns the library's C source.
 fn source() -> String {
     let mut source = "#define _GNU_SOURCE\n#include <dlfcn.h>\n#include <stdint.h>\n\
                       #include <stdio.h>\n#include <stdlib.h>\n#include <string.h>\n\
@@ -98,7 +98,7 @@ fn source() -> String {
     source + "  fclose(file);\n}\n"
 }
 
-/// Makes the library; gives its path.
+/// Builds the library; returns its path.
 fn nudging_library(run: &TestRun) -> PathBuf {
     let (code, library) = (run.path("nudge.c"), run.path("nudge.so"));
     fs::write(&code, source()).unwrap();
@@ -108,7 +108,7 @@ fn nudging_library(run: &TestRun) -> PathBuf {
     library
 }
 
-/// How often each function was called, by all processes together.
+/// Reads how often each function was called, summed over all processes.
 fn counts(file: &Path) -> BTreeMap<String, u64> {
     let mut counts = BTreeMap::new();
     for line in fs::read_to_string(file).unwrap().lines() {
@@ -118,8 +118,8 @@ fn counts(file: &Path) -> BTreeMap<String, u64> {
     counts
 }
 
-/// Acts the episodes of a run again with every function one unit in the last place up; how often each
-/// was called.
+/// Re-simulates the episodes of a run with every function's result shifted by one unit in the last place. Returns how
+/// often each function was called.
 fn verify_nudged(task: &str) -> BTreeMap<String, u64> {
     let run = TestRun::new(programs!());
     let summary = run.train_task(task, &SMALL_PHYSICS, &["steps=1600"]).finish();
@@ -128,7 +128,7 @@ fn verify_nudged(task: &str) -> BTreeMap<String, u64> {
     verify.arg("replay").arg(run.folder().path()).arg("--verify");
     verify.env("LD_PRELOAD", nudging_library(&run)).env(COUNTS, &told);
     let said = output(&mut verify);
-    // The run's own demonstrations are acted again, too.
+    // The run's own demonstrations are verified, too.
     let all = summary.log.trajectories + DEMONSTRATIONS;
     let expected = format!("{all} of {all} episodes");
     assert!(said.contains(&expected), "expected {expected} in\n{said}");

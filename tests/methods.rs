@@ -1,5 +1,5 @@
-//! Every method through the whole system: it trains, its run is the same bits whoever is killed on the
-//! way, and trains again from its log.
+//! Every method through the whole system: it trains, gives the same bits whichever process is killed, and can be
+//! trained again from its log.
 //!
 //! Method: small runs of the real programs, compared by the hashes of `summary.json`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
@@ -13,7 +13,7 @@ use system_tests::{
     Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TASKS, TestRun, programs, read_by,
 };
 
-/// What makes the learners that imitate as small as the rest: on the grid, in the physics tasks, or in all.
+/// Settings that make the imitation learners small: method, kind of task (grid, physics or, if empty, both), settings.
 const SMALL_LEARNERS: [(&str, &str, &[&str]); 6] = [
     ("bc", "", &["cloning.epochs=5", "evaluation.episodes=8"]),
     ("bco", "", &["inverse_dynamics.samples=128", "inverse_dynamics.exploration_steps=800"]),
@@ -73,7 +73,7 @@ fn every_method_trains_and_evaluates() {
     }
 }
 
-/// A change of the code that is to change no result leaves these lines as they are.
+/// A change that should not affect results must leave these lines unchanged.
 #[test]
 #[ignore = "minutes; prints what two builds are compared by"]
 fn hashes() {

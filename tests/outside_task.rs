@@ -1,7 +1,7 @@
-//! A task from outside: the crate in `deploy/examples/reacher`, which no part of goalward knows, is built
-//! by cargo as its user would build it, and everything works with it as with a task of ours.
+//! An external task: the crate in `deploy/examples/reacher`, which no part of goalward knows, is built by cargo as
+//! its user would build it, and everything works with it as with a built-in task.
 //!
-//! Method: the crate's program is put beside a copy of its task's file, and small runs are made of it.
+//! Method: the crate's program is placed next to a copy of its task file, and small runs are trained in the task.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -14,14 +14,14 @@ use run::metadata::recorded_task;
 use run::summary::Summary as RunSummary;
 use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs};
 
-/// The actor of the example, built anew where something has changed. Its dependencies are those of the
-/// programs under test, so most of them lie in the same folder already.
+/// Builds the example's actor, if anything has changed, and returns its path. It shares its dependencies with the
+/// programs under test, so most of them are already built in the same folder.
 fn actor() -> &'static Path {
     static ACTOR: OnceLock<PathBuf> = OnceLock::new();
     ACTOR.get_or_init(|| {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
         let example = root.join("deploy/examples/reacher");
-        // The versions that are here already.
+        // Use the dependency versions that are already here.
         fs::copy(root.join("Cargo.lock"), example.join("Cargo.lock")).unwrap();
         let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
         let mut cargo = Command::new(env!("CARGO"));
@@ -34,7 +34,7 @@ fn actor() -> &'static Path {
 
 const REACHER: &str = include_str!("../deploy/examples/reacher/reacher.toml");
 
-/// A folder with a task's file, which differs from the example's in nothing but the program's place.
+/// Creates a test folder with the task file `text`, in which only the program's path is changed.
 fn with_task(text: &str) -> (TestRun, String) {
     let run = TestRun::new(programs!());
     fs::hard_link(actor(), run.path("bin/reacher")).unwrap();
@@ -151,7 +151,7 @@ fn a_task_that_cannot_tell_success_is_judged_by_return() {
     let page = fs::read_to_string(run.path("report/index.html")).unwrap();
     assert!(!page.contains("NaN") && page.contains("\nproximity\n"));
 
-    // The same arm does tell it; who says otherwise is refused.
+    // The arm without `-held` does tell success; a task file that denies it is refused.
     fs::write(&file, fs::read_to_string(&file).unwrap().replace("-held", "")).unwrap();
     let (success, said) = run.goalward(&["train", &file]);
     assert!(!success && said.contains("`task.tells_success` must be true"), "{said}");

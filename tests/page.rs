@@ -1,7 +1,7 @@
-//! What the live page answers: to browsers of this machine, to others, and of runs that are not as they were.
+//! The live page's answers: to browsers on this machine, to strangers, and about runs that were damaged or removed.
 //!
-//! Method: `goalward page` over a real run, while it trains and after it; questions are written as the bytes
-//! that a browser would send.
+//! Method: `goalward page` serves a real run while it trains and afterwards. Requests are written as the bytes that
+//! a browser would send.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -19,7 +19,7 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
     training.await_checkpoint(4);
     let page = Page::over(&run, &["."]);
 
-    // Changes are told: the first list, and steps that rise.
+    // Changes are pushed: first the list, then rising step counts.
     let events = page.send(&page.question("GET", "/api/events", page.address()));
     let lists = BufReader::new(events).lines().map(Result::unwrap);
     let mut lists = lists.filter_map(|line| {
@@ -63,7 +63,7 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
     assert!(status == 200 && body.contains("<!doctype html>"), "{body}");
 }
 
-/// A training as users start it, and the page that its first line names.
+/// Starts training as users do; returns it and the page that its first line names.
 fn train_with_page(run: &TestRun) -> (Child, Page) {
     let mut command = run.program("goalward");
     command.args(["train", "navigation", "--run", "run"]).stderr(Stdio::piped());
@@ -115,7 +115,7 @@ fn what_is_not_there_costs_a_line() {
     let (status, _) = page.answer(&page.question("POST", "/api/runs", page.address()));
     assert_eq!(status, 405);
 
-    // A link to a run elsewhere is no run of this folder.
+    // A link to a run elsewhere does not count as a run of this folder.
     let elsewhere = run.path("").parent().unwrap().join("elsewhere-of-the-page");
     fs::create_dir_all(&elsewhere).unwrap();
     fs::copy(run.path("run/config.toml"), elsewhere.join("config.toml")).unwrap();
@@ -123,7 +123,7 @@ fn what_is_not_there_costs_a_line() {
     assert_eq!(page.json("/api/runs")["runs"].as_array().unwrap().len(), 1);
     fs::remove_dir_all(&elsewhere).unwrap();
 
-    // A log that has lost its end.
+    // A log file without its end.
     let files = log_files(&run.path("run/log")).unwrap();
     let updates = files.into_iter().find(|file| file.contents == Contents::Updates).unwrap().path;
     let bytes = fs::read(&updates).unwrap();
@@ -134,7 +134,7 @@ fn what_is_not_there_costs_a_line() {
     let trouble = page.json("/api/runs/run")["trouble"].to_string();
     assert!(trouble.contains("MCAP"), "{trouble}");
 
-    // A configuration that is none, and a run that goes.
+    // An invalid configuration, then a run that is removed.
     fs::write(run.path("run/config.toml"), "what?").unwrap();
     let listed = page.json("/api/runs");
     assert_eq!(listed["runs"], Value::Array(Vec::new()));
@@ -157,7 +157,7 @@ fn strangers_are_not_answered() {
         "GET /api/runs HTTP/1.1\r\nhost: {host}\r\norigin: http://evil.example\r\nconnection: close\r\n\r\n"
     );
     page.refusal(403, &foreign);
-    // Neither a half question nor noise holds anybody up.
+    // Neither half a request nor noise blocks other clients.
     let _half = page.send("GET /api/runs HTTP/1.1\r\nhost: ");
     let _noise = page.send("\0\0\0\0");
     assert_eq!(page.get("/api/runs").0, 200);
@@ -165,7 +165,7 @@ fn strangers_are_not_answered() {
     let open = Page::over(&run, &[".", "--host", "0.0.0.0"]);
     open.refusal(403, &open.question("GET", "/api/runs", "10.0.0.5"));
     open.refusal(403, &open.question("GET", "/api/runs?token=00", "10.0.0.5"));
-    // What the page is made of has no token in its address.
+    // The page's own files need no token in their address.
     for path in ["/", "/app.js", "/style.css"] {
         assert_eq!(open.answer(&open.question("GET", path, "10.0.0.5")).0, 200, "{path}");
     }

@@ -1,7 +1,7 @@
-"""Drives Chromium over a live page, for `page_browser.rs`: what people see and do there.
+"""Drives Chromium over a live page, for `page_browser.rs`, and checks what people see and do there.
 
-With `--live` it asks for a live run called run and five others; without it for finished runs called
-navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. What it measures is printed.
+With `--live` it needs a live run called run and five others. Without it, it needs finished runs called
+navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. It prints what it measures.
 """
 
 import argparse
@@ -33,43 +33,43 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 PATIENCE_S = 120
-# A run that is asked for and is not there.
+# A run that is requested and does not exist.
 UNKNOWN = "nobody"
 WIDE, PHONE = (1300, 1150), (400, 800)
 
 
 class Browser:
-    """A browser with the page in it."""
+    """A browser that shows the page."""
 
     def __init__(self, driver: Chrome, address: str, pictures: Path | None) -> None:
         self.driver, self.address, self.pictures = driver, address, pictures
         self.driver.set_window_size(*WIDE)
 
     def open(self, place: str) -> None:
-        """Goes to a place of the page, as if the address had been typed."""
+        """Opens a route of the page, as if the address had been typed."""
         self.driver.get("about:blank")
         self.driver.get(f"{self.address}/#/{place}")
 
     def find(self, selector: str) -> WebElement:
-        """Waits for an element that is seen."""
+        """Waits for a visible element and returns it."""
         seen = lambda: next((e for e in self.all(selector) if e.is_displayed()), None)
         return self.expect(f"element {selector}", seen)
 
     def all(self, selector: str) -> list[WebElement]:
-        """All elements now."""
+        """Returns all current elements."""
         return self.driver.find_elements(By.CSS_SELECTOR, selector)
 
     def texts(self, selector: str) -> list[str]:
-        """What all elements say now."""
+        """Returns the current texts of all elements."""
         script = "return [...document.querySelectorAll(arguments[0])].map((e) => e.innerText);"
         return self.script(script, selector)
 
     def says(self, selector: str, words: str) -> None:
-        """Waits until an element says words."""
+        """Waits until the text of an element contains `words`."""
         self.expect(f"{selector} to say {words}", lambda: any(words in text for text in self.texts(selector)))
 
     def press(self, label: str) -> None:
-        """Presses the button of that label."""
+        """Presses the button with this label."""
 
         def pressed() -> bool:
             for button in self.all("button"):
@@ -81,10 +81,10 @@ class Browser:
         self.expect(f"button {label}", pressed)
 
     def expect(self, what: str, look: Callable[[], Found]) -> Found:
-        """Waits until `look` finds something."""
+        """Waits until `look` returns something true, and returns it."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
-            # What is drawn anew while it is looked at is looked at again.
+            # An element that was redrawn during the check is checked again.
             with suppress(StaleElementReferenceException):
                 if found := look():
                     return found
@@ -97,14 +97,14 @@ class Browser:
         return self.driver.execute_script(text, *arguments)
 
     def picture(self, name: str) -> None:
-        """Keeps a picture of what is seen, if pictures are wanted."""
+        """Saves a screenshot, if screenshots are wanted."""
         if self.pictures:
             self.driver.save_screenshot(self.pictures / f"{name}.png")
 
 
 @contextmanager
 def browser(address: str, pictures: Path | None) -> Iterator[Browser]:
-    """A browser, closed at the end; errors that the page has told of in its console are failures."""
+    """Opens a browser and closes it at the end; errors in the page's console are failures."""
     options = ChromeOptions()
     for flag in FLAGS:
         options.add_argument(flag)
@@ -120,7 +120,7 @@ def browser(address: str, pictures: Path | None) -> Iterator[Browser]:
 
 
 def runs_are_listed(page: Browser) -> None:
-    """The list has all runs, the live one marked; first paint is quick and small."""
+    """The list shows all runs and marks the live one; the first paint is fast and the page small."""
     page.open("")
     page.expect("six runs", lambda: len(page.all("tbody tr")) == 6)
     page.says("tbody", "live")
@@ -132,7 +132,7 @@ def runs_are_listed(page: Browser) -> None:
     paint = "return performance.getEntriesByName('first-contentful-paint')[0]?.startTime;"
     painted = page.expect("a first paint", lambda: page.script(paint))
     print(f"first paint after {painted:.0f} ms, {loaded / 1000:.0f} kB")
-    # Beside a run that trains, on a machine that draws in software; without, it is a fraction.
+    # This is beside a run that trains, with software rendering; without them, it takes a fraction of that.
     assert painted < 5000 and loaded < 1_000_000
     page.picture("runs")
     filter_place = page.find("#filter")
@@ -143,7 +143,7 @@ def runs_are_listed(page: Browser) -> None:
 
 
 def curves_move_while_a_run_trains(page: Browser) -> None:
-    """The chart of a live run goes on by itself."""
+    """The chart of a live run updates by itself."""
     page.open("run/run")
     drawn = lambda: page.script("return document.querySelector('svg.chart > path')?.getAttribute('d');")
     first = page.expect("a curve", drawn)
@@ -152,7 +152,7 @@ def curves_move_while_a_run_trains(page: Browser) -> None:
 
 
 def the_keyboard_stays_where_it_is(page: Browser) -> None:
-    """While a run trains, a box of the list, a head and details keep the keyboard and stay as they are."""
+    """While a run trains, a checkbox and a column head keep the focus, and open details stay open."""
     page.open("")
     box = "input[aria-label='Compare run']"
     page.find(box)
@@ -181,7 +181,7 @@ def the_authors_curve_is_marked(page: Browser) -> None:
 
 
 def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
-    """The table of processes says that the learner is held; once it is killed there is another one."""
+    """The table of processes shows that the learner is stopped; once it is killed, there is another one."""
     page.open("run/run")
     learner = lambda: next((row.split() for row in page.texts("tr") if row.startswith("learner")), None)
     _, process, *_ = page.expect("a learner", learner)
@@ -192,7 +192,7 @@ def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
 
 
 def an_episode_plays_and_seeks(page: Browser, run: str) -> None:
-    """The episode that is shown first moves, stops, and shows any step that is asked for."""
+    """The first episode plays, pauses, and shows any requested step."""
     page.open(f"episodes/{run}")
     step = lambda: int(page.find(".player input[type=range]").get_property("value"))
     page.expect("an episode that moves", lambda: step() > 2)
@@ -217,20 +217,20 @@ def an_episode_plays_and_seeks(page: Browser, run: str) -> None:
 
 
 def pause(page: Browser) -> bool:
-    """Stops what is played, unless it has come to its end."""
+    """Pauses an episode that is playing; returns whether it stands still."""
     if "Pause" in page.texts(".player button"):
         page.press("Pause")
     return "Play" in page.texts(".player button")
 
 
 def colors(stage: WebElement) -> int:
-    """How many colors a stage has."""
+    """Counts the colors of a stage."""
     picture = Image.open(BytesIO(stage.screenshot_as_png)).convert("RGB")
     return len(picture.getcolors(picture.width * picture.height) or [])
 
 
 def episodes_are_filtered_and_sorted(page: Browser) -> None:
-    """The filter leaves what it says, a click on a column sorts by it."""
+    """The filter keeps the matching rows, and a click on a column head sorts by it."""
     page.open("episodes/navigation")
     page.expect("rows", lambda: len(page.all(".long tbody tr")) > 5)
     page.find("#filter").send_keys("failed training")
@@ -244,7 +244,7 @@ def episodes_are_filtered_and_sorted(page: Browser) -> None:
     shortest = [int(text) for text in cells(7)]
     assert longest == sorted(longest, reverse=True) and shortest == sorted(shortest)
     assert shortest[0] < longest[0]
-    page.press("Put beside")
+    page.press("Side by side")
     page.expect("two players", lambda: len(page.all(".player")) == 2)
     address = page.driver.current_url
     page.open(address.partition("#/")[2])
@@ -252,7 +252,7 @@ def episodes_are_filtered_and_sorted(page: Browser) -> None:
 
 
 def proximity_over_the_grid_is_drawn(page: Browser) -> None:
-    """A checkpoint that is chosen colors the free cells."""
+    """Choosing a checkpoint colors the free cells."""
     page.open("episodes/navigation")
     choice = page.find("select[aria-label='Proximity over the grid']")
     plain = colors(page.find(".stage canvas"))
@@ -260,7 +260,7 @@ def proximity_over_the_grid_is_drawn(page: Browser) -> None:
     page.says(".grid", "dark")
     assert colors(page.find(".stage canvas")) > plain
     page.picture("proximity")
-    # What is answered late, of an episode that was left, is not drawn over the next one.
+    # A late response about the previous episode is not drawn over the next one.
     page.script("""
         const ask = window.fetch;
         window.held = [];
@@ -285,14 +285,14 @@ def proximity_over_the_grid_is_drawn(page: Browser) -> None:
 
 
 def demonstrations_are_browsed(page: Browser) -> None:
-    """Another collection is a choice away."""
+    """The demonstrations can be browsed like the log."""
     page.open("episodes/fetch-pick/demonstrations")
     page.says(".long tbody", "demonstration")
     page.says(".player", "demonstrations, row")
 
 
 def damage_is_told(page: Browser) -> None:
-    """A log that has lost its end shows what is left, and says so."""
+    """A log without its end shows what is left, and says so; unknown routes are handled."""
     page.open("episodes/damaged")
     page.says(".trouble", "cut off")
     assert len(page.all(".long tbody tr")) > 5
@@ -303,7 +303,7 @@ def damage_is_told(page: Browser) -> None:
 
 
 def a_phone_and_the_dark_are_enough(page: Browser) -> None:
-    """Nothing is wider than a phone; colors follow the choice."""
+    """Nothing is wider than a phone's screen; the button switches between dark and light colors."""
     page.driver.set_window_size(*PHONE)
     for place in ["", "run/navigation", "episodes/navigation"]:
         page.open(place)
@@ -322,7 +322,7 @@ def a_phone_and_the_dark_are_enough(page: Browser) -> None:
 
 
 def main() -> None:
-    """The command."""
+    """Runs the checks of one part, live or finished."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("address")
     parser.add_argument("--live", action="store_true", help="look at a run that trains")

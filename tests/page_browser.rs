@@ -1,8 +1,8 @@
 //! The live page in a real browser: what people see and do there.
 //!
-//! Method: real runs, finished, live and damaged; `page_browser.py` drives Chromium over them. It needs Chromium,
-//! its driver and the packages of `tests/requirements.txt`; without them, or with `GOALWARD_PYTHON=none`, it
-//! is left out with a line. `GOALWARD_PICTURES` names a folder for pictures of what was seen.
+//! Method: `page_browser.py` drives Chromium over real runs: finished, live and damaged. The test needs Chromium, its
+//! driver and the packages of `tests/requirements.txt`. Without the driver it prints a line and is skipped, as it is
+//! with `GOALWARD_PYTHON=none`. `GOALWARD_PICTURES` names a folder for screenshots.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -10,7 +10,7 @@ use std::process::Command;
 
 use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
 
-/// Chromium's driver, as Debian's package has it.
+/// Chromium's driver, where Debian's package installs it.
 const DRIVER: &str = "/usr/bin/chromedriver";
 
 fn python() -> Option<String> {
@@ -56,7 +56,7 @@ fn people_see_runs_curves_and_episodes() {
         eprintln!("{}", String::from_utf8_lossy(&output.stdout));
     };
     see(&["--live"]);
-    // The rest has the processors to itself.
+    // The other checks get the processors to themselves.
     live.signal(Signal::Interrupt);
     live.end();
     see(&[]);

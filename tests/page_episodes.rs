@@ -1,7 +1,7 @@
-//! The episodes that the live page shows: of a log, of demonstrations, of evaluations, while a run trains and
-//! after a death; and `goalward log scene`, which writes them for viewers.
+//! The episodes that the live page shows, of a log, of demonstrations and of evaluations, while a run trains and
+//! after a process dies; and `goalward log scene`, which writes them for viewers.
 //!
-//! Method: real runs; what the page answers is compared with the log.
+//! Method: the page's answers about real runs are compared with the log.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use mcap_log::{Contents, FileReader, Record, read_contents};
 use serde_json::Value;
 use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
 
-/// Rows by the names of their columns.
+/// Returns the rows of a table, each keyed by column name.
 fn rows(page: &Page, path: &str) -> Vec<BTreeMap<String, Value>> {
     let found = page.json(path);
     let columns = found["columns"].as_array().unwrap().iter();
@@ -108,7 +108,7 @@ fn an_episode_is_asked_what_another_reward_would_have_given() {
     let own = page.json(&path(""));
     let steps = page.json("/api/runs/run/episodes/log/0")["steps"].as_u64().unwrap() as usize;
     assert_eq!(own["rewards"].as_array().unwrap().len(), steps);
-    // Eq. 5 without a penalty gives more, by as much as the penalty takes.
+    // Without the uncertainty penalty, the rewards of Eq. 5 are larger.
     let free = page.json(&path("with=reward.uncertainty=0.0"));
     assert_eq!(own["proximity"], free["proximity"]);
     assert!(sum(&free["rewards"]) > sum(&own["rewards"]));
@@ -145,7 +145,7 @@ fn solids_are_made_again_from_actions_alone() {
         page.json("/api/runs/run/episodes/log/3/scenes")["frames"].as_array().unwrap().len();
     assert_eq!(frames, steps + 1);
 
-    // The same for viewers.
+    // `goalward log scene` writes the same frames.
     let name = format!("{}:{}", shown["lane"], shown["episode"]);
     let (well, said) = run.goalward(&["log", "scene", "run", &name, "--out", "scene.mcap"]);
     assert!(well && said.contains(&format!("1 episodes, {frames} frames")), "{said}");
@@ -181,7 +181,7 @@ fn rows_grow_while_a_run_trains_and_are_whole_after_a_death() {
     run.process("learner").signal(Signal::Kill);
     assert_eq!(training.end(), Some(0));
     let all = rows(&page, "/api/runs/run/episodes/log");
-    // The file that the learner had was sealed anew, its records elsewhere.
+    // The file that the learner was writing has been sealed again, so its records are elsewhere in it.
     assert_eq!(page.json("/api/runs/run/episodes/log")["trouble"], Value::Array(Vec::new()));
     for place in [0, all.len() / 2] {
         let shown = page.json(&format!("/api/runs/run/episodes/log/{place}"));

@@ -1,5 +1,5 @@
-//! The physics tasks through the whole system: the same bits whatever the number of actors and
-//! whoever is killed, and evaluation episodes that a viewer can draw.
+//! The physics tasks through the whole system: the results are the same bits whatever the number of actors and
+//! whichever process is killed, and a viewer can draw the evaluation episodes.
 //!
 //! Method: small runs of the real programs, compared by the hashes of `summary.json`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
@@ -14,7 +14,7 @@ use protocol::messages::Progress;
 use protocol::trajectory::Encoded;
 use system_tests::{PATIENCE, SMALL_PHYSICS, Signal, TestRun, await_some, programs, spec};
 
-/// As the expert of Ant Reach is trained.
+/// The method that trains the expert of ANT REACH.
 const ON_ITS_OWN_REWARD: &str = "method=environment-reward";
 
 fn disturbance_changes_nothing(task: &str) {
@@ -45,8 +45,8 @@ fn actors_and_a_kill_change_nothing_in_ant_reach() {
     disturbance_changes_nothing("ant-reach");
 }
 
-/// With lag 1 a policy acts that no checkpoint has. Its leases fill the only actor, which is held until
-/// the learner, killed meanwhile, has gone back and published older policies.
+/// With lag 1 the acting policy is in no checkpoint. Its leases fill the only actor, which is stopped while the
+/// learner is killed, goes back to a checkpoint and publishes older policies.
 #[test]
 fn an_actor_lets_go_of_leases_whose_policy_died_with_the_learner() {
     let settings = ["rollout.lag=1", "rollout.lanes=32", "rollout.lane_steps=60"];
@@ -60,7 +60,7 @@ fn an_actor_lets_go_of_leases_whose_policy_died_with_the_learner() {
     training.await_checkpoint(4);
     let bus: Bus = Bus::open(&BusAddress::of_run(run.folder().path()).unwrap(), "test").unwrap();
     let progress = bus.progress_subscriber().unwrap();
-    // The sixth version has been made, so the fifth acts; the checkpoint has the third and fourth.
+    // Version 6 has been made, so version 5 acts; the checkpoint has versions 3 and 4.
     await_progress(&progress, "leases of the fifth version", |told| {
         told.leases >= 16 && told.update.as_ref().is_some_and(|update| update.policy_version >= 6)
     });

@@ -1,7 +1,7 @@
-//! The processes of a run: they come, answer, and go without a trace.
+//! The processes of a run: they start, answer, and end without a trace.
 //!
-//! Method: real runs, looked at from outside: `/proc` says which processes live, `/dev/shm` what
-//! they left, and the test itself joins the bus as any tool of a user could.
+//! Method: real runs are inspected from outside: `/proc` shows which processes are alive, `/dev/shm` what they left.
+//! The test itself joins the bus as any tool of a user could.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -17,8 +17,8 @@ use protocol::messages::{Answer, Ask, Query, ServiceReply, ServiceRequest};
 use protocol::trajectory::Encoded;
 use system_tests::{ITERATIONS, Signal, TestRun, await_some, programs, spec};
 
-/// Within this time processes without a supervisor must have stopped. They notice at once; the
-/// learner finishes its iteration and writes a checkpoint, the service waits for the learner.
+/// Time within which processes without a supervisor must stop. They notice at once, but the learner finishes its
+/// iteration and writes a checkpoint, and the service waits for the learner.
 const A_FEW_SECONDS: Duration = Duration::from_secs(15);
 
 fn expect_no_trace(run: &TestRun) {
@@ -78,14 +78,14 @@ fn an_actor_started_by_hand_joins() {
     training.await_checkpoint(4);
     let mut helper = run.program("goalward-actor");
     helper.arg("rollout").arg("--run").arg(run.folder().path()).args(["--name", "actor-by-hand"]);
-    // As nohup, systemd and Slurm start it, and a remote shell that has no input for it.
+    // Null input, as nohup, systemd and Slurm give it; below, input that ends at once, as a remote shell gives it.
     let words = fs::File::create(run.path("helper.txt")).unwrap();
     let mut helper = helper.stdin(Stdio::null()).stderr(words).spawn().unwrap();
     let mut distant = run.program("goalward-actor");
     distant.arg("rollout").arg("--run").arg(run.folder().path()).args(["--name", "actor-distant"]);
     let mut distant = distant.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     drop(distant.stdin.take());
-    // From here on the actor of the run does nothing: whatever is rolled out, the other one did.
+    // From here on the run's own actor is stopped: the others do all rollouts.
     let held = run.process("actor-0");
     held.signal(Signal::Stop);
     let (reached, _) = run.folder().newest_checkpoint().unwrap();
@@ -96,7 +96,7 @@ fn an_actor_started_by_hand_joins() {
     );
     held.signal(Signal::Continue);
     assert_eq!(training.finish().iterations, ITERATIONS);
-    // They leave with the run, and not before.
+    // They end with the run, and not before.
     let status = await_some("its end", A_FEW_SECONDS, || helper.try_wait().unwrap());
     assert!(status.success(), "{status}");
     let said = fs::read_to_string(run.path("helper.txt")).unwrap();
@@ -130,7 +130,7 @@ fn status_names_who_is_stopped() {
         held.signal(Signal::Stop);
         let said = status(&run);
         held.signal(Signal::Continue);
-        let expected = format!("standing still: {name} is stopped");
+        let expected = format!("stalled: {name} is stopped");
         assert!(said.starts_with(&expected), "expected {expected}, found\n{said}");
         assert!(said.contains(&format!("kill -CONT {}", held.id)), "{said}");
     }
@@ -138,7 +138,7 @@ fn status_names_who_is_stopped() {
     training.end();
 }
 
-/// A user's tool that asks the proximity service.
+/// A user's tool that queries the proximity service.
 struct Tool {
     doorbell: Doorbell,
     client: Client,
@@ -164,7 +164,7 @@ impl Tool {
         self.client.ask(&request.encode_to_vec(), &self.doorbell, read, keep_waiting).unwrap()
     }
 
-    /// Proximities of observations, after a check of all that an answer must be.
+    /// Returns the proximities of observations, after checking the whole answer.
     fn proximity(&self, observations: Vec<u8>) -> Vec<f32> {
         let count = observations.len() / spec("navigation").observation.bytes();
         let Answer::Estimates(estimates) = self.ask(observations) else { panic!("refused") };
@@ -193,7 +193,7 @@ fn any_process_can_ask_about_any_observations() {
     assert_eq!(demonstrated.len(), first.steps as usize + 1);
     assert_eq!(tool.proximity(vec![0; spec.observation.bytes()]).len(), 1);
     assert!(tool.proximity(Vec::new()).is_empty());
-    // Nonsense is refused in words, and harms nobody.
+    // Nonsense is refused with a message and harms nobody.
     assert!(matches!(tool.ask(vec![0; 7]), Answer::Refused(_)));
     assert!(matches!(tool.ask(vec![9; spec.observation.bytes()]), Answer::Refused(_)));
 

@@ -1,8 +1,8 @@
-//! What was made by which build: logs, demonstrations, summaries and programs say it, and neither a
-//! run nor a curve silently comes from two.
+//! Provenance: logs, demonstrations, summaries and programs name their build, and neither a run nor a curve silently
+//! mixes two builds.
 //!
-//! Method: small runs of the real programs. Another build is played by what it would have left: a log
-//! file with its metadata, a summary with its commit.
+//! Method: small runs of the real programs. Another build is simulated by what it would have left: a log file with
+//! its metadata, a summary with its commit.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -15,7 +15,7 @@ use run::folder::RunFolder;
 use run::summary::Summary;
 use system_tests::{SMALL, Signal, TestRun, programs};
 
-/// A build that is not the one under test.
+/// Returns a build that is not the one under test.
 fn other_build() -> Build {
     Build {
         version: "0.1.0".to_owned(),
@@ -29,7 +29,7 @@ fn builds_of(file: &Path) -> Build {
     FileReader::open(file).unwrap().metadata().build()
 }
 
-/// Leaves in the run's log what a sitting of another build would.
+/// Adds to the run's log the file that another build would have left after continuing the run.
 fn sit_for_other_build(folder: &RunFolder) {
     let first = FileReader::open(&folder.log().join("updates-00000.mcap")).unwrap();
     let build = serde_json::to_string(&other_build()).unwrap();
@@ -86,7 +86,7 @@ fn a_run_is_continued_by_another_build_only_when_asked_to() {
     assert!(said.contains("commit feedc0de0000"), "the table names it: {said}");
 }
 
-/// Names of the curves of a report on two runs.
+/// Writes a report on two runs and returns the names of its curves.
 fn curves(run: &TestRun, report: &str) -> Vec<String> {
     let (code, said) = goalward(run, &["report", "one", "two", "--out", report]);
     assert_eq!(code, Some(0), "{said}");

@@ -1,4 +1,4 @@
-"""What the Python package says of a run, as JSON; writes the states of its demonstrations as a data set.
+"""Prints what the Python package reads from a run as JSON; writes its demonstrations as a data set of states.
 
 Usage: python_package.py RUN EXPORT DATASET.npz. Run by python_package.rs.
 """

@@ -1,7 +1,7 @@
-//! The Python package `goalward` beside the programs: it reads a run's log, its demonstrations and its
-//! exported policy, acts in our tasks, and makes demonstrations that train into the same bits.
+//! The Python package `goalward` together with the programs: it reads a run's log, its demonstrations and its
+//! exported policy, acts in our tasks, and writes demonstrations from which training gives the same bits.
 //!
-//! It needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none` leaves this out.
+//! The test needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none` skips it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::process::Command;
 use serde_json::Value;
 use system_tests::{SMALL_PHYSICS, TestRun, programs, python};
 
-/// The package as it lies in the repository.
+/// The package's source in the repository.
 const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/src");
 
 fn with_package(mut command: Command) -> Vec<u8> {

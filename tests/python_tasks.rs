@@ -1,7 +1,7 @@
-//! Tasks that are environments of Python, through the whole system.
+//! Tasks that are Python environments, through the whole system.
 //!
-//! Method: small runs in the environments of `actor/tests/python_environments`. They need the packages of
-//! `tests/requirements.txt`; `GOALWARD_PYTHON=none` leaves these tests out.
+//! Method: small runs in the environments of `actor/tests/python_environments` and in public ones. The tests need the
+//! packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none` skips them.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -12,7 +12,7 @@ use system_tests::{Hashes, Page, SMALL_PHYSICS, Signal, TestRun, programs, pytho
 
 const LINE: &str = "python:python_environments:line";
 
-/// A run in whose folder Python finds the environments.
+/// Creates a test folder in which Python finds the environments.
 fn with_environments() -> TestRun {
     let run = TestRun::new(programs!());
     let environments = include_str!("../actor/tests/python_environments/__init__.py");
@@ -175,8 +175,8 @@ fn minigrid_gives_the_same_bits() {
     gives_the_same_bits("gym:minigrid:MiniGrid-FourRooms-v0", &[]);
 }
 
-/// Trains in an environment of others with one, two and four actors, the last time with an actor and a child
-/// killed and the run stopped and resumed; then acts its episodes again.
+/// Trains in a third-party environment with one, two and four actors. With four, an actor and another actor's child
+/// process are killed, and the run is stopped and resumed. Finally its episodes are verified.
 fn gives_the_same_bits(task: &str, settings: &[&str]) {
     if python().is_none() {
         return;
@@ -248,7 +248,7 @@ fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none
     assert!(!run.path("bad").exists(), "what fails when it is looked at begins no run");
     let (well, said) = train("raises late");
     assert!(!well && said.contains("ZeroDivisionError: by nothing"), "{said}");
-    assert!(said.contains("and would come to the same again"), "{said}");
+    assert!(said.contains("and would fail the same way again"), "{said}");
     for (arguments, words) in [
         (&["train", "gym:Nowhere-v0", "--run", "none"][..], "Nowhere"),
         (&["train", "python:python_environments:Picture", "--run", "none"], "images"),

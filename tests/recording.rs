@@ -1,9 +1,9 @@
-//! What a run did is in its log: every trajectory exactly once, every score and every update.
+//! A run's log is complete: it has every trajectory exactly once, every score and every update.
 //!
-//! Method: a run is trained and its log is read as a tool would read it, with `mcap_log` alone.
-//! The log is then checked against itself (what an update says it consumed is recorded, with that
-//! hash) and against `config.toml` and `summary.json`. A run whose learner is killed in its middle
-//! records some iterations twice; read in order, it must give exactly what the undisturbed run does.
+//! Method: a run is trained and its log is read as a tool would read it, with `mcap_log` alone. The log is then
+//! checked against itself (the trajectories that an update consumed are recorded, with the same hashes) and against
+//! `config.toml` and `summary.json`. A run whose learner is killed in the middle records some iterations twice; its
+//! log must read exactly like that of the undisturbed run.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,7 +16,7 @@ use system_tests::{
     CHECKPOINT_ITERATIONS, ITERATIONS, LANES, Signal, Summary, TestRun, programs, spec,
 };
 
-/// All that a run recorded, in order.
+/// Everything that a run recorded, in order.
 #[derive(Default)]
 struct Recorded {
     trajectories: Vec<Encoded>,
@@ -49,7 +49,7 @@ impl Recorded {
         recorded
     }
 
-    /// Keys of the training trajectories, by iteration, in the order of the record.
+    /// Keys of the training trajectories, by iteration; fails if one is recorded twice.
     fn keys(&self) -> BTreeMap<u64, BTreeSet<TrajectoryKey>> {
         let mut keys: BTreeMap<u64, BTreeSet<TrajectoryKey>> = BTreeMap::new();
         for encoded in &self.trajectories {
@@ -60,7 +60,7 @@ impl Recorded {
     }
 }
 
-/// Every check that holds for a finished run, however often it was disturbed.
+/// Makes all checks that must hold for a finished run, however often it was disturbed.
 fn check(run: &TestRun, recorded: &Recorded, summary: &Summary) {
     check_configuration(run);
     check_trajectories(recorded, summary);
@@ -70,7 +70,7 @@ fn check(run: &TestRun, recorded: &Recorded, summary: &Summary) {
     check_checkpoints(run, recorded, summary);
 }
 
-/// The reader refuses files whose first record is no metadata, so what it gives came first.
+/// Every file begins with metadata of the run. The reader refuses files whose first record is not metadata.
 fn check_configuration(run: &TestRun) {
     let text = fs::read_to_string(run.folder().config_file()).unwrap();
     for file in log_files(&run.folder().log()).unwrap() {
@@ -82,8 +82,7 @@ fn check_configuration(run: &TestRun) {
     }
 }
 
-/// Every lane's episodes are there from the first to the last, each once, by the policy of its
-/// iteration.
+/// Every lane has all episodes from the first to the last, each once, from the policy of its iteration.
 fn check_trajectories(recorded: &Recorded, summary: &Summary) {
     let mut lanes: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
     for encoded in &recorded.trajectories {
@@ -105,7 +104,7 @@ fn check_trajectories(recorded: &Recorded, summary: &Summary) {
     assert_eq!(recorded.keys().len() as u64, ITERATIONS);
 }
 
-/// Every training trajectory has one score, of its own length.
+/// Every training trajectory has exactly one score, of matching length.
 fn check_scores(recorded: &Recorded) {
     type Name = (u64, u64, u64);
     let steps: BTreeMap<Name, usize> = recorded
@@ -123,7 +122,7 @@ fn check_scores(recorded: &Recorded) {
         let steps = steps[&name];
         let found = (score.rewards.len(), score.proximity.len(), score.uncertainty.len());
         assert_eq!(found, (steps, steps + 1, steps + 1), "{name:?}");
-        // Algorithm 1: scored before the model learns from this iteration, after offline training.
+        // Algorithm 1: after offline training, each iteration is scored before the model learns from it.
         assert_eq!(score.model_version, score.iteration + 1, "{name:?}");
         assert!(score.rewards.iter().all(|reward| reward.is_finite()));
         assert!(score.proximity.iter().all(|proximity| (0.0..=1.0).contains(proximity)));
@@ -132,7 +131,7 @@ fn check_scores(recorded: &Recorded) {
     assert_eq!(scored.len(), steps.len());
 }
 
-/// One policy update an iteration; what it consumed is what the iteration recorded.
+/// Each iteration has one policy update, which consumed exactly the trajectories that the iteration recorded.
 fn check_policy_updates(recorded: &Recorded, summary: &Summary) {
     let iterations: Vec<u64> = recorded.policy_updates.iter().map(|one| one.iteration).collect();
     assert_eq!(iterations, (0..ITERATIONS).collect::<Vec<_>>());
@@ -150,7 +149,7 @@ fn check_policy_updates(recorded: &Recorded, summary: &Summary) {
     assert_eq!(Some(last.success_rate), summary.success_rate);
 }
 
-/// The offline training and then one update an iteration.
+/// The reward model has an update for offline training, then one for each iteration.
 fn check_reward_updates(recorded: &Recorded, summary: &Summary) {
     let names: Vec<_> =
         recorded.reward_updates.iter().map(|one| (one.iteration, one.model_version)).collect();
@@ -161,7 +160,8 @@ fn check_reward_updates(recorded: &Recorded, summary: &Summary) {
     assert_eq!(last.weights_sha256, summary.proximity_sha256);
 }
 
-/// Every checkpoint is recorded with the hashes of its moment, and lies where the record says.
+/// Every checkpoint is recorded with the policy hash of its iteration and is where the record says; the last one has
+/// the final hash of the reward model.
 fn check_checkpoints(run: &TestRun, recorded: &Recorded, summary: &Summary) {
     let found: Vec<u64> = recorded.checkpoints.iter().map(|one| one.iteration).collect();
     let step = CHECKPOINT_ITERATIONS as usize;
@@ -196,7 +196,7 @@ fn the_log_holds_the_whole_run() {
     check_again_after_a_killed_learner(&recorded);
 }
 
-/// Part of the test above: it needs the undisturbed record to compare with.
+/// Repeats the checks with a killed learner. Part of the test above, whose undisturbed record it compares with.
 fn check_again_after_a_killed_learner(undisturbed: &Recorded) {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["checkpoint.iterations=4"]);

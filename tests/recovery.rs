@@ -1,8 +1,8 @@
-//! What a death costs a run: how much longer the policy updates after it take than they usually do. Work
-//! since the checkpoint, which learner and service do again, comes on top.
+//! The cost of a process's death: how much longer the policy updates after it take than usual. The work since the
+//! checkpoint, which learner and service repeat, comes on top.
 //!
-//! Method: one process of a small run is killed four times in its middle; the log times of the policy
-//! updates say the rest. `cargo test --workspace --test recovery -- --nocapture` prints the seconds.
+//! Method: one process of a small run is killed four times in the middle of the run; the cost follows from the log
+//! times of the policy updates. `cargo test --workspace --test recovery -- --nocapture` prints the seconds.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::io::Write;
@@ -12,14 +12,14 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use mcap_log::{Contents, FileReader, Record, log_files};
 use system_tests::{Signal, TestRun, programs};
 
-/// Policy updates after which the death of an actor costs nothing any more: its leases are open again
-/// within the first or the second.
+/// Number of policy updates after which an actor's death has no further cost: its leases are handed out again within
+/// the first or the second.
 const UPDATES: usize = 10;
 
-/// Deaths in one run: one more of an actor within half a minute would end it.
+/// Kills in one run. A fifth death of an actor within 30 s would pause it, or end the run if it is the only one.
 const KILLS: u64 = 4;
 
-/// Log times of all policy updates, also of those that were done again, nanoseconds since 1970.
+/// Log times of all policy updates, including repeated ones, in nanoseconds since 1970.
 fn updates_ns(run: &TestRun) -> Vec<u64> {
     let files = log_files(&run.folder().log()).unwrap().into_iter();
     let files = files.filter(|file| file.contents == Contents::Updates);
@@ -29,8 +29,8 @@ fn updates_ns(run: &TestRun) -> Vec<u64> {
     updates.map(|entry| entry.log_time_ns).collect()
 }
 
-/// Kills the named process of a run with so many actors again and again, at other moments of an iteration;
-/// what the dearest of these deaths adds to the next `count` updates.
+/// Repeatedly kills the named process of a run with `actors` actors, at different moments of an iteration. Returns the
+/// largest time that one of these deaths adds to the next `count` updates.
 fn cost(name: &str, actors: u64, count: usize) -> Duration {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["steps=4000000", &format!("resources.actors={actors}")]);

@@ -1,9 +1,8 @@
-//! What cannot be done is refused: in one line, with the right exit code, and nothing overwritten.
+//! Impossible requests are refused in one line, with the right exit code, and nothing is overwritten.
 //!
-//! Method: `goalward` is called as a user would call it wrongly. Every refusal must have exit code 2
-//! (1 where the machine is at fault, not the user), say nothing on standard output, and say on
-//! standard error in a single line what was expected or what was found. Afterwards the folder must
-//! hold the same bytes as before.
+//! Method: `goalward` is called with users' mistakes. Every refusal must have exit code 2 (1 if the machine is at
+//! fault, not the user), print nothing on standard output, and say on standard error in a single line what was
+//! expected or what was found. Afterwards the folder must hold the same bytes as before.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -89,15 +88,15 @@ fn impossible_numbers() {
         (["--set", "policy.hidden=[8]"], ["policy.hidden", "left out"]),
         (["--set", "reward.delta=1.0"], ["reward.delta", "found 1"]),
         (["--set", "reward.experience=100"], ["reward.samples", "reward.experience = 100"]),
-        (["--set", "reward.hidden=[1000000,1000000]"], ["no room in memory", "service"]),
+        (["--set", "reward.hidden=[1000000,1000000]"], ["not enough memory", "service"]),
         (["--set", "resources.learner_threads=100000"], ["learner_threads", "100000"]),
-        (["--set", "ppo.epochs=1000000000"], ["would never end", "rows"]),
-        (["--set", "demonstrations.episodes=1000000000000"], ["no room in memory", "learner"]),
+        (["--set", "ppo.epochs=1000000000"], ["would take too long", "rows"]),
+        (["--set", "demonstrations.episodes=1000000000000"], ["not enough memory", "learner"]),
     ] {
         refused(&run, 2, &["train", arguments[0], arguments[1]], &parts);
     }
     let endless = ["demonstrate", "navigation", "--episodes", "1000000000000", "--out", "d.mcap"];
-    refused(&run, 2, &endless, &["would never end", "1.0e14"]);
+    refused(&run, 2, &endless, &["would take too long", "1.0e14"]);
     let out = ["--out", "d.mcap"];
     for (flag, number) in [("--episodes", "0"), ("--coverage", "0"), ("--coverage", "2")] {
         let mut arguments = vec!["demonstrate", "navigation", flag, number, out[0], out[1]];
@@ -124,7 +123,7 @@ fn what_would_be_mistaken() {
     }
 }
 
-/// An expert's episode of three steps, of any shape.
+/// Makes a demonstration of three steps with observations of this shape.
 fn demonstration(shape: [u32; 2]) -> Trajectory {
     let cells = vec![0; 4 * (shape[0] * shape[1]) as usize];
     Trajectory {
@@ -147,7 +146,7 @@ fn write(file: &Path, kind: Kind, task: &str, trajectory: Trajectory) {
     writer.seal().unwrap();
 }
 
-/// Expects `goalward train --demonstrations FILE` to be refused, and to name the file.
+/// Expects `goalward train --demonstrations FILE` to be refused with a line that names the file.
 fn refused_file(run: &TestRun, file: &str, parts: &[&str]) {
     let arguments =
         ["train", "--set", "demonstrations.episodes=1", "--run", "run", "--demonstrations", file];
@@ -202,7 +201,7 @@ fn demonstrations_that_are_damaged_short_or_other_than_asked_for() {
     refused(&run, 2, &recorded, &["whole.mcap", "not overwritten"]);
 }
 
-/// Only the expert's own demonstrations tell how long they are.
+/// The number of steps in demonstrations is known only once they are recorded, so this refusal comes afterwards.
 #[test]
 fn recorded_demonstrations_that_make_no_batch() {
     let run = TestRun::new(programs!());
@@ -220,7 +219,7 @@ fn folders_that_are_taken() {
     let run = TestRun::new(programs!());
     let mut training = run.train(&[]);
     training.await_checkpoint(4);
-    // While it trains files change by themselves, so only the words are looked at.
+    // While it trains, its files change, so only the output is checked.
     for arguments in [["train", "--run", "run"].as_slice(), &["train", "--resume", "--run", "run"]]
     {
         let output = run.program("goalward").args(arguments).output().unwrap();
@@ -243,9 +242,6 @@ fn folders_that_are_taken() {
     refused(&run, 2, &["train", "--run", "letters/thesis.txt"], &["thesis.txt"]);
 }
 
-/// Expects a run to be refused where `folder` has one MiB of room: in a mount namespace of its own,
-/// so that nobody else is in the narrow place. Where the system allows no namespace there is
-/// nothing to see, and the test says so.
 #[test]
 fn a_configuration_edited_since_the_run_began() {
     let run = TestRun::new(programs!());
@@ -261,6 +257,8 @@ fn a_configuration_edited_since_the_run_began() {
     refused(&run, 2, &["train", "--resume", "--run", &folder], &parts);
 }
 
+/// Expects a run to be refused if `folder` has one MiB of room. This happens in a mount namespace of its own, so that
+/// it affects nobody else. If the system allows no namespace, the test is skipped and says so.
 fn refused_without_room(folder: &str, parts: &[&str]) {
     let run = TestRun::new(programs!());
     let alone = ["--user", "--map-root-user", "--mount"];

@@ -1,8 +1,8 @@
-//! A run from its log: every recorded episode acts again as it was recorded, and one that does not is
-//! named.
+//! Replaying a run from its log: re-simulation reproduces every recorded episode and names one that differs, and
+//! retraining, publishing, rescoring and restoring work from the log alone.
 //!
-//! Method: small runs of the real programs. A record is changed by copying the log, as a tool would,
-//! with `mcap_log` alone.
+//! Method: small runs of the real programs. To change a record, the log is copied, as a tool would do it, with
+//! `mcap_log` alone.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::collections::BTreeSet;
@@ -46,7 +46,7 @@ fn every_episode_of_every_task_acts_again_as_it_was_recorded() {
     }
 }
 
-/// Writes the run's log again with `change` made to every trajectory.
+/// Rewrites the run's log with `change` applied to every trajectory.
 fn change_log(run: &TestRun, change: impl Fn(&mut Trajectory)) {
     let (log, old) = (run.folder().log(), run.path("old-log"));
     fs::rename(&log, &old).unwrap();
@@ -123,7 +123,7 @@ fn a_run_that_was_killed_is_trained_again_as_far_as_its_log_goes() {
 
     let Output { status, stdout, .. } = replay(&run, &["--retrain", "--until", "3"]);
     let stdout = String::from_utf8_lossy(&stdout);
-    // Three updates of the policy, three of the ensemble, and its offline training.
+    // Three updates of the policy, three of the ensemble, and its offline training make seven.
     assert!(status.success() && stdout.contains("the weights after 7 updates"), "{stdout}");
 }
 
@@ -162,7 +162,7 @@ fn a_log_is_published_for_whoever_listens() {
     let mut said = BufReader::new(publishing.stderr.take().unwrap());
     line.clear();
     said.read_line(&mut line).unwrap();
-    assert!(line.contains("when somebody listens"), "{line}");
+    assert!(line.contains("once a subscriber is there"), "{line}");
     let mut hashes = BTreeSet::new();
     await_some("every trajectory of the log", PATIENCE, || {
         while let Some(Published { header, bytes, .. }) = subscriber.receive().unwrap() {
@@ -201,7 +201,7 @@ fn recorded_episodes_are_scored_again_by_another_reward() {
         };
         lines.lines().skip(1).map(both).collect::<Vec<_>>()
     };
-    // The same reward again is what was learned from.
+    // The same reward gives the recorded rewards again.
     let same = returns(&["--with", "reward.uncertainty=0.01"]);
     assert_eq!(same.len() as u64, summary.episodes);
     assert!(same.iter().all(|[recorded, other]| recorded == other));
@@ -217,7 +217,7 @@ fn recorded_episodes_are_scored_again_by_another_reward() {
     assert!(stderr.contains("--with ppo.clip=0.1: expected a key such as"), "{stderr}");
 }
 
-/// Every trajectory of a log, observations included, as it is encoded.
+/// Returns every trajectory of a log as encoded, including its observations.
 fn trajectories(log: &Path, task: &str) -> BTreeSet<Bytes> {
     let full = |bytes| Encoded::decode(bytes, &spec(task)).unwrap().bytes;
     let records = read_run(log).unwrap().map(|entry| entry.unwrap().record);
@@ -239,7 +239,7 @@ fn publishing_for_nobody_can_be_stopped() {
     publishing.args(["replay", "run", "--publish"]).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut publishing = publishing.spawn().unwrap();
     let mut lines = BufReader::new(publishing.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let ready = lines.find(|line| line.contains("when somebody listens"));
+    let ready = lines.find(|line| line.contains("once a subscriber is there"));
     assert!(ready.is_some(), "expected that it is about to publish");
     await_some("the publisher", PATIENCE, || (!run.shared_memory().is_empty()).then_some(()));
     send(publishing.id(), Signal::Interrupt);
@@ -267,7 +267,7 @@ fn a_log_of_actions_only_does_all_that_a_full_one_does() {
         let mut restore = run.program("goalward");
         restore.args(["log", "restore"]).arg(run.folder().path()).arg("--out").arg(&out);
         assert!(restore.output().unwrap().status.success());
-        // The order of the records is that of the actors; nothing else may differ.
+        // The order of the records depends on the actors; nothing else may differ.
         assert_eq!(trajectories(&out, task), trajectories(&full.folder().log(), task));
     }
 }

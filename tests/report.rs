@@ -1,7 +1,7 @@
-//! `goalward report` over a run: a page that needs nothing else, its pictures, and tables with every
-//! update; and one line where there is nothing to report on.
+//! `goalward report` on a run: a self-contained page, its pictures, and tables with every update; and one line if there
+//! is nothing to report on.
 //!
-//! Method: a small run of the real programs, whose log is read again here to compare.
+//! Method: a small run of the real programs, whose log the test reads itself and compares.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;

@@ -1,10 +1,9 @@
-//! Tables and numbers of the results are those of the data beside them.
+//! Tables and numbers of the results pages match the data next to them.
 //!
-//! Method: the script that writes them finds nothing to write in the repository, and complains of copies in
-//! which a number of a table, of a sentence, of a run, or of a plan is another. Which curves have the same
-//! runs it says as `goalward experiment` does. Its statistics over panels are those of the library `rliable`.
-//! It needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
-//! `GOALWARD_PYTHON=none` leaves this out.
+//! Method: the script that writes them finds nothing to change in the repository, and reports copies in which a
+//! number of a table, a sentence, a run or a plan is changed. It agrees with `goalward experiment` on which curves
+//! share runs, and its statistics agree with the libraries `rliable` and SciPy. The tests need an interpreter with
+//! the packages of `tests/requirements.txt` in `GOALWARD_PYTHON`; `GOALWARD_PYTHON=none` skips them.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -16,7 +15,7 @@ use tempfile::TempDir;
 
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// What of the repository the script reads, and whole folders of it.
+/// Files of the repository that the script needs; [`FOLDERS`] has whole folders.
 const FILES: [&str; 20] = [
     "README.md",
     "docs/guide/src/methods.md",
@@ -42,21 +41,21 @@ const FILES: [&str; 20] = [
 const PLANS: &str = "deploy/experiments";
 const FOLDERS: [&str; 2] = [PLANS, "deploy/tasks"];
 
-/// What Python makes of some arguments in the folder of the results.
+/// Runs Python with some arguments in the results folder.
 fn python(root: &Path, arguments: &[&str]) -> Option<Output> {
     let python = system_tests::python()?;
     let folder = root.join("docs/results");
     Some(Command::new(python).current_dir(folder).args(arguments).output().unwrap())
 }
 
-/// Whether the script is content with a repository, and what it says.
+/// Runs the script in a repository; returns whether it succeeded, and what it printed.
 fn rebuilt(root: &Path, arguments: &[&str]) -> Option<(bool, String)> {
     let arguments: Vec<&str> = ["rebuild.py"].iter().chain(arguments).copied().collect();
     let Output { status, stderr, .. } = python(root, &arguments)?;
     Some((status.success(), String::from_utf8(stderr).unwrap()))
 }
 
-/// A copy of what the script reads.
+/// Copies everything that the script reads.
 fn copied() -> TempDir {
     let copy = tempfile::tempdir().unwrap();
     let inside = FOLDERS.into_iter().flat_map(|folder| {
@@ -77,7 +76,7 @@ fn tables_and_data_do_not_differ() {
     assert!(well && said.is_empty(), "{said}");
 }
 
-/// What the script says of a copy in which something that a file has is another.
+/// Returns what the script prints for a copy in which `text` in a file is replaced with `other`.
 fn said_of_a_change(file: &str, text: &str, other: &str) -> Option<String> {
     let copy = copied();
     let changed = copy.path().join(file);
@@ -209,7 +208,7 @@ fn a_report_takes_the_places_of_its_finished_runs_alone() {
     fs::create_dir(&report).unwrap();
     let summary = [lines[0], unfinished.as_str(), finished.as_str()].join("\n");
     fs::write(report.join("summary.csv"), summary).unwrap();
-    // Of twenty points the first run has the last one now.
+    // The report has only the last of the first run's twenty points.
     let (head, rows) = points.split_once('\n').unwrap();
     let kept = rows.splitn(20, '\n').last().unwrap();
     let point = kept.lines().next().unwrap();
@@ -244,8 +243,8 @@ fn a_report_of_short_runs_takes_no_places() {
     assert_eq!(fs::read_to_string(data.join("runs.csv")).unwrap(), runs);
 }
 
-/// rliable 1.2.0: `aggregate_iqm` and `probability_of_improvement` of the same scores, with
-/// `get_interval_estimates`, which draws otherwise: hence the tolerance.
+/// The expected values are those of rliable 1.2.0 for the same scores: `aggregate_iqm` and
+/// `probability_of_improvement` with `get_interval_estimates`, whose bootstrap draws differ, hence the tolerances.
 #[test]
 fn statistics_over_panels_are_those_of_rliable() {
     let program = "
@@ -265,7 +264,7 @@ print(*interquartile_mean(ours), *interquartile_mean(other), *improvement(other,
     }
 }
 
-/// `ttest_ind` with unequal variances and `ttest_rel` of SciPy.
+/// The references are SciPy's `ttest_ind` with unequal variances and `ttest_rel`.
 #[test]
 fn intervals_of_differences_are_those_of_scipy() {
     let program = "

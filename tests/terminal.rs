@@ -1,6 +1,6 @@
-//! What people see: on a terminal, on one that cannot redraw a line, and in a pipe.
+//! The output that people see: on a terminal, on one that cannot redraw a line, and in a pipe.
 //!
-//! Method: the test is the other end of a terminal and reads what a real program shows on it.
+//! Method: the test opens a pseudoterminal and reads what a real program shows on it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs::{File, OpenOptions};
@@ -10,7 +10,7 @@ use std::process::Command;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use system_tests::{SMALL, TestRun, programs};
 
-/// Runs a command to its good end on a terminal that calls itself `term`; gives all that it showed.
+/// Runs a command, which must succeed, on a terminal of type `term`; returns everything that it showed.
 fn on_terminal(mut command: Command, term: &str) -> String {
     let own_end = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     grantpt(&own_end).unwrap();
@@ -19,7 +19,7 @@ fn on_terminal(mut command: Command, term: &str) -> String {
     let terminal = OpenOptions::new().read(true).write(true).open(name).unwrap();
     command.stdout(terminal.try_clone().unwrap()).stderr(terminal).env("TERM", term);
     let mut started = command.spawn().unwrap();
-    // The command holds the terminal's ends; reading fails when the last of them is closed.
+    // The command holds ends of the terminal; reading stops with an error when the last of them is closed.
     drop(command);
     let mut shown = Vec::new();
     File::from(own_end).read_to_end(&mut shown).ok();

@@ -1,6 +1,6 @@
-"""Steps environments of Gymnasium in plain Python, for `transport.rs`: a line on standard input is a round.
+"""Steps Gymnasium environments in plain Python, for `transport.rs`: a line on standard input starts a round.
 
-Usage: alone.py ID COPIES STEPS. Prints the seconds of a round.
+Usage: alone.py ID COPIES STEPS. Prints the seconds of each round.
 """
 
 import sys

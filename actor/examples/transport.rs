@@ -1,8 +1,8 @@
-//! What it costs to step environments of Python from an actor: seconds of rounds through the actor and of
-//! rounds in Python alone, in turn, with random actions and a reset at every end.
+//! Measures what it costs to step Python environments from an actor: rounds through the actor and rounds in
+//! Python alone alternate, with random actions and a reset after every episode.
 //!
-//! Usage: `transport ID [COPIES] [STEPS] [ROUNDS]`, such as `transport Ant-v5 16 200 10`; the interpreter is
-//! the one of `GOALWARD_PYTHON`.
+//! Usage: `transport ID [COPIES] [STEPS] [ROUNDS]`, for example `transport Ant-v5 16 200 10`. The interpreter
+//! is the one that `GOALWARD_PYTHON` names.
 
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};
@@ -14,7 +14,7 @@ use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 
-/// Environments side by side, as an actor's lanes have them.
+/// Environments side by side, like the lanes of an actor.
 struct Lanes {
     environments: Vec<Box<dyn Environment>>,
     observation: Vec<u8>,
@@ -43,7 +43,7 @@ impl Lanes {
         Ok(self.environments[lane].reset(&mut starts, &mut self.observation)?)
     }
 
-    /// One step in every lane.
+    /// Takes one step in every lane.
     fn step(&mut self) -> Result<(), Box<dyn Error>> {
         let spec = self.environments[0].spec();
         for (environment, action) in self.environments.iter_mut().zip(&mut self.actions) {

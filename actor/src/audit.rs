@@ -1,5 +1,5 @@
-//! `goalward-actor audit`: episodes that another machine acted are acted again by the same policy, and must
-//! come out alike, bit for bit.
+//! `goalward-actor audit`: episodes that another machine ran are run again with the same policy, and must come
+//! out the same, bit for bit.
 
 use std::io::{BufRead, Write};
 
@@ -18,13 +18,13 @@ use crate::lane::Lane;
 use crate::policy::{Policy, Version};
 use crate::verify::first_difference;
 
-/// Longest request: weights and a trajectory.
+/// Longest request in bytes: weights and a trajectory.
 const MOST_BYTES: usize = 128 << 20;
 
-/// Answers each request of `input`, which are one behind the other, each behind its length.
+/// Answers the requests in `input`, each of which follows its length.
 ///
 /// # Errors
-/// When the task is none of `tasks`, an environment fails, or a request cannot be read.
+/// When the task is not among `tasks`, an environment fails, or a request cannot be read.
 pub(crate) fn audit(
     tasks: Tasks,
     folder: &RunFolder,
@@ -43,7 +43,7 @@ pub(crate) fn audit(
     Ok(())
 }
 
-/// The next request; none at the end of the input.
+/// Reads the next request; returns `None` at the end of the input.
 fn next(input: &mut impl BufRead) -> Result<Option<AuditRequest>> {
     if input.fill_buf()?.is_empty() {
         return Ok(None);
@@ -66,7 +66,7 @@ struct Auditor {
 }
 
 impl Auditor {
-    /// How an episode differs from what this machine makes of it, if it does.
+    /// Returns how an episode differs from the one that this machine produces, if it does.
     fn difference(&mut self, request: AuditRequest) -> Result<Option<String>> {
         if let Some(weights) = request.weights {
             self.version = Some(self.policy.version(&Weights::decode(weights)?)?);
@@ -79,7 +79,7 @@ impl Auditor {
         Ok((expected != found).then(place))
     }
 
-    /// The episode of this name, acted here.
+    /// Runs the episode that `named` identifies, on this machine.
     fn act(&mut self, named: &Trajectory) -> Result<Trajectory> {
         let version = self.version.as_ref().context("expected weights, found none")?;
         let lease = Lease {

@@ -1,4 +1,4 @@
-//! The command line of `goalward-actor`. People type `goalward`, which starts it.
+//! The command line of `goalward-actor`. Users type `goalward`, which starts it.
 
 use std::io::{Read, Write};
 use std::path::PathBuf;
@@ -190,8 +190,8 @@ enum Command {
 }
 
 impl Command {
-    /// An actor of a run writes a log file; what `goalward` starts for one piece of work speaks to its
-    /// user.
+    /// Returns where diagnostics go: an actor of a run writes a log file; a command that `goalward` starts for
+    /// a single job reports to the user.
     fn diagnostics(&self) -> Diagnostics {
         match self {
             Command::Rollout { .. } | Command::Replay { .. } => Diagnostics::of_service(),
@@ -200,7 +200,7 @@ impl Command {
     }
 }
 
-/// Runs an actor process that can act in these tasks; its command line says what it is to do.
+/// Runs an actor process that can act in these tasks, as its command line says.
 pub fn main(tasks: &'static [Registration]) -> ExitCode {
     let arguments = Arguments::parse();
     process::run(arguments.command.diagnostics(), || {
@@ -278,7 +278,7 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
     }
 }
 
-/// Records demonstrations and says what they are.
+/// Records demonstrations and reports how many they are.
 fn record(request: &Request<'_>, expert: Expert) -> Result<()> {
     let Recorded { steps, failures } = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
     let (episodes, out) = (request.episodes, request.file.display());

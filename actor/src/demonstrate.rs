@@ -1,4 +1,4 @@
-//! `goalward demonstrate`: an expert acts and its trajectories become a demonstrations file.
+//! `goalward demonstrate`: an expert acts, and its trajectories are recorded in a demonstrations file.
 
 use std::path::Path;
 use std::slice;
@@ -19,36 +19,36 @@ use crate::factory::Factory;
 use crate::lane::Lane;
 use crate::python;
 
-/// Episodes an expert may fail for each demonstration wanted.
+/// Number of episodes that an expert may fail per demonstration wanted.
 const FAILURES_PER_DEMONSTRATION: u64 = 9;
 
-/// What is to be recorded.
+/// A request to record demonstrations.
 pub struct Request<'a> {
-    /// What they are recorded in.
+    /// The factory of the environment to record in.
     pub factory: Factory,
-    /// How many episodes.
+    /// Number of demonstrations.
     pub episodes: u64,
     /// Seed of the starts.
     pub seed: u64,
     /// The file to write.
     pub file: &'a Path,
-    /// Whether it may take the place of one that is there, which stays until this one is whole.
+    /// Whether the file may replace an existing one, which stays until the new one is complete.
     pub force: bool,
 }
 
 /// What was recorded.
 pub struct Recorded {
-    /// Transitions of the demonstrations together.
+    /// Transitions of all demonstrations together.
     pub steps: u64,
     /// Episodes in which the expert did not reach the goal; they are not in the file.
     pub failures: u64,
 }
 
-/// Records demonstrations: episodes of the expert that reach the goal, up to the goal; whole ones of a
-/// task that does not tell.
+/// Records demonstrations: episodes in which the expert reaches the goal, up to the goal. For a task that does
+/// not tell success, it records whole episodes.
 ///
 /// # Errors
-/// When the expert fails too often, the disk refuses, or a stop comes first; no file is left then.
+/// When the expert fails too often, the disk refuses, or a stop is requested first; then no file is left.
 pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result<Recorded> {
     let Request { factory, episodes, seed, file, force } = request;
     let who = if expert.is_of_task() { TASKS_OWN } else { "a policy" };
@@ -91,13 +91,13 @@ fn record(
             ensure!(
                 failures <= most,
                 "expected an expert that reaches the goal in one of {} episodes, found {failures} \
-                 failures beside {number} demonstrations",
+                 failures and {number} demonstrations",
                 FAILURES_PER_DEMONSTRATION + 1
             );
             continue;
         }
         recorded.steps += u64::from(trajectory.steps);
-        // The log time counts episodes: demonstrations of one seed are the same file every time.
+        // The log time is the number of the episode, so demonstrations of one seed always give the same file.
         writer.trajectory(&Encoded::encode(trajectory), number)?;
         number += 1;
         teller.tell(Headway {
@@ -109,7 +109,7 @@ fn record(
     Ok(recorded)
 }
 
-/// An expert at work in one lane.
+/// An expert that acts in one lane.
 struct Demonstrator {
     tells_success: bool,
     task: String,

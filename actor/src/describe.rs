@@ -1,4 +1,4 @@
-//! `goalward-actor describe`: what a task is, and settings made complete by its environment.
+//! `goalward-actor describe`: describes a task, and completes settings with the environment's defaults.
 
 use anyhow::Result;
 use environments::{Environment, EnvironmentError, Expert, Setting};
@@ -8,11 +8,11 @@ use protocol::task::Task;
 use crate::factory::{Factory, Tasks};
 use crate::python;
 
-/// Describes a task in the setting of an agent, and in that which its demonstrations are recorded in.
+/// Describes a task, in the setting of an agent and in the setting that its demonstrations are recorded in.
 ///
 /// # Errors
-/// When the program does not have the task, or the task does not have such a setting; the words name
-/// the part of the configuration.
+/// When the program does not have the task, or the task does not have such a setting; the message names the
+/// part of the configuration.
 pub fn describe(
     tasks: Tasks,
     name: &str,

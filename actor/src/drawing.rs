@@ -1,5 +1,5 @@
-//! Evaluation episodes as a viewer shows them: an episode is acted again, from its seeds and actions, and
-//! the solids of its environment are recorded where they were after each step, or pictures that it renders.
+//! Episodes for viewers: an episode is re-simulated from its seeds and actions, and the poses of the
+//! environment's solids after each step, or the pictures that it renders, are recorded.
 
 use anyhow::{Result, ensure};
 use environments::{Environment, Pose, Shape, Solid};
@@ -12,14 +12,14 @@ use protocol::scene::{
 use protocol::seed;
 use protocol::trajectory::{Source, Trajectory};
 
-/// Most pictures of an episode.
+/// Maximum number of pictures per episode.
 const MOST_PICTURES: u32 = 120;
 
-/// Records the scenes of an episode, the first at `start_ns`; returns the time after the last. A task
-/// without solids has none; one that renders pictures has them of some of its states, evenly.
+/// Records the scenes of an episode, the first at `start_ns`; returns the time after the last. A task without
+/// solids has no scenes. If the environment renders pictures, they are recorded at regular intervals.
 ///
 /// # Errors
-/// When the environment refuses an action, or the disk the scenes.
+/// When the environment fails or does not end in the recorded state, or the disk refuses the scenes.
 pub fn draw(
     writer: &mut FileWriter,
     environment: &mut dyn Environment,
@@ -156,7 +156,7 @@ mod tests {
             shape: Shape::Capsule { radius: 0.25, half_length: 2.0 },
             color: [1.0, 0.5, 0.0, 1.0],
         };
-        // A quarter turn about x brings its own z onto -y of the world.
+        // A quarter turn about x maps the capsule's own z axis to the world's -y axis.
         let pose = Pose { position: [1.0, 2.0, 3.0], orientation: [half, 0.0, 0.0, half] };
         let entity = entity(&solid, &pose, 1_250_000_000);
         assert_eq!((entity.cylinders.len(), entity.spheres.len(), entity.cubes.len()), (1, 2, 0));

@@ -1,4 +1,4 @@
-//! One episode: an environment and whoever acts in it become one trajectory.
+//! One episode: an environment, and the policy or expert that acts in it, give one trajectory.
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
@@ -8,10 +8,10 @@ use protocol::seed::{self, Stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
 use protocol::trajectory::{Source, Trajectory};
 
-/// Which episode this is. With the policy's weights it decides every byte of the trajectory.
+/// The identity of an episode. Together with the policy's weights it determines every byte of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EpisodeName {
-    /// Who acts, and what for.
+    /// Who acts, and for what purpose.
     pub source: Source,
     /// Rollout it belongs to.
     pub iteration: u64,
@@ -19,13 +19,13 @@ pub struct EpisodeName {
     pub lane: u64,
     /// Number within the lane.
     pub episode: u64,
-    /// Policy that acts; 0 for an expert.
+    /// Version of the policy that acts; 0 for an expert.
     pub policy_version: u64,
     /// Seed of the run.
     pub run_seed: u64,
 }
 
-/// An episode in progress. Its buffers live on from one episode of a lane to the next.
+/// An episode in progress. The episodes that follow reuse its buffers.
 pub struct Episode {
     environment: Box<dyn Environment>,
     task: String,
@@ -43,7 +43,7 @@ impl Episode {
     /// Begins the named episode of a task.
     ///
     /// # Errors
-    /// When the environment finds no start for it.
+    /// When the environment cannot be reset; the error names the lane and the episode.
     pub fn begin(
         environment: Box<dyn Environment>,
         task: &str,
@@ -70,7 +70,7 @@ impl Episode {
     /// Begins another episode in the same environment.
     ///
     /// # Errors
-    /// When the environment cannot be reset; names lane and episode.
+    /// When the environment cannot be reset; the error names the lane and the episode.
     pub fn begin_again(&mut self, name: EpisodeName) -> Result<()> {
         let (environment_purpose, action_purpose) = name.source.purposes();
         self.name = name;
@@ -87,46 +87,46 @@ impl Episode {
             .with_context(|| format!("lane {} episode {}: reset", name.lane, name.episode))
     }
 
-    /// The observation to act on.
+    /// Returns the observation to act on.
     pub fn observation(&self) -> &[u8] {
         &self.observations[self.observations.len() - self.spec.observation.bytes()..]
     }
 
-    /// The stream that this episode's actions are drawn from.
+    /// Returns the random stream that this episode's actions are drawn from.
     pub fn action_stream(&mut self) -> &mut Stream {
         &mut self.actions
     }
 
-    /// The action the task's scripted expert takes here; false where there is none.
+    /// Writes the action that the task's scripted expert takes in the current state; returns false if there is none.
     ///
     /// # Errors
-    /// When the script fails; names lane, episode and step.
+    /// When the script fails; the error names the lane, the episode and the step.
     pub fn expert_action(&mut self, action: &mut [u8]) -> Result<bool> {
         let acted = self.environment.expert_action(action);
         acted.with_context(|| self.place())
     }
 
-    /// Tells the environment of the action that [`Episode::step`] is to take next.
+    /// Tells the environment which action [`Episode::step`] will take next.
     ///
     /// # Errors
-    /// When the environment refuses the action; names lane, episode and step.
+    /// When the environment refuses the action; the error names the lane, the episode and the step.
     pub fn announce(&mut self, action: &[u8]) -> Result<()> {
         let announced = self.environment.announce(action);
         announced.with_context(|| self.place())
     }
 
-    /// Where an error came up.
+    /// Returns the lane, the episode and the step, for error messages.
     fn place(&self) -> String {
         let EpisodeName { lane, episode, .. } = self.name;
         format!("lane {lane} episode {episode} step {}", self.steps())
     }
 
-    /// Acts. At the end of the episode the trajectory comes out. A demonstration ends at the goal,
-    /// also in a task that would go on, and has no log-probabilities.
+    /// Takes one step. Returns the trajectory if the episode has ended. A demonstration ends at the goal, even
+    /// in a task whose episodes go on there, and has no log-probabilities.
     ///
     /// # Errors
-    /// When the environment refuses the action, gives what its task cannot have, or does not end the episode;
-    /// names lane, episode and step.
+    /// When the environment refuses the action, returns what its task does not allow, or does not end the
+    /// episode by the horizon; the error names the lane, the episode and the step.
     pub fn step(&mut self, action: &[u8], log_prob: Option<f32>) -> Result<Option<Trajectory>> {
         let start = self.observations.len();
         self.observations.resize(start + self.spec.observation.bytes(), 0);
@@ -146,7 +146,8 @@ impl Episode {
         Ok(trajectory)
     }
 
-    /// Refuses what the learner would not take: the same episode would come out again and again.
+    /// Refuses what the learner would not accept: the lease would be granted again and give the same episode
+    /// every time.
     fn check(&self, trajectory: Option<&Trajectory>) -> Result<(), EnvironmentError> {
         let raised = |words: String| Err(EnvironmentError::Raised(words));
         let (steps, horizon) = (self.steps(), self.spec.horizon_steps);
@@ -161,7 +162,7 @@ impl Episode {
         }
     }
 
-    /// Steps taken.
+    /// Returns the number of steps taken.
     pub fn steps(&self) -> usize {
         self.rewards.len() / 4
     }
@@ -197,13 +198,14 @@ impl Episode {
     }
 }
 
-/// Whether an episode has failed so that it would fail again: all that an environment says depends on seed and
-/// actions, but for [`EnvironmentError::Other`].
+/// Returns whether the episode would fail again in the same way. What an environment reports depends only on
+/// seed and actions, except for [`EnvironmentError::Other`].
 pub fn would_fail_again(error: &anyhow::Error) -> bool {
     error.is::<EnvironmentError>() && !is_of_no_episode(error)
 }
 
-/// Whether an environment has failed for what does not follow from its episode: its process was killed, say.
+/// Returns whether an environment has failed for a reason outside its episode, for example because its process
+/// was killed.
 pub(crate) fn is_of_no_episode(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(EnvironmentError::Other(_)))
 }
@@ -215,16 +217,16 @@ mod tests {
 
     use super::*;
 
-    /// Gives a number, and reaches the goal at its third step.
+    /// An environment that observes `number` and, if `ends`, reaches the goal at its third step.
     struct Wrong {
         number: f32,
         ends: bool,
-        /// What a step fails with.
+        /// Error that every step returns.
         failure: Option<EnvironmentError>,
         steps: u32,
     }
 
-    /// One with nothing wrong.
+    /// An environment without a fault.
     const GOOD: Wrong = Wrong { number: 0.5, ends: true, failure: None, steps: 0 };
 
     impl Environment for Wrong {

@@ -19,15 +19,15 @@ use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
 use crate::policy::{Policy, newest_weights};
 
-/// Episodes of a file that a viewer can draw, the first ones.
+/// Number of episodes in a file, from the first, that a viewer can draw.
 const DRAWN_EPISODES: usize = 20;
 
-/// What an evaluation found, as it is printed.
+/// The result of an evaluation, as it is printed.
 #[derive(Debug, Serialize)]
 pub struct Evaluation {
     /// Episodes run.
     pub episodes: u64,
-    /// Share of them that reached the goal; none where the task does not tell.
+    /// Share of them that reached the goal; `None` if the task does not tell success.
     pub success_rate: Option<f64>,
     /// Mean of the environment's own returns.
     pub mean_return: f64,
@@ -35,15 +35,15 @@ pub struct Evaluation {
     pub mean_steps: f64,
     /// Updates the policy has had.
     pub policy_version: u64,
-    /// Where the episodes are.
+    /// File that holds the episodes.
     pub file: PathBuf,
 }
 
-/// Runs evaluation episodes with the newest checkpoint of a run: the same ones, in the same lanes,
-/// that the run itself ends with, and more of them if asked; those of another seed if one is given.
+/// Runs evaluation episodes with the newest checkpoint of a run: the same episodes, in the same lanes, that the
+/// run itself ends with, and more if asked for. With `other_seed`, the episodes are those of that seed.
 ///
 /// # Errors
-/// When the run has no checkpoint that holds, an environment fails, or the file cannot be written.
+/// When the run has no intact checkpoint, an environment fails, or the file cannot be written.
 pub fn evaluate(
     tasks: Tasks,
     folder: &RunFolder,
@@ -74,7 +74,7 @@ pub fn evaluate(
     })
 }
 
-/// Acts the evaluation episodes of a seed, by lane and then by episode.
+/// Runs the evaluation episodes of a seed; returns them by lane, then by episode.
 ///
 /// # Errors
 /// When the weights are not this run's, or an environment fails.

@@ -1,4 +1,4 @@
-//! Who demonstrates a task: the script of its environment, or a policy that was trained on the
+//! Experts that demonstrate a task: the script of its environment, or a policy that was trained on the
 //! environment's own reward.
 
 use anyhow::{Context, Result, bail, ensure};
@@ -11,7 +11,7 @@ use run::folder::RunFolder;
 use crate::factory::Factory;
 use crate::policy::{Policy, Version, newest_weights};
 
-/// Who demonstrates a task.
+/// An expert that demonstrates a task.
 pub enum Expert {
     /// The script of the task's environment.
     Script,
@@ -25,14 +25,14 @@ pub struct TrainedExpert {
     pub policy: Policy,
     /// Its weights.
     pub version: Version,
-    /// What it was trained in.
+    /// The setting that it was trained in.
     trained_in: Setting,
     /// Whether it comes with its task.
     is_of_task: bool,
 }
 
 impl Expert {
-    /// The expert that comes with a task.
+    /// Returns the expert that comes with a task.
     ///
     /// # Errors
     /// When there is none.
@@ -40,8 +40,8 @@ impl Expert {
         let name = &factory.name;
         match factory.task.expert {
             Known::None => bail!(
-                "{name}: expected a task that comes with an expert, found one without; \
-                 --demonstrations FILE.mcap gives demonstrations, --policy RUN an expert"
+                "{name}: expected a task that has an expert, found one without; give \
+                 --demonstrations FILE.mcap, or an expert with --policy RUN"
             ),
             Known::Scripted => Ok(Expert::Script),
             Known::Policy { config, weights } => {
@@ -52,10 +52,10 @@ impl Expert {
         }
     }
 
-    /// The policy of the newest checkpoint of a run.
+    /// Returns the policy of a run's newest checkpoint as an expert.
     ///
     /// # Errors
-    /// When the run is of another task, or has no checkpoint.
+    /// When the run is of another task, or has no intact checkpoint.
     pub fn of_run(folder: &RunFolder, task: &str) -> Result<Expert> {
         let config = folder.config()?;
         let (shown, found) = (folder.path().display(), &config.task.name);
@@ -70,7 +70,7 @@ impl Expert {
         Ok(Expert::Policy(Box::new(TrainedExpert { policy, version, trained_in, is_of_task })))
     }
 
-    /// Whether it is the one that comes with its task.
+    /// Returns whether the expert comes with its task.
     pub fn is_of_task(&self) -> bool {
         match self {
             Expert::Script => true,
@@ -78,12 +78,12 @@ impl Expert {
         }
     }
 
-    /// The setting to demonstrate in so that demonstrations are as `wanted`, which is complete: a
-    /// policy's actions keep the scale they were trained with.
+    /// Returns the setting to record in so that demonstrations are as `wanted`, which must be complete: a
+    /// policy's actions keep the scale that they were trained with.
     ///
     /// # Errors
-    /// When a policy would have to act on observations that it was not trained on: `observed` has the
-    /// keys that change what they say.
+    /// When a policy would have to act on observations that it was not trained on: `observed` lists the keys
+    /// that change the meaning of observations.
     pub fn setting(&self, wanted: &Setting, observed: &[&str]) -> Result<Setting> {
         let Expert::Policy(expert) = self else { return Ok(wanted.clone()) };
         let trained_in = &expert.trained_in.0;

@@ -1,4 +1,4 @@
-//! The policy of a run as a file that programs without Goalward read.
+//! Export of a run's policy to a file that programs without Goalward can read.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use run::metadata;
 
 use crate::policy::Policy;
 
-/// Writes the policy in a run's checkpoint after so many iterations, or else in its newest, to `out`.
-/// Gives after how many iterations that is.
+/// Writes the policy of a run's checkpoint after `iteration` iterations, or else of its newest checkpoint, to
+/// `out`. Returns the number of iterations of that checkpoint.
 ///
 /// # Errors
-/// When there is no such checkpoint that holds, or the file cannot be written.
+/// When there is no such intact checkpoint, or the file cannot be written.
 pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
     let config = folder.config()?;
     let found = checkpoint::chosen(folder, iteration, &[POLICY_FILE])?;

@@ -1,4 +1,4 @@
-//! Who makes environments: a task that the program has, with a setting.
+//! Factories that make environments: of a task that the program has, with a setting.
 
 use anyhow::{Result, ensure};
 use environments::{Environment, Expert, Registration, Setting, find};
@@ -12,25 +12,25 @@ use crate::python;
 /// The tasks that a program can act in.
 pub type Tasks = &'static [Registration];
 
-/// Makes the environments of one task with one setting.
+/// A factory of the environments of one task with one setting.
 #[derive(Clone, Debug)]
 pub struct Factory {
-    /// What the task is called.
+    /// Name of the task.
     pub name: String,
-    /// What is known of it beyond its environment.
+    /// The task's registration.
     pub task: &'static Registration,
     setting: Setting,
 }
 
-/// A task whose environments are of Python; its setting says which.
+/// A task with a Python environment, which its setting names.
 static OF_PYTHON: Registration = Registration::new("python", python::make);
 
-/// The same with an expert, of whom the setting says, too.
+/// The same with an expert, which the setting names, too.
 static WITH_EXPERT: Registration =
     Registration::new("python", python::make).with_expert(Expert::Scripted);
 
 impl Factory {
-    /// That of the named task; of an environment of Python if its setting says what makes it.
+    /// Creates the factory of the named task, or of a Python environment if the setting says what makes it.
     ///
     /// # Errors
     /// When the program does not have the task.
@@ -44,7 +44,7 @@ impl Factory {
         Ok(Factory { name: name.to_owned(), task, setting })
     }
 
-    /// That of the environment of a run's agent.
+    /// Creates the factory of the environment that a run's agent acts in.
     ///
     /// # Errors
     /// When the program does not have the task, or has it with other shapes.
@@ -56,12 +56,12 @@ impl Factory {
         Ok(factory)
     }
 
-    /// The same task with another setting.
+    /// Returns a factory of the same task with another setting.
     pub fn with_setting(&self, setting: Setting) -> Factory {
         Factory { setting, ..self.clone() }
     }
 
-    /// An environment.
+    /// Makes an environment.
     ///
     /// # Errors
     /// When the task does not have such a setting.
@@ -69,7 +69,7 @@ impl Factory {
         Ok((self.task.make)(&self.setting)?)
     }
 
-    /// An environment that renders pictures, if it is of Python; else one that draws its solids alone.
+    /// Makes an environment that renders pictures, if it is a Python environment; others have only solids to draw.
     ///
     /// # Errors
     /// As [`Factory::make`].
@@ -81,10 +81,10 @@ impl Factory {
         self.with_setting(setting).make()
     }
 
-    /// The named episode, begun where an earlier one was, or in an environment of its own.
+    /// Begins the named episode, in the environment of an earlier episode if there is one, else in a new environment.
     ///
     /// # Errors
-    /// When there is no such setting, or no such start.
+    /// When the task does not have such a setting, or the environment cannot be reset.
     pub fn begin(&self, name: EpisodeName, earlier: Option<Episode>) -> Result<Episode> {
         let Some(mut episode) = earlier else {
             return Episode::begin(self.make()?, &self.name, name);
@@ -93,7 +93,7 @@ impl Factory {
         Ok(episode)
     }
 
-    /// What others have to know of the task of this environment.
+    /// Returns what the rest of a run has to know of this environment's task.
     pub fn described(&self, environment: &dyn Environment) -> Task {
         let Spec { observation, action, horizon_steps } = environment.spec();
         Task {

@@ -1,5 +1,5 @@
-//! Frames between who acts and the process that holds the environments: between an actor and its process of
-//! Python (`python/child.py` has the other half), and between any program and an actor that serves it a task.
+//! Frames between the side that acts and the process that holds the environments: between an actor and its Python
+//! process (`python/child.py` is the other end), and between any program and an actor that serves a task to it.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
@@ -7,10 +7,10 @@ use std::io::{self, Read, Write};
 use protocol::task::{ActionSpec, ObservationSpec};
 use serde::{Deserialize, Serialize};
 
-/// A frame is its length, its kind and its body.
+/// Bytes before a frame's body: the length of the body, and the kind of the frame.
 const HEAD_BYTES: usize = 5;
 
-/// Longest body; a turn of many lanes is far below.
+/// Longest body in bytes; a turn of many lanes is far shorter.
 const LONGEST_BODY: usize = 64 << 20;
 
 /// Bytes of a slot's request before its action.
@@ -28,38 +28,38 @@ const REBUILD: u8 = 1;
 /// Take an action.
 const STEP: u8 = 2;
 
-/// What a frame holds.
+/// The kind of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// What the environment is, in JSON.
     Hello = 1,
-    /// Requests of slots, or their answers.
+    /// Requests to slots, or their answers.
     Turn = 2,
     /// Why there is no answer, in JSON.
     Failed = 3,
-    /// A slot whose expert is asked, or the action that it takes.
+    /// The slot whose expert is asked, or the action that the expert takes.
     Expert = 4,
-    /// A slot that is to render its state, or the picture, a PNG file; empty where there is none.
+    /// The slot whose state is to be rendered, or the picture as a PNG file; empty if there is none.
     Picture = 5,
 }
 
-/// What an environment is.
+/// The description of an environment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Hello {
     pub(crate) observation: ObservationSpec,
     pub(crate) action: ActionSpec,
-    /// Longest episode, where the environment says.
+    /// Longest episode in steps, if the environment has a limit.
     pub(crate) horizon_steps: Option<u32>,
-    /// What the numbers of an observation are; empty for cells.
+    /// Labels of the numbers of an observation; empty for cells.
     pub(crate) labels: Vec<String>,
     /// Parts of the observation that are left out, because they are text.
     pub(crate) dropped: Vec<String>,
-    /// What tells success.
+    /// The rule that tells success.
     pub(crate) success: String,
     /// Versions of Python and of the packages that decide what the environment does.
     pub(crate) versions: BTreeMap<String, String>,
-    /// SHA-256 of the files of modules that do, and that no installed package has.
+    /// SHA-256 of the files of modules that decide this too and belong to no installed package.
     pub(crate) sources: BTreeMap<String, String>,
 }
 
@@ -74,7 +74,7 @@ pub(crate) struct Failure {
     pub(crate) traceback: String,
 }
 
-/// What a slot is to do.
+/// A request to a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Request<'a> {
     /// Begin an episode with this seed; in a new environment if `rebuild`.
@@ -83,7 +83,7 @@ pub(crate) enum Request<'a> {
     Step(&'a [u8]),
 }
 
-/// What a slot did.
+/// A slot's answer to a request.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Answer {
     pub(crate) terminated: bool,
@@ -109,7 +109,7 @@ pub(crate) fn append(slot: u16, request: Request<'_>, action_bytes: usize, body:
     body.resize(end, 0);
 }
 
-/// The answers of a turn's slots, in their order.
+/// Returns the answers of a turn's slots, in order.
 pub(crate) fn answers(
     body: &[u8],
     observation_bytes: usize,
@@ -128,7 +128,7 @@ pub(crate) fn answers(
     })
 }
 
-/// What the slots of a turn are to do, in their order.
+/// Returns the requests of a turn's slots, in order.
 pub(crate) fn requests(
     body: &[u8],
     action_bytes: usize,
@@ -170,7 +170,7 @@ pub(crate) fn write(link: &mut impl Write, kind: Kind, body: &[u8]) -> io::Resul
 /// Reads a frame.
 ///
 /// # Errors
-/// When the other end is gone or silent, or what comes is no frame.
+/// When the other end is gone or silent, or what arrives is not a frame.
 pub(crate) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
     let mut head = [0; HEAD_BYTES];
     link.read_exact(&mut head)?;

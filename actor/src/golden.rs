@@ -1,4 +1,4 @@
-//! `goalward-actor golden`: a few episodes that every machine of a run must act alike, as one hash.
+//! `goalward-actor golden`: a few episodes that must be the same on every machine of a run, as one hash.
 
 use anyhow::Result;
 use protocol::digest;
@@ -10,14 +10,14 @@ use crate::evaluate::act;
 use crate::factory::{Factory, Tasks};
 use crate::policy::Policy;
 
-/// How many.
+/// Number of episodes.
 const EPISODES: u64 = 4;
 
-/// Acts the first evaluation episodes of a run by a policy that has learned nothing, with sampled actions, and
-/// gives SHA-256 of the trajectories. Of a task that is not deterministic it says the shapes alone.
+/// Runs the first evaluation episodes of a run with an untrained policy and sampled actions, and returns
+/// SHA-256 of the trajectories. For a task that is not deterministic, only the shapes are hashed.
 ///
 /// # Errors
-/// When the task is none of `tasks`, or an environment fails.
+/// When the task is not among `tasks`, or an environment fails.
 pub fn golden(tasks: Tasks, folder: &RunFolder) -> Result<String> {
     let mut config = folder.config()?;
     let factory = Factory::of_run(tasks, &config)?;

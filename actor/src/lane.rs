@@ -1,4 +1,4 @@
-//! A lease at work: one lane's episodes, one after another, until what is owed has been run.
+//! A lease in progress: one lane's episodes, one after another, until what is owed has been run.
 
 use anyhow::Result;
 use protocol::messages::Lease;
@@ -7,9 +7,9 @@ use protocol::trajectory::{Source, Trajectory};
 use crate::episode::{Episode, EpisodeName};
 use crate::factory::Factory;
 
-/// A lease at work.
+/// A lease in progress.
 pub struct Lane {
-    /// What was granted.
+    /// The lease that was granted.
     pub lease: Lease,
     steps_owed: u64,
     episodes_owed: u64,
@@ -19,10 +19,10 @@ pub struct Lane {
 }
 
 impl Lane {
-    /// Begins the first episode of a lease, where an earlier episode was if there is one.
+    /// Begins the first episode of a lease, in the environment of an earlier episode if there is one.
     ///
     /// # Errors
-    /// When the lease has a source that is none, or the environment fails.
+    /// When the lease has an unknown source, or the environment fails.
     pub fn begin(
         lease: Lease,
         factory: &Factory,
@@ -42,7 +42,7 @@ impl Lane {
         Ok(Lane { lease, steps_owed, episodes_owed, name, episode })
     }
 
-    /// Acts. Gives the trajectory an episode ended with; the next one has begun if one is owed.
+    /// Takes one step. Returns the trajectory if an episode has ended; the next episode has then begun, if one is owed.
     ///
     /// # Errors
     /// When the environment fails.
@@ -57,12 +57,12 @@ impl Lane {
         Ok(Some(trajectory))
     }
 
-    /// What its episodes are for.
+    /// Returns what the lane's episodes are for.
     pub fn source(&self) -> Source {
         self.name.source
     }
 
-    /// Whether everything owed has been run.
+    /// Returns whether everything that is owed has been run.
     pub fn is_done(&self) -> bool {
         self.steps_owed == 0 && self.episodes_owed == 0
     }

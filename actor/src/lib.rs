@@ -1,12 +1,13 @@
-//! The actor: acts in environments and publishes trajectories; owns no learning.
+//! The actor: acts in environments and publishes trajectories. It does not learn.
 //!
-//! [`rollout`] is the process of a training run, [`replay`] its double that acts from a log;
-//! [`publish`] puts a log onto the bus for anybody.
-//! [`demonstrate`], [`evaluate`], [`verify`], [`restore`], `scenes`, `audit` and `serve` work without a bus. [`episode`] and [`lane`]
-//! turn a lease into trajectories, [`policy`] chooses the actions, `pace` how many lanes at once, [`resimulate`] acts recorded ones.
+//! [`rollout`] is the actor process of a training run. [`replay`] is its counterpart that takes the
+//! trajectories from a log; [`publish`] puts a log onto the bus for any reader. [`demonstrate`], [`evaluate`],
+//! [`verify`], [`restore`], `scenes`, `audit` and `serve` work without a bus. [`episode`] and [`lane`] turn a
+//! lease into trajectories, [`policy`] chooses the actions, `pace` decides how many lanes are stepped at once,
+//! and [`resimulate`] re-simulates recorded episodes.
 //!
-//! An actor of tasks of your own is a program with a `main` that calls [`main()`] with their
-//! [`Registration`]s; a task's file names it. `deploy/examples/reacher/` is one.
+//! An actor for your own tasks is a program whose `main` calls [`main()`] with their [`Registration`]s; the
+//! task file names the program. `deploy/examples/reacher/` is an example.
 
 mod audit;
 pub mod cli;

@@ -1,37 +1,37 @@
-//! How long an environment takes for a step, and how many lanes are worth acting at once because of it.
+//! How long an environment takes per step, and how many lanes are worth stepping at once as a result.
 
-/// Most lanes that are acted at once.
+/// Maximum number of lanes that are stepped at once.
 pub(crate) const LANES_AT_ONCE: usize = 16;
 
-/// Seconds that a turn of all lanes is to take. What it costs besides its steps, inference or a message to another
-/// process, is a few hundredths of that; what more lanes save is less than what they cost others, which are idle at the
-/// end of a rollout while one actor holds leases that it has no time for.
+/// Target duration of a turn of all lanes, in seconds. A turn's cost besides its steps (inference, or a message
+/// to another process) is a few hundredths of that. More lanes would save less than they cost other actors,
+/// which are idle at the end of a rollout while one actor holds leases that it has no time for.
 const TURN: f64 = 3e-3;
 
-/// Weight of the newest turn.
+/// Weight of the newest turn in the moving average.
 const NEWEST: f64 = 0.1;
 
 /// The pace of an actor's environment.
 #[derive(Debug, Default)]
 pub(crate) struct Pace {
-    /// Seconds a step; none before there was one.
+    /// Seconds per step; `None` before the first step.
     step: Option<f64>,
 }
 
 impl Pace {
-    /// Takes in a turn of so many steps.
+    /// Takes in a turn of `steps` steps that took `seconds`.
     pub(crate) fn note(&mut self, seconds: f64, steps: usize) {
         let newest = seconds / steps.max(1) as f64;
         self.step = Some(self.step.map_or(newest, |step| step + NEWEST * (newest - step)));
     }
 
-    /// Lanes that are acted at once.
+    /// Returns the number of lanes to step at once.
     pub(crate) fn at_once(&self) -> usize {
         let fitting = self.step.map(|step| (TURN / step).ceil());
         fitting.map_or(LANES_AT_ONCE, |lanes| (lanes as usize).clamp(1, LANES_AT_ONCE))
     }
 
-    /// Lanes that are held: one more, so that the next lease is there before another ends.
+    /// Returns the number of lanes to hold: one more, so that the next lease is there before another ends.
     pub(crate) fn held(&self) -> usize {
         (self.at_once() + 1).min(LANES_AT_ONCE)
     }

@@ -27,27 +27,27 @@ pub struct Policy {
     observations: Vec<u8>,
     actions: Vec<u8>,
     log_probs: Vec<f32>,
-    /// Where time went since this was last taken.
+    /// Where time went since this was last reset.
     pub seconds: ActorSeconds,
 }
 
 /// One version of a policy, ready to act.
 pub struct Version {
-    /// Updates it has had.
+    /// Number of updates it has had.
     pub number: u64,
     normalizer: RunningNormalizer,
     prepared: PreparedPolicy,
 }
 
-/// The weights of the newest checkpoint of a run whose policy is the one that was saved.
+/// Returns the weights of a run's newest checkpoint whose policy file is intact.
 ///
 /// # Errors
-/// When there is no checkpoint that holds, or its policy cannot be read.
+/// When there is no such checkpoint, or its policy cannot be read.
 pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
     Ok(checkpoint::chosen(folder, None, &[POLICY_FILE])?.policy()?)
 }
 
-/// Numbers of an observation that can be normalized.
+/// Returns how many numbers of an observation can be normalized.
 fn normalized_numbers(spec: &Spec) -> usize {
     match spec.observation {
         ObservationSpec::Cells { .. } => 0,
@@ -56,7 +56,7 @@ fn normalized_numbers(spec: &Spec) -> usize {
 }
 
 impl Policy {
-    /// The policy of a run's configuration.
+    /// Creates the policy of a run's configuration.
     pub fn new(config: &RunConfig) -> Policy {
         let spec = config.task.spec();
         let architecture = PolicyArchitecture::from(&config.policy);
@@ -71,23 +71,23 @@ impl Policy {
         }
     }
 
-    /// Makes weights ready to act.
+    /// Prepares weights for acting.
     ///
     /// # Errors
-    /// When they are not finite, or not as many as this policy has.
+    /// When they are not finite, or do not have as many numbers as this policy.
     pub fn version(&self, weights: &Weights) -> Result<Version> {
         let (parameters, normalizer) = self.checked(weights)?;
         let prepared = self.network.prepare(&parameters);
         Ok(Version { number: weights.version, normalizer, prepared })
     }
 
-    /// Weights that have learned nothing, and take observations as they are.
+    /// Returns untrained weights, which take observations as they are.
     pub fn initial_weights(&self, run_seed: u64) -> Weights {
         let mut stream = seed::stream(run_seed, Purpose::PolicyWeights, 0, 0);
         Weights::new(0, &self.network.initial_parameters(&mut stream), &[])
     }
 
-    /// A version of this policy as a graph, whose actions have the run's scale behind them.
+    /// Returns a version of this policy as a graph whose actions are already multiplied by the run's action scale.
     ///
     /// # Errors
     /// As [`Policy::version`].
@@ -96,7 +96,7 @@ impl Policy {
         Ok(export::policy(&self.network, &parameters, &normalizer, scale))
     }
 
-    /// The parameters of weights, and what they normalize observations by.
+    /// Returns the parameters of weights and their normalizer of observations.
     ///
     /// # Errors
     /// As [`Policy::version`].
@@ -120,8 +120,8 @@ impl Policy {
         Ok((parameters, normalizer))
     }
 
-    /// Takes one step in every lane. A lane's actions do not depend on the lanes beside it.
-    /// Returns the trajectories of episodes that ended.
+    /// Takes one step in every lane and returns the trajectories of the episodes that ended. A lane's actions
+    /// do not depend on the other lanes.
     ///
     /// # Errors
     /// When an environment fails.
@@ -144,7 +144,8 @@ impl Policy {
             match lane.step(action, Some(*log_prob)) {
                 Ok(trajectory) => trajectories.extend(trajectory),
                 Err(error) if would_fail_again(&error) => return Err(error),
-                // Lanes whose environments share a process fail together: which one raised is to be said.
+                // Lanes whose environments share a process fail together: an error that an environment raised
+                // takes precedence.
                 Err(error) => failure = failure.or(Some(error)),
             }
         }

@@ -1,4 +1,4 @@
-//! An actor's ports: leases from the learner, and trajectories to whoever reads them.
+//! An actor's ports: leases from the learner, and trajectories to their readers.
 
 use std::time::{Duration, Instant};
 
@@ -13,17 +13,17 @@ use run::folder::RunFolder;
 use run::process::Stop;
 use run::process_stat::ProcessorClock;
 
-/// How long an actor sleeps.
+/// Longest sleep of an actor.
 const TICK: Duration = Duration::from_millis(250);
 
-/// How long the full queue of the learner or the service is waited for. They read at least every second
-/// unless they are held or compute for long, and what they miss they ask for.
+/// How long to wait for the learner or the service while its queue is full. They read at least once a second,
+/// unless they are suspended or in a long computation, and they ask for what they miss.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
 
-/// How long an actor that was started by hand looks for a learner: a dead one is started again sooner.
+/// How long an actor that was started by hand looks for a learner; a dead learner is restarted sooner than this.
 const LEARNER_PATIENCE: Duration = Duration::from_secs(30);
 
-/// The ports of an actor, whatever its trajectories come from.
+/// The ports of an actor, wherever its trajectories come from.
 pub struct Ports {
     folder: RunFolder,
     name: String,
@@ -41,13 +41,13 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Opens the ports of an actor of this name; also returns the bus they are on.
+    /// Opens the ports of the actor `name`; also returns the bus they are on.
     ///
     /// # Errors
     /// When the run has not been started.
     pub fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
-        // One that is started again under the same name is another actor: its predecessor's leases are
-        // open again as soon as that is known to be dead.
+        // An actor restarted under the same name counts as another one: its predecessor's leases are open again
+        // as soon as the predecessor is known to be dead.
         let name = format!("{name}-{}", std::process::id());
         let bus = Bus::open(&BusAddress::of_run(folder.path())?, &name)?;
         let doorbell = bus.doorbell(Role::Actors)?;
@@ -68,11 +68,11 @@ impl Ports {
         Ok((ports, bus))
     }
 
-    /// Whether there is no more to do: the run is over, or a stop was requested. An actor that nobody
-    /// watches over also leaves a run that has lost its learner for good.
+    /// Returns whether there is nothing more to do: the run is over, or a stop was requested. An actor without
+    /// a supervisor also leaves a run that has lost its learner for good.
     ///
     /// # Errors
-    /// When nobody watches over the actor and it has found no learner at all.
+    /// When the actor has no supervisor and has found no learner at all.
     pub fn is_over(&self) -> Result<bool> {
         let gave_up = self.alone.is_some_and(|since| since.elapsed() >= LEARNER_PATIENCE);
         if !gave_up || self.stop.is_held() {
@@ -86,7 +86,7 @@ impl Ports {
         bail!("expected a run that trains in {run}, found no learner for {seconds} s")
     }
 
-    /// Sleeps until something comes.
+    /// Sleeps until something arrives, for a quarter of a second at most.
     ///
     /// # Errors
     /// When the bus fails.
@@ -95,12 +95,12 @@ impl Ports {
         Ok(())
     }
 
-    /// Says at the next question that everything of a lease is published.
+    /// Notes, for the next request, that everything of a lease is published.
     pub fn finish(&mut self, lease: Lease) {
         self.finished.push(lease);
     }
 
-    /// Asks for leases, one request at a time; `seconds` is told and begins anew.
+    /// Asks for leases, one request at a time; `seconds` is sent along and reset.
     pub fn ask(&mut self, capacity: usize, seconds: &mut ActorSeconds) {
         if capacity == 0 || !self.leases.is_free() {
             return;
@@ -129,7 +129,7 @@ impl Ports {
         }
     }
 
-    /// The leases that were granted since the last look.
+    /// Returns the leases granted since the last call.
     pub fn granted(&mut self) -> Vec<Lease> {
         let dropped = &mut self.dropped;
         let read = |bytes| granted(bytes).map_err(|why| dropped.note(why)).ok();
@@ -138,8 +138,8 @@ impl Ports {
         reply.leases
     }
 
-    /// Publishes a trajectory; readers wake at [`Self::ring`]. What a reader misses it asks for: the learner by
-    /// leasing again, the service by name.
+    /// Publishes a trajectory; readers wake at [`Self::ring`]. Readers recover what they miss: the learner
+    /// grants the lease again, the service asks for the trajectory by name.
     ///
     /// # Errors
     /// When the bus fails.
@@ -148,7 +148,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Wakes those who read trajectories.
+    /// Wakes the readers of trajectories.
     ///
     /// # Errors
     /// When the bus fails.
@@ -157,7 +157,7 @@ impl Ports {
     }
 }
 
-/// Reads an answer. The learner answers when there are leases, or when the run is over.
+/// Reads a reply. The learner replies when there are leases, or when the run is over.
 fn granted(bytes: Bytes) -> Result<LeaseReply> {
     let reply = LeaseReply::decode(bytes)?;
     ensure!(reply.finished || !reply.leases.is_empty(), "expected leases, found none");

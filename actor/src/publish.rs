@@ -1,5 +1,5 @@
-//! `goalward replay --publish`: the trajectories of a log go onto the bus again, byte by byte in the
-//! order they came, for whoever listens. No lease is asked for and nothing learns from them.
+//! `goalward replay --publish`: the trajectories of a log go onto the bus again, byte for byte and in the order
+//! they arrived, for any reader. No lease is requested, and nothing learns from them.
 
 use std::path::Path;
 use std::thread;
@@ -13,26 +13,26 @@ use run::folder::RunFolder;
 use run::process::Stop;
 use serde::Serialize;
 
-/// How long a reader's full queue is waited for.
+/// How long to wait for a reader whose queue is full.
 const READER_PATIENCE: Duration = Duration::from_secs(120);
 
 /// Longest sleep, so that a stop is noticed.
 const TICK: Duration = Duration::from_millis(50);
 
-/// A reader that has just come finds what waits for it only while the publisher lives.
+/// How long to stay after the last trajectory: a new reader gets what is queued for it only while the publisher lives.
 const LINGER: Duration = Duration::from_secs(2);
 
-/// What was published, as it is printed.
+/// The result of publishing, as it is printed.
 #[derive(Debug, Default, Serialize)]
 pub struct Published {
-    /// Trajectories.
+    /// Trajectories published.
     pub trajectories: u64,
-    /// Readers there were at the end.
+    /// Number of readers at the end.
     pub readers: usize,
 }
 
-/// Publishes the trajectories of the run's log in `log` on the run's bus once there is a reader: at
-/// `speed` times the pace they were recorded at, or as fast as readers take them.
+/// Publishes the trajectories of the log in `log` on the run's bus once there is a reader: at `speed` times the
+/// pace at which they were recorded, or else as fast as readers take them.
 ///
 /// # Errors
 /// When the run has no bus, or its log cannot be read.
@@ -75,7 +75,7 @@ pub fn publish(
     Ok(published)
 }
 
-/// When something is due that was recorded so many nanoseconds after the first.
+/// Returns when a trajectory is due that was recorded `since_first_ns` nanoseconds after the first.
 fn time_of(since_first_ns: u64, speed: f64) -> Duration {
     Duration::from_nanos(since_first_ns).div_f64(speed)
 }

@@ -1,5 +1,5 @@
-//! `goalward-actor replay`: an actor whose source is the log of a run. It takes leases like any other
-//! and publishes the trajectories that were recorded of them, byte by byte; no environment is asked.
+//! `goalward-actor replay`: an actor that takes its trajectories from the log of a run. It takes leases like any other
+//! actor and publishes the trajectories that were recorded for them, byte for byte; no environment is involved.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,19 +14,19 @@ use run::process::Stop;
 
 use crate::ports::Ports;
 
-/// Leases taken at once.
+/// Maximum number of leases requested at once.
 const LEASES_AT_ONCE: usize = 16;
 
-/// What is replayed.
+/// The recording to replay.
 pub struct Recording {
     /// Folder of the log.
     pub log: PathBuf,
-    /// Iterations to replay; the whole log if absent.
+    /// Iterations to replay; `None` replays the whole log.
     pub iterations: Option<u64>,
 }
 
-/// Publishes what a log has of the leases it is granted, until the run is over, a stop is requested,
-/// or a lease comes that is not in the log as a whole.
+/// Publishes the recorded trajectories of the leases it is granted, until the run is over, a stop is requested,
+/// or the log does not have all of a lease.
 ///
 /// # Errors
 /// When the log cannot be read, or the bus fails.
@@ -57,17 +57,17 @@ pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop
     Ok(())
 }
 
-/// Who acted, iteration and lane.
+/// Source, iteration and lane.
 type LaneName = (i32, u64, u64);
 
-/// A log that is read as far as leases ask for it.
+/// A log that is read only as far as leases require.
 struct Source {
     log: PathBuf,
     spec: Spec,
     reader: RunReader,
-    /// What was read and may still be asked for, by episode.
+    /// Trajectories that were read and may still be asked for, by episode.
     lanes: BTreeMap<LaneName, BTreeMap<u64, Encoded>>,
-    /// Trajectories of earlier iterations are forgotten.
+    /// First iteration whose trajectories are kept.
     kept_from: u64,
 }
 
@@ -77,7 +77,7 @@ impl Source {
         Ok(Source { log: log.to_owned(), spec, reader, lanes: BTreeMap::new(), kept_from: 0 })
     }
 
-    /// The trajectories of a lease, in order; none if the log does not have all of them.
+    /// Returns the trajectories of a lease, in order; `None` if the log does not have all of them.
     fn of_lease(&mut self, lease: &Lease) -> Result<Option<Vec<&Encoded>>> {
         if lease.iteration < self.kept_from {
             // The learner went back to a checkpoint.
@@ -91,7 +91,7 @@ impl Source {
             let lane = (trajectory.source, trajectory.iteration, trajectory.lane);
             self.lanes.entry(lane).or_default().insert(trajectory.episode, encoded);
         }
-        // With lag 1 the rollout before may still be under way.
+        // With lag 1 the previous rollout may still be in progress.
         self.kept_from = self.kept_from.max(lease.iteration.saturating_sub(1));
         self.lanes.retain(|(_, iteration, _), _| *iteration >= self.kept_from);
         let trajectories = owed(&self.lanes, lease).unwrap_or_default();
@@ -108,7 +108,7 @@ impl Source {
     }
 }
 
-/// The trajectories a lease owes, if all of them are there.
+/// Returns the trajectories that a lease owes, if all of them are there.
 fn owed<'a>(
     lanes: &'a BTreeMap<LaneName, BTreeMap<u64, Encoded>>,
     lease: &Lease,

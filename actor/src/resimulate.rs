@@ -1,4 +1,4 @@
-//! Recorded episodes acted again, from their seeds and actions, many at a time.
+//! Recorded episodes re-simulated from their seeds and actions, many in parallel.
 
 use anyhow::{Result, bail, ensure};
 use protocol::task::{Spec, floats};
@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use crate::episode::{Episode, EpisodeName, is_of_no_episode};
 use crate::factory::Factory;
 
-/// Episodes that a thread acts before the next ones are asked for.
+/// Number of episodes per thread that are re-simulated at once.
 const CHUNK: usize = 64;
 
-/// Acts recorded episodes of one setting again.
+/// A re-simulator of recorded episodes with one setting.
 pub struct Resimulator<'a> {
     threads: &'a rayon::ThreadPool,
     spec: Spec,
@@ -19,10 +19,10 @@ pub struct Resimulator<'a> {
 }
 
 impl<'a> Resimulator<'a> {
-    /// An actor for each of the threads.
+    /// Creates an actor for each of the threads.
     ///
     /// # Errors
-    /// When there is no such environment.
+    /// When the environment cannot be made.
     pub fn new(threads: &'a rayon::ThreadPool, factory: &Factory) -> Result<Self> {
         let spec = factory.make()?.spec();
         let actor = || Actor { factory: factory.clone(), spec, episode: None };
@@ -30,17 +30,18 @@ impl<'a> Resimulator<'a> {
         Ok(Resimulator { threads, spec, actors })
     }
 
-    /// Shapes of the task.
+    /// Returns the shapes of the task.
     pub fn spec(&self) -> Spec {
         self.spec
     }
 
-    /// Episodes that keep all threads busy.
+    /// Returns the number of episodes that keeps all threads busy.
     pub fn episodes_at_once(&self) -> usize {
         CHUNK * self.actors.len()
     }
 
-    /// What `judge` says of each recorded episode and what came out when it was acted again.
+    /// Re-simulates the recorded episodes, and returns what `judge` makes of each recorded episode and its
+    /// result, in order.
     pub fn each<T: Send>(
         &mut self,
         recorded: &[Trajectory],
@@ -55,7 +56,7 @@ impl<'a> Resimulator<'a> {
     }
 }
 
-/// Acts recorded episodes, one after another in one environment.
+/// An actor that re-simulates episodes, one after another in one environment.
 struct Actor {
     factory: Factory,
     spec: Spec,
@@ -63,7 +64,8 @@ struct Actor {
 }
 
 impl Actor {
-    /// Acts an episode; once more in a new environment where it has failed for what is none of its own.
+    /// Re-simulates an episode; tries once more, in a new environment, after a failure for a reason outside the
+    /// episode.
     fn act(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
         match self.act_once(recorded) {
             Err(error) if is_of_no_episode(&error) => self.act_once(recorded),
@@ -71,7 +73,7 @@ impl Actor {
         }
     }
 
-    /// An environment that has failed is not used again.
+    /// Re-simulates an episode once. An environment that has failed is not used again.
     fn act_once(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
         let name = EpisodeName {
             source: Source::try_from(recorded.source)?,
@@ -82,7 +84,7 @@ impl Actor {
             run_seed: recorded.run_seed,
         };
         let mut episode = self.factory.begin(name, self.episode.take())?;
-        // What the policy thought of its actions is no business of the environment.
+        // The environment does not depend on the policy's log-probabilities, so they are copied.
         let mut log_probs = floats(&recorded.log_probs);
         for action in recorded.actions().chunks_exact(self.spec.action.bytes()) {
             if let Some(trajectory) = episode.step(action, log_probs.next())? {

@@ -1,5 +1,5 @@
-//! `goalward log restore`: a log that has actions only, once more with its observations. Every episode
-//! is acted again, and must come out as the one that was learned from, bit for bit.
+//! `goalward log restore`: writes a log that holds only actions again, now with its observations. Every episode is
+//! re-simulated, and must come out, bit for bit, as the one that was learned from.
 
 use std::path::Path;
 
@@ -15,20 +15,19 @@ use serde::Serialize;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
-/// What was restored, as it is printed.
+/// The result, as it is printed.
 #[derive(Debug, Default, Serialize)]
 pub struct Restored {
     /// Episodes in the new log.
     pub episodes: u64,
-    /// Those of them that had no observations.
+    /// Those of them that had been recorded without observations.
     pub restored: u64,
 }
 
-/// Writes the log of a run with all observations into the folder `out`, on so many threads; 0 takes
-/// all cores.
+/// Writes the log of a run with all observations into the folder `out`, on `threads` threads; 0 uses all cores.
 ///
 /// # Errors
-/// When an episode does not act again as it was recorded, or a file cannot be read or written.
+/// When an episode does not come out as it was recorded, or a file cannot be read or written.
 pub fn restore(tasks: Tasks, folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;

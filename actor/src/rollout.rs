@@ -1,8 +1,8 @@
 //! `goalward-actor rollout`: pulls leases from the learner and publishes their trajectories.
 //!
-//! An actor keeps several lanes going at once, so that inference is batched, unless their environment is slow, and
-//! asks for more as lanes come free: faster actors take more. It may come and go at any moment; what it leaves undone
-//! the learner hands out again.
+//! An actor steps several lanes at once so that inference is batched; fewer if their environment is slow. It
+//! asks for more leases as lanes come free, so faster actors take more. It may come and go at any moment: the
+//! learner grants again what it leaves undone.
 
 use std::time::{Duration, Instant};
 
@@ -25,9 +25,9 @@ use crate::pace::{LANES_AT_ONCE, Pace};
 use crate::policy::{Policy, Version};
 use crate::ports::Ports;
 
-/// How long the policy version of a lease is waited for. The learner, or the gateway in its place, publishes it
-/// before it grants the lease and hands it to an actor that comes late as soon as that asks, so one that has not come
-/// by then is that of a learner that is gone.
+/// How long to wait for the policy version of a lease. The learner, or the gateway in its place, publishes the
+/// version before it grants the lease, and hands it to a late actor as soon as that actor asks. A version that
+/// has not arrived by then belongs to a learner that is gone.
 const VERSION_PATIENCE: Duration = Duration::from_secs(1);
 
 /// An actor at work.
@@ -38,7 +38,7 @@ struct Actor {
     versions: Vec<Version>,
     lanes: Vec<Lane>,
     pace: Pace,
-    /// What lanes left behind: to build an environment costs more than to reset one.
+    /// Episodes of finished lanes, whose environments are reused: building one costs more than resetting one.
     rested: Vec<Episode>,
     awaited: Awaited,
     ports: Ports,
@@ -46,10 +46,10 @@ struct Actor {
     dropped: Dropped,
 }
 
-/// Acts until the run is over or a stop is requested.
+/// Runs leases until the run is over or a stop is requested.
 ///
 /// # Errors
-/// When the task is none of `tasks`, an environment fails, or the bus does.
+/// When the task is not among `tasks`, or an environment or the bus fails.
 pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
     let factory = Factory::of_run(tasks, &config)?;
@@ -73,7 +73,7 @@ pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Res
     Ok(())
 }
 
-/// An error that ends the run, if the same lease would come to it again.
+/// Makes an error final, so that it ends the run, if the same lease would lead to it again.
 fn unless_again(error: anyhow::Error) -> anyhow::Error {
     if would_fail_again(&error) { Final(format!("{error:#}")).into() } else { error }
 }
@@ -110,7 +110,7 @@ impl Actor {
             self.ports.finish(lane.lease);
             self.rested.push(lane.episode);
         }
-        // A reader that wakes finds the question with the trajectories.
+        // A reader that is woken finds the lease request together with the trajectories.
         self.ask();
         self.ports.ring()
     }
@@ -120,7 +120,7 @@ impl Actor {
         self.ports.ask(free, &mut self.policy.seconds);
     }
 
-    /// Drops all lanes and says so, so that the learner can hand them out again.
+    /// Drops all lanes and reports their leases as finished, so that the learner can grant them again.
     fn hand_back(&mut self) {
         tracing::info!("{} leases handed back: their policy is gone", self.lanes.len());
         self.lanes.drain(..).for_each(|lane| self.ports.finish(lane.lease));
@@ -149,7 +149,7 @@ impl Actor {
         self.policy.version(&weights)
     }
 
-    /// Begins leases. Older ones of another rollout are dropped: nobody waits for them any more.
+    /// Begins leases. Lanes of another rollout are dropped, because nobody waits for them any more.
     fn begin(&mut self, leases: &[Lease]) -> Result<()> {
         let Some(first) = leases.first() else { return Ok(()) };
         let rollout = |lease: &Lease| (lease.source, lease.iteration);
@@ -162,12 +162,12 @@ impl Actor {
     }
 }
 
-/// The policy version that lanes wait for, and since when.
+/// The policy version that lanes are waiting for, and since when.
 #[derive(Debug, Default)]
 struct Awaited(Option<(u64, Instant)>);
 
 impl Awaited {
-    /// Whether the version that lanes are to act by, if there are lanes, has been waited for too long.
+    /// Returns whether the lanes have waited too long for the version `acting`, which is `None` if there are no lanes.
     fn is_given_up(&mut self, acting: Option<u64>, is_here: bool, now: Instant) -> bool {
         let Some(number) = acting.filter(|_| !is_here) else {
             self.0 = None;

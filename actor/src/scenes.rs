@@ -1,4 +1,4 @@
-//! `goalward-actor scenes`: recorded episodes acted again, and written with what a viewer draws of them.
+//! `goalward-actor scenes`: recorded episodes are re-simulated and written with what a viewer draws of them.
 
 use std::path::Path;
 
@@ -17,21 +17,21 @@ use crate::drawing::draw;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
-/// What was written, as it is printed.
+/// The result, as it is printed.
 #[derive(Debug, Serialize)]
 pub(crate) struct Written {
-    /// Episodes.
+    /// Episodes written.
     pub(crate) episodes: u64,
-    /// Scenes of all of them; none of a task without solids.
+    /// Frames of all episodes together; 0 if the task has neither solids nor pictures.
     pub(crate) frames: u64,
 }
 
-/// Acts episodes of a run again, one behind the other in `recorded`, each behind its length, and writes them
-/// to a new file, with their observations. `setting` is that of their environment where it is not the run's; an
-/// environment of Python renders `pictures`, if it can.
+/// Re-simulates episodes of a run, which are length-delimited in `recorded`, and writes them with their
+/// observations to a new file. `setting` is the setting of their environment if it is not the run's. With
+/// `pictures`, a Python environment renders pictures, if it can.
 ///
 /// # Errors
-/// When an episode does not act again as it was recorded, or the file cannot be written.
+/// When an episode does not come out as it was recorded, or the file cannot be written.
 pub(crate) fn write(
     tasks: Tasks,
     folder: &RunFolder,

@@ -1,5 +1,5 @@
-//! `goalward-actor serve`: environments of a task for a program in another language, such as the Python
-//! package `goalward`. It is to that program what a process of Python is to an actor.
+//! `goalward-actor serve`: serves environments of a task to a program in another language, such as the Python
+//! package `goalward`. It is to that program what a Python process is to an actor.
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read, Write};
@@ -13,8 +13,9 @@ use protocol::task::Spec;
 use crate::factory::Factory;
 use crate::frame::{self, Answer, Failure, Hello, Kind, Request};
 
-/// Serves until the input ends. What an environment refuses is told of in a frame, and changes nothing;
-/// slots ahead of it in a turn have acted. An environment that fails is told of, too, and ends it.
+/// Serves until the input ends. A request that an environment refuses is answered with a failure frame and
+/// changes nothing, but slots before it in the same turn have acted. An environment that fails is reported in
+/// the same way, and ends serving.
 ///
 /// # Errors
 /// When the task does not have such a setting, or the other end is gone.
@@ -47,7 +48,7 @@ fn send(output: &mut impl Write, kind: Kind, body: &[u8]) -> Result<()> {
     Ok(output.flush()?)
 }
 
-/// Why there is no answer, and whether there will be none any more.
+/// Why there is no answer, and whether serving ends.
 struct NoAnswer {
     failure: Failure,
     ends: bool,
@@ -65,7 +66,7 @@ impl NoAnswer {
     }
 }
 
-/// Whether an environment failed, or was only asked for what it refuses.
+/// Returns whether an environment failed, as opposed to refusing a request.
 fn has_failed(error: &anyhow::Error) -> bool {
     use EnvironmentError::{Other, Raised, StateNotFinite};
     let error = error.downcast_ref::<EnvironmentError>();
@@ -169,7 +170,7 @@ mod tests {
 
     use super::*;
 
-    /// The kinds of the frames that are answered to these of slot 0 in NAVIGATION.
+    /// Returns the kinds of the frames that answer these frames, which are for slot 0 in NAVIGATION.
     fn answered(asked: &[(Kind, Option<Request<'_>>)]) -> Vec<Kind> {
         let factory = Factory::new(BUILT_IN, "navigation", Setting::default()).unwrap();
         let (mut input, mut output) = (Vec::new(), Vec::new());

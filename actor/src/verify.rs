@@ -1,5 +1,5 @@
-//! `goalward replay --verify`: every recorded episode is acted again, from its seeds and actions, and
-//! must come out as it was recorded, bit for bit.
+//! `goalward replay --verify`: every recorded episode is re-simulated from its seeds and actions, and must come
+//! out as it was recorded, bit for bit.
 
 use std::time::Instant;
 
@@ -15,29 +15,28 @@ use crate::episode::is_of_no_episode;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
-/// What a verification found, as it is printed.
+/// The result of a verification, as it is printed.
 #[derive(Debug, Default, Serialize)]
 pub struct Verification {
-    /// Episodes acted again.
+    /// Episodes re-simulated.
     pub episodes: u64,
     /// Their steps.
     pub steps: u64,
     /// Episodes that came out as they were recorded.
     pub equal: u64,
-    /// The first that did not, and where.
+    /// The first difference, and where it is.
     pub first_difference: Option<String>,
-    /// Files of which something could not be read, and why.
+    /// Files that are unreadable in part, and why.
     pub damaged: Vec<String>,
     /// Wall time.
     pub seconds: f64,
 }
 
-/// Acts every episode of a run's log again, and the demonstrations it recorded itself, on so many
-/// threads; 0 takes all cores.
+/// Re-simulates every episode of a run's log, and of the demonstrations that the run recorded itself, on
+/// `threads` threads; 0 uses all cores.
 ///
 /// # Errors
-/// When the task's episodes cannot be acted again, or a file cannot be read. An episode that differs is no
-/// error.
+/// When the task's episodes cannot be re-simulated, or a file cannot be read. An episode that differs is not an error.
 pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;
@@ -67,7 +66,7 @@ pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verifi
     Ok(verification)
 }
 
-/// Acts the episodes of a log again and notes what came out.
+/// Re-simulates the episodes of a log and notes the results.
 fn verify_all(
     mut resimulator: Resimulator<'_>,
     log: impl Iterator<Item = Result<Entry, Error>>,
@@ -95,10 +94,10 @@ fn verify_all(
     }
 }
 
-/// Where an episode acted again differs from the recorded one.
+/// Returns where a re-simulated episode differs from the recorded one, if it does.
 ///
 /// # Errors
-/// When that cannot be told, because its environment has failed for what is none of the episode's.
+/// When this cannot be told, because the environment failed for a reason outside the episode.
 fn difference(recorded: &Trajectory, again: Result<Trajectory>) -> Result<Option<String>> {
     let name = name(recorded);
     let mut again = match again {
@@ -123,11 +122,11 @@ fn name(recorded: &Trajectory) -> String {
     format!("{kind}lane {lane} episode {episode}")
 }
 
-/// The first part of an episode that differs, in the order it happened.
+/// Describes the first difference between two episodes, in the order of events.
 pub(crate) fn first_difference(recorded: &Trajectory, again: &Trajectory) -> String {
     let observation = position(&observations(recorded), &observations(again));
     match (observation, position(&actions(recorded), &actions(again))) {
-        // An action follows the observation of the same number.
+        // An action follows the observation with the same index.
         (observation, Some(step)) if observation.is_none_or(|other| step < other) => {
             return format!("step {}: another action", step + 1);
         }
@@ -163,7 +162,7 @@ fn rows(bytes: &[u8], count: u32) -> Vec<&[u8]> {
     bytes.chunks_exact((bytes.len() / (count as usize).max(1)).max(1)).collect()
 }
 
-/// The first row that differs, of those that both have.
+/// Returns the index of the first row that differs, among the rows that both have.
 fn position(rows: &[&[u8]], others: &[&[u8]]) -> Option<usize> {
     rows.iter().zip(others).position(|(row, other)| row != other)
 }

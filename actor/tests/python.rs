@@ -1,7 +1,7 @@
-//! Environments of Python: what they look like to an actor, and every way in which they can fail.
+//! Python environments: what they look like to an actor, and every way in which they can fail.
 //!
-//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
-//! `GOALWARD_PYTHON=none` leaves these tests out.
+//! The interpreter in `GOALWARD_PYTHON` needs the packages of `tests/requirements.txt`; `GOALWARD_PYTHON=none`
+//! skips these tests.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -16,7 +16,7 @@ use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, floats};
 use run::process::Stop;
 
-/// Whether there is Python to test with.
+/// Returns whether there is a Python to test with.
 fn has_python() -> bool {
     let named = std::env::var("GOALWARD_PYTHON").ok().filter(|python| !python.is_empty());
     named.expect("GOALWARD_PYTHON: expected an interpreter, or `none`; deploy/test.sh sets it")
@@ -27,7 +27,7 @@ fn setting(text: &str) -> Setting {
     Setting(text.parse().unwrap())
 }
 
-/// An environment of `python_environments/__init__.py`.
+/// Makes an environment of `python_environments/__init__.py`.
 fn own(name: &str, further: &str) -> Result<Box<dyn Environment>, EnvironmentError> {
     make(&setting(&format!("make = \"python:tests.python_environments:{name}\"\n{further}")))
 }
@@ -53,7 +53,7 @@ fn step(
     Ok((step, observation))
 }
 
-/// What is said of an episode that fails, and the steps before.
+/// Steps until the episode fails; returns the number of steps before the failure and its message.
 fn failure(environment: &mut dyn Environment) -> (usize, String) {
     let mut taken = 0;
     loop {
@@ -75,7 +75,7 @@ fn a_picture_is_rendered_where_it_is_wanted() {
     let mut rendering = own("line", "render = true").unwrap();
     reset(&mut *rendering, 0);
     let picture = rendering.picture().unwrap().unwrap();
-    // A side of 900 pixels is thinned to a third.
+    // A width of 900 pixels is reduced to a third.
     let (width, height) = (300_u32.to_be_bytes(), 7_u32.to_be_bytes());
     assert_eq!(picture[..8], *b"\x89PNG\r\n\x1a\n");
     assert_eq!(picture[16..24], [width, height].concat());
@@ -125,7 +125,7 @@ fn spaces_become_numbers_with_labels_and_texts_are_left_out() {
     assert!(!installed.0.contains_key("sources"), "a package has a version");
     let first: Vec<f32> = floats(&reset(&mut *line, 0)).collect();
     assert!(first[2].abs() <= 0.1 && first[..2] == [1.0, 0.0], "{first:?}");
-    // The action 1 is the upper bound, 0.5, of which 0.15 is lost.
+    // The action is clipped to 1, which is the upper bound 0.5, and the environment subtracts 0.15.
     let (_, seen) = step(&mut *line, &7.0_f32.to_le_bytes()).unwrap();
     let second: Vec<f32> = floats(&seen).collect();
     assert!((second[2] - first[2] - 0.35).abs() < 1e-6 && second[..2] == [0.0, 1.0], "{second:?}");
@@ -176,7 +176,7 @@ fn episodes_end_as_the_environment_says_and_depend_on_their_seeds_alone() {
     assert_eq!((fallen.1, fallen.2), (Ending::Failed, false));
     let kept = play(&mut **one, 4, -0.4);
     assert_eq!((kept.1, kept.2), (Ending::Truncated, false), "{}", kept.0.len());
-    // Side by side in one process: announced first, then stepped.
+    // Side by side in one process: both are announced before they are stepped.
     assert_eq!(play(&mut **other, 3, 1.0), first);
     let before = [reset(&mut **one, 3), reset(&mut **other, 4)];
     let actions = [0.25_f32, 0.5].map(f32::to_le_bytes);
@@ -236,7 +236,7 @@ fn the_environment_that_raises_is_told_from_those_beside_it() {
     other.announce(&action).unwrap();
     let said = step(&mut *first, &action).unwrap_err();
     assert!(
-        matches!(&said, EnvironmentError::Other(words) if words.contains("beside an environment")),
+        matches!(&said, EnvironmentError::Other(words) if words.contains("in the same process as an environment")),
         "{said}"
     );
     let said = step(&mut *other, &action).unwrap_err();

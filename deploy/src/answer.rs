@@ -1,4 +1,4 @@
-//! A program asked for one answer on somebody else's behalf: what goes wrong is told to them.
+//! Runs a program for one answer on a browser's behalf; a failure is returned with the program's last words.
 
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -9,13 +9,14 @@ use tokio::io::AsyncWriteExt;
 use tokio::runtime::Handle;
 use tokio::time::timeout;
 
-/// How long an answer may take.
+/// Longest time that a program may take to answer.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// What a program that reads `input` prints as JSON. To be called on a thread of a runtime that may wait.
+/// Runs a program with `input` as its standard input and returns the JSON that it prints. Must be called on a thread of
+/// a tokio runtime that may block.
 ///
 /// # Errors
-/// When it cannot start, takes too long or fails, with the words it ended with.
+/// When the program cannot start, takes too long, fails (with its last words) or prints something else.
 pub(crate) fn of<T: DeserializeOwned>(program: Command, input: &[u8]) -> Result<T> {
     let patience = PATIENCE.as_secs();
     let answer = Handle::current().block_on(timeout(PATIENCE, printed(program, input)));
@@ -29,7 +30,7 @@ async fn printed(program: Command, input: &[u8]) -> Result<Vec<u8>> {
     let mut child = program.spawn().context("starting a program")?;
     let mut stdin = child.stdin.take().context("a program has an input")?;
     let writing = async move {
-        // A program that fails before it has read everything says why.
+        // A write error is ignored: a program that fails before it has read everything says why itself.
         stdin.write_all(input).await.ok();
     };
     let ((), output) = tokio::join!(writing, child.wait_with_output());
@@ -40,7 +41,7 @@ async fn printed(program: Command, input: &[u8]) -> Result<Vec<u8>> {
     Ok(output.stdout)
 }
 
-/// What a program that failed ended with.
+/// Returns the last line that a failed program printed to standard error, without the prefix `goalward: `.
 pub(crate) fn last_words(said: &str) -> Option<&str> {
     said.lines().last().map(|line| line.trim_start_matches("goalward: "))
 }

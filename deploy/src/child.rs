@@ -1,5 +1,5 @@
-//! A process that `goalward` starts and looks after: it has a process group of its own, so that Ctrl-C is
-//! for `goalward` alone, and what it prints is appended to a file.
+//! A process that `goalward` starts and supervises. It has a process group of its own, so that Ctrl-C reaches
+//! `goalward` alone, and its output is appended to a file.
 
 use std::os::unix::process::CommandExt;
 use std::process::{self, ChildStdin, Command, ExitStatus};
@@ -9,10 +9,11 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::output::Output;
 
-/// A process that was started.
+/// A started process.
 pub(crate) struct Child {
     child: process::Child,
-    /// Its end is the sign to stop, if the process takes one; it also ends with `goalward`.
+    /// The process's standard input, if it is a pipe. Closing it asks the process to stop; it also closes when
+    /// `goalward` ends.
     input: Option<ChildStdin>,
 }
 
@@ -31,26 +32,26 @@ impl Child {
         Ok(Child { child, input })
     }
 
-    /// How it ended, if it has.
+    /// Returns the exit status if the process has ended.
     ///
     /// # Errors
-    /// When the system does not say.
+    /// When the system cannot say.
     pub(crate) fn reap(&mut self) -> Result<Option<ExitStatus>> {
         self.child.try_wait().context("waiting for a process")
     }
 
-    /// Ends its input, which asks it to stop; false if it had none or has been asked before.
+    /// Closes the standard input, which asks the process to stop. Returns false if there was no open pipe.
     pub(crate) fn end_input(&mut self) -> bool {
         self.input.take().is_some()
     }
 
-    /// Interrupts it, as Ctrl-C does.
+    /// Interrupts the process, as Ctrl-C does.
     pub(crate) fn interrupt(&mut self) {
-        // It may have ended by itself, which is as well.
+        // An error means that the process has already ended.
         kill_process(Pid::from_child(&self.child), Signal::INT).ok();
     }
 
-    /// Ends it at once.
+    /// Kills the process and waits for its end.
     ///
     /// # Errors
     /// When the system refuses.

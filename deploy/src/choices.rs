@@ -1,4 +1,4 @@
-//! Values that a flag is known to take: help lists them, and shells complete them.
+//! Known values of flags, which help texts list and shells complete.
 
 use std::ffi::OsStr;
 
@@ -7,22 +7,22 @@ use clap::{Arg, Command, Error};
 use run::config::ActionChoice;
 use run::tasks;
 
-/// Values that are listed. Others pass, since a task's file may bring its own; who needs one says what is wrong
-/// with it.
+/// The known values of a flag. Other values are accepted, too, since a task's file may define its own; the code that
+/// uses a value checks it.
 #[derive(Clone, Debug)]
 pub(crate) struct Known(Vec<String>);
 
-/// Names of presets that our tasks have.
+/// Returns the names of the presets that the built-in tasks have.
 pub(crate) fn presets() -> Known {
     Known(["goalward", "paper", "authors"].map(str::to_owned).to_vec())
 }
 
-/// Names of methods.
+/// Returns the names of the methods.
 pub(crate) fn methods() -> Known {
     Known(tasks::methods().into_iter().map(|(name, _)| name).collect())
 }
 
-/// How a policy's actions are chosen.
+/// Returns a parser of the ways to choose a policy's actions.
 pub(crate) fn actions() -> impl TypedValueParser<Value = ActionChoice> {
     let all = [ActionChoice::Sample, ActionChoice::Mode].map(ActionChoice::name);
     PossibleValuesParser::new(all).try_map(|name| name.parse::<ActionChoice>())

@@ -19,7 +19,7 @@ use terminal::voice::Voice;
 const EXIT_CODES: &str = "Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 finished but data was lost, \
                           130 stopped by the user.";
 
-/// Trains policies from demonstrations without actions, by goal proximity.
+/// Trains policies from demonstrations without actions, with a learned goal-proximity reward.
 #[derive(Debug, Parser)]
 #[command(name = "goalward", version = protocol::build::version(), max_term_width = 100)]
 #[command(after_help = EXIT_CODES)]
@@ -34,51 +34,51 @@ struct CommandLine {
 enum Verb {
     /// Train a policy: record demonstrations, start all processes, show progress.
     Train(train::Arguments),
-    /// Let this machine's actors take part in a run of another machine.
+    /// Contribute this machine's actors to a run on another machine.
     Join(join::Arguments),
-    /// Say how a run stands, whether it is live, finished or stopped.
+    /// Show the status of a run, whether it is live, finished or stopped.
     Status(status::Arguments),
     /// Give a run more or fewer actors while it trains; the result does not change.
     Scale(scale::Arguments),
-    /// End a run's training as Ctrl-C does; --resume continues it.
+    /// Stop a run as Ctrl-C does; `goalward train --resume` continues it.
     Stop(stop::Arguments),
     /// List the runs of a folder, newest first.
     Runs(runs::Arguments),
-    /// Show runs in a browser: curves that move while they train, settings, what came of them.
+    /// Show runs in a browser: live training curves, settings and results.
     Page(page::Arguments),
-    /// List the tasks that there are.
+    /// List the built-in tasks.
     Tasks(tasks::Arguments),
-    /// List the methods that there are.
+    /// List the available methods.
     Methods(methods::Arguments),
-    /// List the keys of a configuration, their values, and what is to be said of them.
+    /// List the configuration keys with their values and remarks.
     Config(config::Arguments),
-    /// Write the file of a task that is an environment of Python, such as gym:CartPole-v1.
+    /// Write the task file of a Python environment, such as gym:CartPole-v1.
     Task(task::Arguments),
-    /// Let a task's expert record demonstrations.
+    /// Record demonstrations with a task's expert.
     Demonstrate(demonstrate::Arguments),
-    /// Make files of demonstrations of data sets.
+    /// Convert data sets to files of demonstrations, or describe such files.
     #[command(subcommand)]
     Demonstrations(demonstrations::Verb),
     /// Run episodes with a run's newest policy.
     Evaluate(evaluate::Arguments),
-    /// Write a run's policy and its reward model as files that other programs read.
+    /// Export a run's policy and reward model to files for other programs.
     Export(export::Arguments),
     /// Train the runs of plans, such as those of the paper's figures.
     Experiment(experiment::Arguments),
-    /// Check a run against its log: act its episodes again, or train again from them.
+    /// Replay a run's log: re-simulate its episodes, retrain from them, publish or rescore them.
     Replay(replay::Arguments),
-    /// Write what runs, or the figures of plans, have come to as a page with pictures and as tables.
+    /// Write a report on runs or on the figures of plans: a web page with charts, and CSV tables.
     Report(report::Arguments),
-    /// Look into recorded files, or repair what a crash left.
+    /// Inspect or repair log files, restore observations, or write 3D scenes.
     #[command(subcommand)]
     Log(log::Verb),
-    /// Print what a shell needs to complete command lines.
+    /// Print a shell completion script.
     Completions(shell::Completions),
     /// Write pages for `man`.
     Manual(shell::Manual),
 }
 
-/// Reads the command line and does what it says.
+/// Parses the command line and runs its verb.
 pub(crate) fn run() -> Result<()> {
     let line = CommandLine::try_parse().or_else(|error| match error.kind() {
         ErrorKind::DisplayHelp
@@ -115,8 +115,8 @@ pub(crate) fn run() -> Result<()> {
     }
 }
 
-/// What is wrong with a command line. Of a number clap has the words of Rust's parser, which do not say what
-/// it expected.
+/// Returns what is wrong with a command line. For numbers, this function says what was expected: clap only has the
+/// message of Rust's parser, which does not.
 fn refusal(error: &clap::Error) -> String {
     let part = |kind| error.get(kind).map(ToString::to_string);
     let number = error.source().and_then(number_expected);
@@ -128,7 +128,7 @@ fn refusal(error: &clap::Error) -> String {
     }
 }
 
-/// The numbers that a parser reads which has failed; none if it reads others.
+/// Returns which numbers a failed parser expected; `None` if it does not parse numbers.
 fn number_expected(failed: &(dyn Error + 'static)) -> Option<&'static str> {
     if failed.is::<ParseFloatError>() {
         return Some("a number");
@@ -137,7 +137,7 @@ fn number_expected(failed: &(dyn Error + 'static)) -> Option<&'static str> {
     Some(if is_large { "a smaller number" } else { "a whole number that is not negative" })
 }
 
-/// What clap says about a wrong command line, with its tips, without its usage.
+/// Returns clap's message about a wrong command line in one line, with its tips but without the usage.
 fn in_one_line(text: &str) -> String {
     let text = text.strip_prefix("error: ").unwrap_or(text);
     let said = text.split("\n\n").filter(|part| !part.starts_with("Usage:"));

@@ -1,5 +1,5 @@
-//! Engines of clusters that train the runs of plans: what they are given, and whether it is over. They place,
-//! restart and account; what there is to know of runs stays in their folders.
+//! Cluster engines that train the runs of plans: what is submitted to them, and whether it is over. Engines place and
+//! restart jobs and account for them; all information about runs stays in the runs' folders.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,29 +13,29 @@ use terminal::refusal::wrong_usage;
 use crate::experiment::PlannedRun;
 use crate::tasks::is_of_python;
 
-/// What Slurm is given; words between @ are filled in.
+/// Job script for Slurm; words between `@` are placeholders.
 const SCRIPT: &str = include_str!("../cluster/experiment.sh");
 
-/// What Kubernetes is given.
+/// Manifests for Kubernetes, with placeholders of the same form.
 const MANIFESTS: &str = include_str!("../cluster/experiment.yaml");
 
-/// Where its pods have the volume with the folder of the runs at its top, and work.
+/// Where pods mount the volume that has the folder of the runs at its root; also their working directory.
 const VOLUME: &str = "/runs";
 
-/// Cores that a run works best with, where several run beside each other.
+/// Cores that a run uses best when several runs train side by side.
 const CORES_OF_A_RUN: usize = 2;
 
-/// Memory of one, GiB.
+/// Memory of one run, GiB.
 const MEMORY_OF_A_RUN_GIB: usize = 2;
 
-/// Most tasks where nobody says how many.
+/// Most tasks of a job if the user does not set their number.
 const MOST_TASKS: usize = 64;
 
 /// Flags of what a cluster does.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Wishes {
-    /// Has a cluster train what is missing; the folder of the runs is to be on a disk that all its machines see, and
-    /// that has locks.
+    /// Trains the missing runs on a cluster; the folder of the runs must be on a disk with file locks that all its
+    /// machines share.
     #[arg(long, value_name = "ENGINE")]
     pub(crate) on: Option<Engine>,
     /// Tasks of the cluster's job; by default one for each run that is missing, at most 64.
@@ -44,10 +44,10 @@ pub(crate) struct Wishes {
     /// The image of Kubernetes' pods, see deploy/cluster/Dockerfile.
     #[arg(long, default_value = "goalward")]
     image: String,
-    /// The claim of the volume that has the folder of the runs at its top.
+    /// PersistentVolumeClaim of the volume that has the folder of the runs at its root.
     #[arg(long, default_value = "goalward-runs")]
     claim: String,
-    /// Follows the runs, whoever trains them, until all are finished; Ctrl-C ends the looking on alone.
+    /// Shows the progress of the runs until all are finished, wherever they train; Ctrl-C ends only this display.
     #[arg(long, conflicts_with = "dry_run")]
     pub(crate) watch: bool,
 }
@@ -55,18 +55,18 @@ pub(crate) struct Wishes {
 /// Who places what a cluster works on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Engine {
-    /// An array of jobs, by `sbatch`; SBATCH_PARTITION, SBATCH_ACCOUNT and SBATCH_TIMELIMIT say more.
+    /// A job array, submitted by `sbatch`, which reads SBATCH_PARTITION, SBATCH_ACCOUNT and SBATCH_TIMELIMIT.
     Slurm,
-    /// A Job, by `kubectl`, in its own namespace.
+    /// A Job, submitted by `kubectl` in its current namespace.
     Kubernetes,
 }
 
 impl Engine {
-    /// Checks that files of the user's own which plans name are there for whoever trains their runs into `out`.
-    /// Pods see the volume alone, Slurm's jobs what this machine sees.
+    /// Checks that the cluster finds the user's own files that plans name when it trains their runs into `out`. Pods
+    /// see only the volume; Slurm's jobs see what this machine sees.
     ///
     /// # Errors
-    /// Of wrong usage, for the first task or demonstrations that no pod would find.
+    /// Wrong usage, for the first task or file of demonstrations that pods would not find.
     pub(crate) fn require_files(self, runs: &[PlannedRun], out: &Path) -> Result<()> {
         if self == Engine::Slurm {
             return Ok(());
@@ -76,8 +76,8 @@ impl Engine {
         for (what, file) in runs.iter().flat_map(own_files) {
             if !is_found_by_pods(file, volume) {
                 return Err(wrong_usage(format!(
-                    "{what} {}: expected a file in {volume}, all that pods see, named by its path \
-                     from there, where the command is given, too; found one that they would not find",
+                    "{what} {}: expected a path relative to {volume}, where the command must run, \
+                     since pods see only that folder; found one that pods cannot resolve",
                     file.display(),
                     volume = volume.display(),
                 )));
@@ -87,7 +87,7 @@ impl Engine {
     }
 }
 
-/// The files that a plan names for a run, as it names them.
+/// Returns the user's own files that a plan names for a run, with their paths as in the plan.
 fn own_files(run: &PlannedRun) -> impl Iterator<Item = (&'static str, &Path)> {
     let is_ours = run::tasks::names().any(|name| name == run.task);
     let task = (!is_ours && !is_of_python(&run.task)).then(|| Path::new(&run.task));
@@ -96,7 +96,7 @@ fn own_files(run: &PlannedRun) -> impl Iterator<Item = (&'static str, &Path)> {
     task.into_iter().chain(demonstrations.map(|file| ("demonstrations", file)))
 }
 
-/// Whether a file is the same one for a pod as it is here, where the pods' volume is at `volume`.
+/// Returns whether a path leads to the same file in a pod as here, where `volume` is the pods' volume.
 fn is_found_by_pods(file: &Path, volume: &Path) -> bool {
     let of_pods = Path::new(VOLUME).join(file);
     let Ok(inside) = of_pods.strip_prefix(VOLUME) else { return false };
@@ -107,36 +107,37 @@ fn is_found_by_pods(file: &Path, volume: &Path) -> bool {
     here == there && here.starts_with(volume)
 }
 
-/// What an engine is to do.
+/// A job for an engine.
 #[derive(Clone, Debug)]
 pub(crate) struct Order {
     engine: Engine,
-    /// Tasks of the array, or pods.
+    /// Tasks of the job array, or pods.
     pub(crate) tasks: usize,
-    /// Runs that each trains at once.
+    /// Runs that each task trains at once.
     jobs: usize,
     plans: Vec<PathBuf>,
     /// Folder of the runs.
     out: PathBuf,
-    /// Flags of `goalward experiment` that go with them.
+    /// Further flags of `goalward experiment`.
     flags: Vec<&'static str>,
     image: String,
     claim: String,
 }
 
-/// What an engine has taken.
+/// A submitted job.
 #[derive(Clone, Debug)]
 pub(crate) struct Submitted {
     engine: Engine,
-    /// What the engine calls it.
+    /// Name by which the engine knows the job.
     pub(crate) name: String,
 }
 
 impl Wishes {
-    /// What `engine` is to do where so many runs are missing, with plans and folder by their whole paths.
+    /// Returns the job for `engine` if `missing` runs are left, with absolute paths of the plans and the folder of the
+    /// runs.
     ///
     /// # Errors
-    /// When a plan is not there.
+    /// When a plan does not exist.
     pub(crate) fn order(
         &self,
         engine: Engine,
@@ -160,10 +161,10 @@ impl Wishes {
 }
 
 impl Order {
-    /// The script or the manifests.
+    /// Returns the job script or the manifests.
     ///
     /// # Errors
-    /// When a plan cannot be read, or its name is none for a file of a ConfigMap.
+    /// When a plan cannot be read, or its name cannot be a key of a ConfigMap.
     pub(crate) fn text(&self) -> Result<String> {
         let tasks = self.tasks.to_string();
         let cores = (CORES_OF_A_RUN * self.jobs).to_string();
@@ -196,10 +197,10 @@ impl Order {
         }
     }
 
-    /// Gives it to the engine.
+    /// Submits the job to the engine.
     ///
     /// # Errors
-    /// As [`Order::text`]; when the engine's command is not there, or it refuses.
+    /// As [`Order::text`]; also when the engine's command is missing or fails.
     pub(crate) fn submit(&self) -> Result<Submitted> {
         let (engine, text) = (self.engine, self.text()?);
         let name = match engine {
@@ -207,12 +208,12 @@ impl Order {
                 let printed = self.out.join("slurm-%A_%a.out");
                 let mut sbatch = Command::new("sbatch");
                 let told = told_by(sbatch.arg("--parsable").arg("--output").arg(printed), &text)?;
-                // Behind a semicolon comes the cluster.
+                // The cluster's name follows after a semicolon.
                 told.trim().split(';').next().unwrap_or_default().to_owned()
             }
             Engine::Kubernetes => {
                 let earlier = Submitted { engine, name: self.name() };
-                // Applied again it would stay over, and may have had another number of tasks.
+                // Applying a finished Job again does not restart it, and its number of tasks may have been another one.
                 if earlier.is_over() {
                     told_by(Command::new("kubectl").args(["delete", "job", &earlier.name]), "")?;
                 }
@@ -233,7 +234,7 @@ impl Order {
         words
     }
 
-    /// The same for the same plans, so that they are not trained by two Jobs.
+    /// Returns the Job's name. It is the same for the same plans and folder, so that no two Jobs train them.
     fn name(&self) -> String {
         let plans = self.plans.iter().map(|plan| plan.display().to_string());
         let hash = digest::sha256(plans.chain([self.out.display().to_string()]));
@@ -242,10 +243,10 @@ impl Order {
 }
 
 impl Submitted {
-    /// Whether the engine has nothing of it left to do.
+    /// Returns whether the job is over.
     pub(crate) fn is_over(&self) -> bool {
         match self.engine {
-            // It soon forgets a job that is over, and says so as an error.
+            // Slurm soon forgets a finished job and then reports an invalid job id.
             Engine::Slurm => {
                 let mut squeue = Command::new("squeue");
                 match told_by(squeue.args(["--noheader", "--jobs", &self.name]), "") {
@@ -273,7 +274,7 @@ fn filled_in(text: &str, values: &[(&str, String)]) -> String {
         .fold(text.to_owned(), |text, (name, value)| text.replace(&format!("@{name}@"), value))
 }
 
-/// The name of a plan in a ConfigMap.
+/// Returns the key of a plan in a ConfigMap.
 fn file_name(plan: &Path) -> Result<String> {
     let name = plan.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
@@ -285,14 +286,14 @@ fn file_name(plan: &Path) -> Result<String> {
     Ok(name)
 }
 
-/// A plan in a ConfigMap.
+/// Returns a plan as an entry of a ConfigMap.
 fn entry(plan: &Path, name: &str) -> Result<String> {
     let text = std::fs::read_to_string(plan).with_context(|| plan.display().to_string())?;
     let lines = text.lines().map(|line| format!("    {line}\n"));
     Ok(format!("  {name}: |\n{}", lines.collect::<String>().trim_end()))
 }
 
-/// What a command of an engine says to an input.
+/// Runs an engine's command with `input` as its standard input and returns what it prints.
 fn told_by(command: &mut Command, input: &str) -> Result<String> {
     let name = command.get_program().to_string_lossy().into_owned();
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -336,7 +337,7 @@ mod tests {
             let run = PlannedRun { task: task.to_owned(), config, settings: Vec::new() };
             engine.require_files(&[run], out).err().map(|error| error.to_string())
         };
-        // Tests work in the folder of this crate, which plays the part of the volume.
+        // Tests run in the folder of this crate, which stands in for the volume.
         let here = std::env::current_dir().unwrap().join("experiments");
         for task in ["navigation", "gym:CartPole-v1", "tasks/navigation.toml"] {
             assert_eq!(refused(Engine::Kubernetes, task, None, &here), None);

@@ -1,5 +1,5 @@
-//! The page that `goalward train` serves meanwhile: a process of its own, so that nothing that becomes of it
-//! touches the training, and which ends with it.
+//! The page that `goalward train` serves during training. It is a process of its own, so that its failures do not
+//! affect the training, and it ends with the training.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
@@ -11,31 +11,31 @@ use std::time::{Duration, Instant};
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, PercentEncode, utf8_percent_encode};
 
-/// How long it may take to say where it is.
+/// Longest time that the page may take to print its address.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// How long it may take to end.
+/// Longest time that the page may take to end.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// What an address has as bytes in hexadecimal behind a `%`: all but what RFC 3986 leaves unreserved.
+/// Characters that are percent-encoded in an address: all except those that RFC 3986 leaves unreserved.
 const ENCODED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'_').remove(b'.').remove(b'~');
 
-/// How often it is looked at meanwhile.
+/// Time between two checks whether the page has ended.
 const TICK: Duration = Duration::from_millis(5);
 
-/// A page over the folder that a run is in.
+/// A page of the folder that contains a run.
 pub(crate) struct CompanionPage {
     page: Child,
     address: String,
 }
 
 impl CompanionPage {
-    /// Starts one for the run at `run`; none where it cannot be had, without which training goes on.
+    /// Starts a page for the run at `run`. Returns `None` if that fails; training goes on without a page.
     pub(crate) fn start(run: &Path) -> Option<CompanionPage> {
         let run = run.canonicalize().ok()?;
         let mut command = Command::new(std::env::current_exe().ok()?);
         command.args(["page", "--beside-training"]).arg(run.parent()?);
-        // In a group of its own: Ctrl-C is for the training alone.
+        // The page has a process group of its own, so that Ctrl-C reaches the training alone.
         command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut page = command.spawn().ok()?;
         let mut lines = BufReader::new(page.stdout.take()?).lines();
@@ -52,7 +52,7 @@ impl CompanionPage {
         Some(CompanionPage { page, address: format!("{address}/#/run/{}", encoded(&name)) })
     }
 
-    /// Where a browser finds the run.
+    /// Returns the address at which a browser finds the run.
     pub(crate) fn address(&self) -> &str {
         &self.address
     }
@@ -61,7 +61,7 @@ impl CompanionPage {
 impl Drop for CompanionPage {
     fn drop(&mut self) {
         drop(self.page.stdin.take());
-        // It may wait for an answer to somebody.
+        // The page may still be waiting for a program that answers a browser.
         let deadline = Instant::now() + FAREWELL;
         while matches!(self.page.try_wait(), Ok(None)) && Instant::now() < deadline {
             thread::sleep(TICK);
@@ -71,7 +71,7 @@ impl Drop for CompanionPage {
     }
 }
 
-/// A name as a part of an address.
+/// Percent-encodes a name for an address.
 fn encoded(name: &str) -> PercentEncode<'_> {
     utf8_percent_encode(name, ENCODED)
 }

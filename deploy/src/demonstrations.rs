@@ -1,5 +1,5 @@
-//! The demonstrations of a run: a file of the user's is checked before anything is begun, one that
-//! is not given is recorded by the task's expert.
+//! The demonstrations of a run. A file that the user gives is checked before anything is begun; otherwise the task's
+//! expert records them.
 
 use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
@@ -16,7 +16,7 @@ use crate::programs::{self, Program};
 use terminal::refusal::Refusal;
 use terminal::status_line::StatusLine;
 
-/// What an expert does, as its user is told.
+/// Words of the status line while an expert records.
 pub(crate) const RECORDING: &str = "recording demonstrations";
 
 /// Demonstrations to be recorded.
@@ -24,16 +24,16 @@ pub(crate) struct Recording<'a> {
     pub(crate) task: &'a Task,
     pub(crate) episodes: u64,
     pub(crate) setting: Setting,
-    /// A run whose policy is the expert; without it the task's own.
+    /// Run whose policy is the expert; if `None`, the task's own expert.
     pub(crate) policy: Option<&'a Path>,
     pub(crate) seed: u64,
     pub(crate) file: &'a Path,
-    /// Whether they may take the place of a file that is there.
+    /// Whether an existing file may be replaced.
     pub(crate) force: bool,
 }
 
 impl<'a> Recording<'a> {
-    /// What a run learns from unless it is given a file.
+    /// Returns the recording that a run learns from unless the user gives it a file.
     pub(crate) fn for_run(config: &'a RunConfig, file: &'a Path) -> Self {
         Recording {
             task: &config.task,
@@ -46,11 +46,11 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// An actor that records them, and gives up when its input ends; where its output goes is the caller's
-    /// to say.
+    /// Returns the command of an actor that records them and gives up when its standard input ends. The caller decides
+    /// where the actor's output goes.
     ///
     /// # Errors
-    /// When the program is not there.
+    /// When the actor's program is missing.
     pub(crate) fn actor(&self) -> Result<Command> {
         let Recording { task, episodes, setting, policy, seed, file, force } = self;
         let mut actor = Program::acting_in(task).command()?;
@@ -69,11 +69,11 @@ impl<'a> Recording<'a> {
         Ok(actor)
     }
 
-    /// Has them recorded by an [`actor`](Self::actor), and shows on `line` how far it is. Gives how it
-    /// ended; none if the user has stopped it.
+    /// Records them with an [`actor`](Self::actor) and shows its progress on `line`. Returns the exit status, or `None`
+    /// if the user has stopped it.
     ///
     /// # Errors
-    /// When it cannot start.
+    /// When the actor cannot start.
     pub(crate) fn record(
         &self,
         actor: &mut Command,
@@ -81,17 +81,17 @@ impl<'a> Recording<'a> {
     ) -> Result<Option<ExitStatus>> {
         let ended = programs::run_unless_stopped(actor, RECORDING, line)?;
         if ended.is_none() {
-            // One that did not stop in time was killed and has left it.
+            // An actor that did not stop in time was killed and has left an unfinished file.
             mcap_log::remove_abandoned(self.file, Kind::Demonstrations)?;
         }
         Ok(ended)
     }
 }
 
-/// Has demonstrations recorded into a run's folder; returns false if the user has stopped it.
+/// Records demonstrations into a run's folder; returns false if the user has stopped it.
 ///
 /// # Errors
-/// When the expert fails, with its last words; of wrong usage, when what it shows is too little.
+/// When the expert fails, with its last lines of output; wrong usage, when its demonstrations are too few.
 pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<bool> {
     let file = folder.demonstrations_file();
     let output = Output::of(folder, "demonstrations");
@@ -107,24 +107,25 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
     }
 }
 
-/// Checks that a file has the demonstrations a run is to learn from.
+/// Checks that a file has the demonstrations that a run is to learn from.
 ///
 /// # Errors
-/// Of wrong usage, when it is missing, damaged, of another task, shape or setting, or too short.
+/// Wrong usage, when the file is missing, damaged, too short, or of another task, shape or setting.
 pub(crate) fn check(file: &Path, config: &RunConfig) -> Result<()> {
     run::demonstrations::of_file(file, config).map_err(Refusal::usage)?;
     Ok(())
 }
 
-/// A configuration with what its file of demonstrations says of them, where the user does not.
+/// Returns the configuration with what its file of demonstrations records about them, except where the user's
+/// `settings` say otherwise.
 ///
 /// # Errors
-/// Of wrong usage, when the file cannot be read or is of another task.
+/// Wrong usage, when the file cannot be read or is of another task.
 pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig> {
     Ok(run::demonstrations::adopt(config, settings).map_err(Refusal::usage)?)
 }
 
-/// What is to be said of a file that does not tell how its demonstrations were recorded.
+/// Returns a remark about a file that does not say how its demonstrations were recorded.
 ///
 /// # Errors
 /// As [`adopt`].
@@ -132,8 +133,8 @@ pub(crate) fn remark(file: &Path, task: &Task) -> Result<Option<String>> {
     let tells = run::demonstrations::tells_setting(file, task);
     let remark = || {
         format!(
-            "{} does not say how it was recorded: taken as recorded in the agent's environment, \
-             actions as they are",
+            "{} does not say how it was recorded: assuming the agent's environment and unscaled \
+             actions",
             file.display()
         )
     };

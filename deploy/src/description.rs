@@ -1,4 +1,4 @@
-//! What the program that acts in a task says of it, asked before anything is laid out.
+//! Asks the program that acts in a task to describe it, before a run is laid out.
 
 use std::collections::BTreeSet;
 
@@ -12,10 +12,11 @@ use run::config::RunConfig;
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
 
-/// A configuration whose settings are complete, as the task's own environment has them.
+/// Returns the configuration with complete settings, as the task's own environment reports them.
 ///
 /// # Errors
-/// Of wrong usage, when the environment does not have such a setting, or has other shapes.
+/// Wrong usage, when the environment refuses a setting or has other shapes, or when the task lacks an expert that is
+/// needed.
 pub(crate) fn complete(config: RunConfig) -> Result<RunConfig> {
     let demonstrations = config.demonstration_setting();
     let description = describe(&config.task, &config.environment, &demonstrations)?;
@@ -24,7 +25,8 @@ pub(crate) fn complete(config: RunConfig) -> Result<RunConfig> {
     Ok(config)
 }
 
-/// The setting of demonstrations, complete, to be recorded by the task's expert if by nobody else.
+/// Returns the complete setting of demonstrations. With `needs_expert`, the task must have an expert that can record
+/// them.
 ///
 /// # Errors
 /// As [`complete`], and when the expert is needed and the task has none.
@@ -35,21 +37,21 @@ pub(crate) fn complete_setting(
 ) -> Result<Setting> {
     let description = describe(task, setting, setting)?;
     if needs_expert && !description.has_expert {
-        let expected = "expected a run as --policy, or of a task of Python a function as --expert";
+        let expected = "expected --policy RUN or, for a Python task, --expert MODULE:FUNCTION";
         return Err(wrong_usage(format!("{task} has no expert: {expected}")));
     }
     Ok(description.environment)
 }
 
-/// An environment of Python, made with a setting, as a task of this name.
+/// Makes a Python environment with `setting` and describes it as a task called `name`.
 ///
 /// # Errors
-/// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
+/// Wrong usage, when Python cannot make the environment, or its spaces do not fit a task.
 pub(crate) fn of_python(name: &str, setting: &Setting) -> Result<Description> {
     described(Program::Actor, name, setting, setting)
 }
 
-/// Checks configurations that are to be trained later, each environment once.
+/// Checks configurations that are to be trained later; each environment is checked once.
 ///
 /// # Errors
 /// As [`complete`].
@@ -65,12 +67,12 @@ pub(crate) fn check_all<'a>(configs: impl Iterator<Item = &'a RunConfig>) -> Res
     Ok(())
 }
 
-/// The configuration of a run that goes on. An environment of Python must still be the one that it began with,
-/// before actors are started that could only refuse it; where `other_build` allows for another, the hashes of
-/// modules are those of now.
+/// Returns the configuration of a run that is continued. A Python environment must still be the one that the run began
+/// with; this is checked before actors start, which could only refuse it. With `other_build`, the environment's modules
+/// may differ, and the configuration gets their current hashes.
 ///
 /// # Errors
-/// Of wrong usage, when its packages have other versions, its modules were changed, or it cannot be made.
+/// Wrong usage, when packages have other versions, modules were changed, or the environment cannot be made.
 pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<RunConfig> {
     if !config.environment.0.contains_key(MAKE) {
         return Ok(config);
@@ -79,7 +81,7 @@ pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<Run
         config.environment.0.remove(SOURCES);
         let began = config.environment.0.get(VERSIONS).cloned();
         let mut completed = complete(config)?;
-        // Packages that the run's first build did not name are not what it began with.
+        // Packages that the run's first build did not record are left out.
         completed.environment.0.remove(VERSIONS);
         completed.environment.0.extend(began.map(|versions| (VERSIONS.to_owned(), versions)));
         return Ok(completed);
@@ -88,10 +90,10 @@ pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<Run
     Ok(config)
 }
 
-/// SHA-256 of the program that a task brings along; none where it is ours.
+/// Returns the SHA-256 of the task's own program; `None` if the program is ours.
 ///
 /// # Errors
-/// When it cannot be read.
+/// When the program cannot be read.
 pub(crate) fn program_sha256(task: &Task) -> Result<Option<String>> {
     let Some(path) = &task.program else { return Ok(None) };
     let hash = digest::sha256_of_file(path);

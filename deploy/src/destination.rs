@@ -1,8 +1,7 @@
 //! Where a verb may write: one rule for everything that `goalward` writes for its user.
 //!
-//! What exists is not overwritten unless the user says `--force`. A run's folder is the run's own:
-//! nothing is written into it under a name that the user chose, `--force` or not, by whatever way
-//! the folder is reached.
+//! An existing file is not overwritten without `--force`. Nothing is written into a run's folder under a name that the
+//! user chose, not even with `--force`, whatever path leads there.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -16,7 +15,7 @@ use terminal::refusal::wrong_usage;
 /// Checks that a file may be written at `path`, a name that the user chose.
 ///
 /// # Errors
-/// Of wrong usage, when it exists and is not to be replaced, lies inside a run, or has no folder.
+/// Wrong usage, when the file exists and may not be replaced, lies inside a run, or would be in a missing folder.
 pub(crate) fn file(path: &Path, force: bool) -> Result<()> {
     outside_runs(path)?;
     let folder = path.parent().filter(|folder| *folder != Path::new(""));
@@ -27,10 +26,10 @@ pub(crate) fn file(path: &Path, force: bool) -> Result<()> {
     own_file(path, force)
 }
 
-/// Checks that a file may be written at `path`, a name of our own in the folder of a run.
+/// Checks that a file may be written at `path`, a name in a run's folder that Goalward chose.
 ///
 /// # Errors
-/// Of wrong usage, when it exists and is not to be replaced.
+/// Wrong usage, when the file exists and may not be replaced.
 pub(crate) fn own_file(path: &Path, force: bool) -> Result<()> {
     match fs::metadata(path) {
         Ok(found) if found.is_dir() => {
@@ -42,10 +41,10 @@ pub(crate) fn own_file(path: &Path, force: bool) -> Result<()> {
     }
 }
 
-/// Checks that a folder may be filled at `path`, a name that the user chose; an empty one is free.
+/// Checks that the folder `path`, a name that the user chose, may be filled; an empty folder always may.
 ///
 /// # Errors
-/// Of wrong usage, when files of it are not to be replaced, or it lies inside a run.
+/// Wrong usage, when its files may not be replaced, or it lies inside a run.
 pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
     outside_runs(path)?;
     match fs::read_dir(path) {
@@ -57,8 +56,8 @@ pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
     }
 }
 
-/// Fills files or folders. What was not there before is gone again where that fails, so that the same
-/// command can be given once more.
+/// Fills the files or folders `places`. If that fails, those that did not exist before are removed, so that the same
+/// command can be given again.
 ///
 /// # Errors
 /// As `fill`.
@@ -66,7 +65,7 @@ pub(crate) fn filled<T>(places: &[&Path], fill: impl FnOnce() -> Result<T>) -> R
     let new: Vec<&Path> = places.iter().copied().filter(|place| !place.exists()).collect();
     fill().inspect_err(|_| {
         for place in new {
-            // The reason why it failed is told, not that of what remains.
+            // The caller learns why `fill` failed, not that something remains.
             match place.is_dir() {
                 true => fs::remove_dir_all(place).ok(),
                 false => fs::remove_file(place).ok(),
@@ -78,7 +77,7 @@ pub(crate) fn filled<T>(places: &[&Path], fill: impl FnOnce() -> Result<T>) -> R
 /// Checks that `path` is neither a run's folder nor inside one.
 ///
 /// # Errors
-/// Of wrong usage, naming the run.
+/// Wrong usage, naming the run.
 pub(crate) fn outside_runs(path: &Path) -> Result<()> {
     let resolved = resolved(path)?;
     let run = resolved.ancestors().find(|folder| RunFolder::new(*folder).is_run());
@@ -89,10 +88,10 @@ pub(crate) fn outside_runs(path: &Path) -> Result<()> {
     )))
 }
 
-/// The place that a path leads to, links followed; the end of it need not exist.
+/// Returns the place that a path leads to, with links followed; the end of the path need not exist.
 ///
 /// # Errors
-/// Of wrong usage, when nothing can be made there.
+/// Wrong usage, when nothing can be created there.
 pub(crate) fn resolved(path: &Path) -> Result<PathBuf> {
     let refused = |error: &dyn std::fmt::Display| {
         wrong_usage(format!("{}: expected a place to write to: {error}", path.display()))
@@ -197,7 +196,7 @@ mod tests {
         }
         file(&at("run.csv"), false).unwrap();
 
-        // Its configuration may be damaged; its log says what it is.
+        // A run with a damaged configuration is recognized by its log.
         fs::write(run.config_file(), "?").unwrap();
         fs::write(run.log().join("updates-00000.mcap"), "").unwrap();
         assert!(said(file(&at("run/a.csv"), true)).contains("of the run"));

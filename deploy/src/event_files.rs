@@ -1,5 +1,5 @@
-//! The event file for TensorBoard that `goalward train` writes meanwhile, from the log: on a thread of its own,
-//! so that a slow disk holds nothing up.
+//! The TensorBoard event file that `goalward train` writes from the log during training, on a thread of its own, so
+//! that a slow disk delays nothing.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, SyncSender};
@@ -12,10 +12,10 @@ use run::folder::RunFolder;
 use run::summary::Summary;
 use terminal::print::print_remark;
 
-/// How often the log is looked at.
+/// Time between two looks at the log.
 const EVERY: Duration = Duration::from_secs(2);
 
-/// The folder of a run's event file within `folder`, which several runs may share.
+/// Returns the folder of a run's event file within `folder`, which several runs may share.
 pub(crate) fn of_run(run: &RunFolder, folder: &Path) -> Result<PathBuf> {
     let shown = || format!("{}: expected a folder with a name", run.path().display());
     let path = run.path().canonicalize().with_context(shown)?;
@@ -29,10 +29,10 @@ pub(crate) struct EventFiles {
 }
 
 impl EventFiles {
-    /// Begins the event file of a run within `folder`.
+    /// Starts to write the event file of a run within `folder`.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// When the file cannot be written.
     pub(crate) fn start(run: &RunFolder, folder: &Path) -> Result<EventFiles> {
         let mut file = TensorBoard::of(run.clone(), &of_run(run, folder)?)?;
         let run = run.clone();
@@ -59,7 +59,7 @@ impl Drop for EventFiles {
     }
 }
 
-/// What is not written now is written the next time, or when the run is over by `goalward report`.
+/// Reports a failed write. What is missing is written the next time, or by `goalward report` when the run is over.
 fn tell(written: Result<()>) {
     if let Err(error) = written {
         print_remark(&format!(

@@ -1,4 +1,4 @@
-//! How a verb shows what it found out: to people, or to programs as JSON.
+//! How a verb prints its results: as a table for people, or as JSON for programs.
 
 use anyhow::Result;
 use serde::Serialize;
@@ -13,12 +13,12 @@ pub(crate) struct Figures {
 }
 
 impl Figures {
-    /// Whether they are for programs.
+    /// Returns whether figures are printed as JSON.
     pub(crate) fn are_json(self) -> bool {
         self.json
     }
 
-    /// Prints figures; `table` makes them readable.
+    /// Prints figures as JSON, or as the text that `table` makes of them.
     ///
     /// # Errors
     /// When they cannot be written as JSON.

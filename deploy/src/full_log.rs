@@ -1,4 +1,4 @@
-//! A run's log with all observations: its own, or where it has actions only, one made of it.
+//! A run's log with all observations: the recorded log or, if that has only actions, one restored from it.
 
 use std::path::{Path, PathBuf};
 
@@ -15,29 +15,29 @@ use crate::programs::{self, Program};
 use terminal::print::print_remark;
 use terminal::refusal::Refusal;
 
-/// A log with all observations; one that was made goes with it.
+/// A log with all observations. A restored log is removed when this is dropped.
 #[derive(Debug)]
 pub(crate) enum FullLog {
-    /// The run's own.
+    /// The run's own log.
     Recorded(PathBuf),
-    /// One that was made of it.
+    /// A log restored from the run's own.
     Restored(TempDir),
 }
 
-/// What the actor says of a log that it restored.
+/// The actor's report about a log that it restored.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Restored {
     /// Episodes in the new log.
     pub(crate) episodes: u64,
-    /// Those of them that had no observations.
+    /// Episodes that had no observations.
     pub(crate) restored: u64,
 }
 
 impl FullLog {
-    /// The log of a run, restored into the run's folder if it has actions only.
+    /// Returns the full log of a run, restored in the run's folder if the recorded log has only actions.
     ///
     /// # Errors
-    /// When it cannot be read, or its episodes do not act again as they did.
+    /// When the log cannot be read, or acting its episodes again does not reproduce them.
     pub(crate) fn of(run: &RunFolder) -> Result<FullLog> {
         if recorded_configs(run)?.iter().all(|config| config.log.observations) {
             return Ok(FullLog::Recorded(run.log()));
@@ -48,7 +48,7 @@ impl FullLog {
         Ok(FullLog::Restored(folder))
     }
 
-    /// Where it is.
+    /// Returns the folder of the log.
     pub(crate) fn folder(&self) -> &Path {
         match self {
             FullLog::Recorded(folder) => folder,
@@ -69,10 +69,10 @@ pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
     )
 }
 
-/// What was done with a run's log is not all that could be, if not all that was recorded is there.
+/// Checks that nothing that was recorded is lost from a run's log, since work on the log is incomplete otherwise.
 ///
 /// # Errors
-/// Of lost data, naming the files, or how many episodes there are to be.
+/// Lost data, naming the damaged files, or the expected number of episodes.
 pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
     let lost = loss::of_log(run, &read_run(&run.log())?);
     if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }

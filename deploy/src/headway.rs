@@ -1,5 +1,4 @@
-//! How far a program is that was started for one piece of work: shown while it works, from the lines it
-//! prints, see [`Headway`].
+//! Progress of a program that was started for one piece of work, shown from the lines that it prints; see [`Headway`].
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::thread::JoinHandle;
@@ -10,8 +9,8 @@ use run::headway::Headway;
 use terminal::numbers;
 use terminal::status_line::StatusLine;
 
-/// Takes in what a program prints, on a thread of its own: shows on `line` how far the program says it
-/// is with what it is `doing`, and gives the rest in the end.
+/// Reads a program's output on a thread of its own: shows the progress that the program reports on `line`, described by
+/// `doing`, and returns the rest of the output at the end.
 ///
 /// # Errors
 /// When the thread cannot start.
@@ -40,12 +39,12 @@ pub(crate) fn follow(
     std::thread::Builder::new().name("headway".to_owned()).spawn(take_in)
 }
 
-/// How far a program is that printed this line; none if it says something else.
+/// Parses a line of progress; `None` if the line is something else.
 pub(crate) fn read(line: &str) -> Option<Headway> {
     serde_json::from_str(line).ok()
 }
 
-/// Percents that are done.
+/// Returns the percentage that is done.
 pub(crate) fn percent(headway: Headway) -> u64 {
     numbers::percent_done(headway.episodes_done, headway.episodes_wanted)
 }

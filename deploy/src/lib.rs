@@ -1,41 +1,41 @@
-//! The command `goalward`: what users type, and what watches over a run's processes.
+//! The command `goalward`: the command line, and the supervisor of a run's processes.
 //!
-//! It stands beside the data's way, not in it: no trajectory, score or weight passes through here.
-//! It lays out the folder of a run, starts the actors, the learner and the proximity service as
-//! processes of their own, starts again what dies, and shows the progress that the learner
-//! publishes. If it dies, they notice and stop; `goalward train --resume` goes on.
+//! It is not part of the data path: no trajectory, score or weight passes through here. It lays out the folder of a
+//! run, starts the actors, the learner and the proximity service as processes of their own, restarts those that die,
+//! and shows the progress that the learner publishes. If it dies, they notice and stop; `goalward train --resume`
+//! continues the run.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | `cli`, `commands` | the verbs, one file each |
-//! | `plan` | which run is trained: a new folder or one that is continued |
-//! | `settings` | `--set` beside the flags that set keys of their own |
-//! | `description` | what the program that acts in a task says of it |
-//! | `demonstrations` | checks a file of demonstrations, or has one recorded |
+//! | `plan` | which run is trained: a new one, or one that is continued |
+//! | `settings` | checks `--set` against the flags that set keys of their own |
+//! | `description` | the description of a task by the program that acts in it |
+//! | `demonstrations` | checks a file of demonstrations, or records one |
 //! | `destination` | where a verb may write |
 //! | `experiment` | plans of many runs |
-//! | `cluster` | the engines of clusters that train them |
-//! | `listening` | a run that lets actors of other machines in |
+//! | `cluster` | cluster engines that train the runs of plans |
+//! | `listening` | a run that actors on other machines can join |
 //! | `machine` | whether this machine has the memory and disk for a run |
 //! | `supervisor` | the processes of a run, from start to end |
-//! | `processes` | who takes part in a live run, and who is stopped or gone |
+//! | `processes` | the processes of a live run, and which of them are stopped or gone |
 //! | `processor` | whether this machine can execute the build |
 //! | `progress` | the progress of a run in one line |
-//! | `progress_file` | the newest progress, for experiments |
+//! | `progress_file` | the newest progress in a file, for experiments and the page |
 //! | `child`, `programs` | processes that `goalward` starts |
-//! | `choices` | values that flags are known to take |
-//! | `event_files` | the event file for TensorBoard that it writes meanwhile |
-//! | `companion_page` | the page that `goalward train` serves meanwhile |
-//! | `answer` | a program asked for one answer, for the page |
-//! | `other_reward` | another reward for what a run has recorded |
-//! | `scenes` | recorded episodes with what a viewer draws |
-//! | `figures` | what a verb found out, for people or as JSON |
-//! | `headway` | how far a program is that was started for one piece of work |
-//! | `limits` | whether the system lets a run's processes be large enough |
+//! | `choices` | known values of flags |
+//! | `event_files` | the TensorBoard event file written during training |
+//! | `companion_page` | the page that `goalward train` serves during training |
+//! | `answer` | runs a program for one answer, for the page |
+//! | `other_reward` | another reward for the recorded episodes of a run |
+//! | `scenes` | recorded episodes as scenes for viewers |
+//! | `figures` | the results of a verb, as a table or as JSON |
+//! | `headway` | progress of a program that was started for one piece of work |
+//! | `limits` | whether the system's resource limits suffice for a run |
 //! | `tasks` | tasks as the user names them |
-//! | `output` | what the processes print |
+//! | `output` | the output of processes |
 //! | `summary` | the summary of a finished run, as a table |
-//! | `full_log` | a log with observations, made of one with actions only |
+//! | `full_log` | a log with observations, restored from one with only actions |
 
 mod answer;
 mod child;
@@ -73,9 +73,9 @@ use std::process::ExitCode;
 
 use terminal::print::{all_is_printed, print_error};
 
-/// The whole of `goalward`: reads the command line, does what it says, and prints a failure as one
-/// line that begins with `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2
-/// after wrong usage, 3 if it finished but data was lost, and 130 if the user stopped it.
+/// Runs `goalward`: reads the command line, runs its verb, and prints a failure as one line that begins with
+/// `goalward:`. The exit code is 0 if all went well, 1 after a failure, 2 after wrong usage, 3 if it finished but data
+/// was lost, and 130 if the user stopped it.
 pub fn main() -> ExitCode {
     if !processor::suffices() {
         return ExitCode::FAILURE;

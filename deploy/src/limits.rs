@@ -1,22 +1,22 @@
-//! The limits that the system puts on a process (`ulimit`), checked before a run meets them in its
-//! middle: a process that finds no more room or descriptors there may stall without a word.
+//! The system's limits on a process (`ulimit`), checked before a run starts: a process that runs into one later may
+//! stall without a message.
 
 use anyhow::{Result, ensure};
 use rustix::process::{Resource, getrlimit};
 
 const MIB: u64 = 1 << 20;
 
-/// Address space of the largest process, the learner: of its own, and for what each actor shares with
-/// it. Most of it is never touched.
+/// Address space of the largest process, the learner, bytes: its own, and what it shares with each actor. Most of it is
+/// never touched.
 const ADDRESS_SPACE: [u64; 2] = [2 << 30, 160 << 20];
 
-/// The same for open files; sockets and shared memory are files.
+/// Open files of a process: its own, and those for each actor. Sockets and shared memory count as files.
 const OPEN_FILES: [u64; 2] = [160, 12];
 
-/// What the bus of a run can take of shared memory.
+/// Shared memory that the bus of a run can take, bytes.
 pub(crate) const SHARED_MEMORY_BYTES: u64 = 300 << 20;
 
-/// Checks that processes of a run with so many actors stay within the limits.
+/// Checks that the processes of a run with `actors` actors stay within the limits.
 ///
 /// # Errors
 /// For the first limit that is too low.

@@ -1,4 +1,4 @@
-//! A run that lets actors of other machines in.
+//! A run that actors on other machines can join.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -20,17 +20,17 @@ use crate::limits;
 use crate::programs::{self, Program};
 use terminal::refusal::wrong_usage;
 
-/// What is acted again of what others deliver, where nothing else is wished.
+/// Default share of other machines' episodes that is acted again.
 const AUDITED: f64 = 0.01;
 
 /// How a run lets other machines in.
 #[derive(Clone, Copy, Debug, Default, clap::Args, Serialize, Deserialize)]
 pub(crate) struct ListenOptions {
-    /// Lets actors of other machines in, which `goalward join` starts there; such as 0.0.0.0:7447.
+    /// Accepts actors of other machines, started there by `goalward join`, at this address, such as 0.0.0.0:7447.
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<SocketAddr>,
-    /// Share of their episodes that is acted again here; a machine that acts otherwise is expelled. By default
-    /// 0.01, of a task that is not deterministic 0.
+    /// Fraction of their episodes that is re-simulated here; a machine whose episodes differ is expelled. By default
+    /// 0.01, or 0 for a task that is not deterministic.
     #[arg(long, value_name = "SHARE", requires = "listen")]
     audit: Option<f64>,
 }
@@ -44,7 +44,7 @@ pub(crate) struct Listening {
     actor: PathBuf,
 }
 
-/// As they are typed, behind a command.
+/// Formats the options as they are typed after a command.
 impl fmt::Display for ListenOptions {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ListenOptions { listen, audit } = self;
@@ -54,17 +54,19 @@ impl fmt::Display for ListenOptions {
 }
 
 impl ListenOptions {
-    /// Checks that a run of the task can let others in as is wished.
+    /// Checks that other machines can join the run as requested or, without `--listen`, that the run has an actor.
     ///
     /// # Errors
-    /// Without the gateway's program, when others could not find it or the system does not let it listen, or
-    /// when the task's episodes cannot be acted again.
+    /// When the gateway's program is missing, the address cannot be told to other machines or listened on, the share to
+    /// audit is not in 0 to 1, or the task's episodes cannot be acted again. Without `--listen`, as
+    /// [`require_an_actor`].
     pub(crate) fn check(self, config: &RunConfig) -> Result<()> {
         let RunConfig { task, resources, .. } = config;
         let Some(listen) = self.listen else { return require_an_actor(resources.actors, false) };
-        let words = "--listen: expected a port that other machines can be told, found 0";
+        let words =
+            "--listen: expected a port above 0, which other machines can connect to, found 0";
         ensure!(listen.port() != 0, wrong_usage(words));
-        // All of them may be of other machines.
+        // All actors may be on other machines.
         limits::check(MAX_ACTORS as u64)?;
         Program::Gateway.check()?;
         let (share, name) = (self.audit(task), &task.name);
@@ -77,10 +79,10 @@ impl ListenOptions {
         free.map(drop).map_err(|error| wrong_usage(format!("listening at {listen}: {error}")))
     }
 
-    /// Keeps them in the run's folder, for whoever tells how the run is continued.
+    /// Saves the options in the run's folder, for [`how_to_resume`].
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the file cannot be written.
     pub(crate) fn keep(self, folder: &RunFolder) -> Result<()> {
         let file = folder.listening_file();
         if self.listen.is_none() {
@@ -91,7 +93,7 @@ impl ListenOptions {
         written.with_context(|| file.display().to_string())
     }
 
-    /// Those that a run was trained with last.
+    /// Returns the options that a run was last trained with.
     fn of_run(folder: &RunFolder) -> ListenOptions {
         let bytes = fs::read(folder.listening_file()).unwrap_or_default();
         serde_json::from_slice(&bytes).unwrap_or_default()
@@ -101,7 +103,7 @@ impl ListenOptions {
         self.audit.unwrap_or(if task.deterministic { AUDITED } else { 0.0 })
     }
 
-    /// Prepares a run that is laid out, if anybody may come in.
+    /// Prepares a laid-out run for other machines; `None` if none may join.
     ///
     /// # Errors
     /// As [`golden`].
@@ -113,32 +115,33 @@ impl ListenOptions {
     }
 }
 
-/// What is typed to continue a run as it was trained last.
+/// Returns the command that continues a run with the options it was last trained with.
 pub(crate) fn how_to_resume(folder: &RunFolder) -> String {
     let (goalward, run) = (programs::own_command(), quoted(folder.path().display()));
     format!("{goalward} train --resume --run {run}{}", ListenOptions::of_run(folder))
 }
 
-/// A run that no other machines join needs an actor of its own.
+/// Checks that a run has an actor of its own, which it needs unless other machines can join it.
 ///
 /// # Errors
-/// When it has none.
+/// When the run has no actor.
 pub(crate) fn require_an_actor(actors: u64, can_be_joined: bool) -> Result<()> {
-    let expected = "at least 1, but for a run that other machines join (--listen)";
+    let expected = "at least 1, unless other machines can join the run (--listen)";
     Ok(within("resources.actors", actors > 0 || can_be_joined, expected, actors)?)
 }
 
-/// What this machine's actor makes of a run's golden episodes.
+/// Returns the hash of a run's golden episodes, as this machine's actor acts them.
 ///
 /// # Errors
-/// When the task cannot be acted here.
+/// When this machine cannot act in the task.
 pub(crate) fn golden(folder: &RunFolder, task: &Task) -> Result<String> {
     let mut actor = Program::acting_in(task).command()?;
     actor.arg("golden").arg("--run").arg(folder.path());
     programs::result_unless_stopped(&mut actor, "acting golden episodes")
 }
 
-/// What this machine is called among the hosts of a run: its name without its domain, as far as a hub takes it.
+/// Returns this machine's name among the hosts of a run: the host name without its domain, with the characters and up
+/// to the length that a hub accepts.
 pub(crate) fn host_name() -> String {
     host_name_of(&node_name())
 }
@@ -150,14 +153,14 @@ fn host_name_of(node: &str) -> String {
     if name.is_empty() { "localhost".to_owned() } else { name }
 }
 
-/// Where other machines find this one.
+/// Returns the name by which other machines find this one.
 fn node_name() -> String {
     let system = rustix::system::uname();
     system.nodename().to_str().unwrap_or("localhost").to_owned()
 }
 
 impl Listening {
-    /// What the gateway is to do.
+    /// Returns the arguments of the gateway.
     pub(crate) fn arguments(&self, folder: &RunFolder) -> Vec<OsString> {
         let listen = self.listen.to_string();
         let (address, golden, audit) =
@@ -176,13 +179,13 @@ impl Listening {
         arguments
     }
 
-    /// What to type on another machine.
+    /// Returns a line that says what to type on another machine.
     pub(crate) fn how_to_join(&self, folder: &RunFolder) -> String {
         let (address, run) = (self.address(), folder.path().display());
         format!("other machines: goalward join {address} --key {run}/join.toml")
     }
 
-    /// Where other machines find it.
+    /// Returns the address at which other machines find the run.
     fn address(&self) -> String {
         match self.listen.ip() {
             ip if ip.is_unspecified() => format!("{}:{}", node_name(), self.listen.port()),

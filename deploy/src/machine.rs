@@ -1,5 +1,5 @@
-//! The machine that a run is to be trained on, against what the run is foreseen to take: what cannot
-//! fit, or would not end, is refused before anything is laid out.
+//! Compares what a run is estimated to need with the machine that is to train it. A run that cannot fit, or would never
+//! end, is refused before it is laid out.
 
 use std::fs;
 
@@ -9,54 +9,54 @@ use run::config::{Estimate, RunConfig};
 use terminal::numbers;
 use terminal::refusal::wrong_usage;
 
-/// Most threads of a process for each core. More only wait for each other.
+/// Most threads of a process per core. More would only wait for each other.
 const THREADS_PER_CORE: usize = 4;
 
-/// Most actors for each core: some wait for leases while others act.
+/// Most actors per core: some wait for leases while others act.
 const ACTORS_PER_CORE: u64 = 8;
 
-/// Most rows that pass through networks: weeks on two cores, at a few hundred thousand a second.
+/// Most rows that pass through networks: weeks on two cores, at a few hundred thousand rows a second.
 const MOST_ROW_PASSES: f64 = 1e12;
 
-/// Most steps of environments: at 100,000 a second, eleven days.
+/// Most environment steps: eleven days, at 100,000 steps a second.
 const MOST_ENVIRONMENT_STEPS: f64 = 1e11;
 
-/// Parts of the most from which on a run is called long.
+/// Fraction of these limits above which a run is called long.
 const LONG: f64 = 1e-2;
 
-/// What a machine has.
+/// The resources of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Machine {
     cores: usize,
-    /// Memory that can be taken, bytes; none where the system does not tell.
+    /// Available memory, bytes; `None` if the system does not say.
     memory: Option<f64>,
 }
 
 impl Machine {
-    /// This one.
+    /// Returns the resources of this machine.
     pub(crate) fn here() -> Machine {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let available = fs::read_to_string("/proc/meminfo").ok().and_then(|text| available(&text));
-        // A container may have less than the machine.
+        // A container may be granted less memory than the machine has.
         let granted = fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
         let granted = granted.and_then(|text| text.trim().parse::<f64>().ok());
         let memory = available.into_iter().chain(granted).reduce(f64::min);
         Machine { cores, memory }
     }
 
-    /// Refuses a number of actors that would only keep each other from working.
+    /// Refuses more actors than the machine can usefully run.
     ///
     /// # Errors
-    /// Of wrong usage, with what the machine has.
+    /// Wrong usage, stating what the machine has.
     pub(crate) fn require_room_for_actors(&self, actors: u64) -> Result<()> {
         let most = ACTORS_PER_CORE * self.cores as u64;
         self.require("resources.actors", actors, most, ACTORS_PER_CORE)
     }
 
-    /// Refuses what the machine cannot do. Gives what is to be said of a run that takes long.
+    /// Refuses a run that the machine cannot train. Returns a remark about a run that takes long.
     ///
     /// # Errors
-    /// Of wrong usage, with the size and what the machine has.
+    /// Wrong usage, stating the size and what the machine has.
     pub(crate) fn require_room_for(&self, config: &RunConfig) -> Result<Option<String>> {
         let resources = &config.resources;
         self.require_room_for_actors(resources.actors)?;
@@ -88,18 +88,18 @@ impl Machine {
     }
 }
 
-/// Refuses what would never end.
+/// Refuses work that would never end.
 ///
 /// # Errors
-/// Of wrong usage, with the size.
+/// Wrong usage, stating the size.
 pub(crate) fn require_end(environment_steps: f64, row_passes: f64) -> Result<()> {
     for (what, found, most) in [
-        ("steps of environments", environment_steps, MOST_ENVIRONMENT_STEPS),
+        ("environment steps", environment_steps, MOST_ENVIRONMENT_STEPS),
         ("rows to pass through networks", row_passes, MOST_ROW_PASSES),
     ] {
         if found > most {
             return Err(wrong_usage(format!(
-                "this would never end: expected at most {most:e} {what}, found about {found:.1e}"
+                "this run would take too long: expected at most {most:e} {what}, found about {found:.1e}"
             )));
         }
     }
@@ -110,8 +110,8 @@ fn words_of_memory(estimate: &Estimate, memory: f64) -> String {
     let Estimate { learner_bytes, service_bytes, actor_bytes, actors, .. } = *estimate;
     let shown = |bytes: f64| numbers::bytes(bytes as u64);
     format!(
-        "no room in memory: the run would take about {} (learner {}, service {}, {actors} actors of \
-         {}), and {} are available",
+        "not enough memory: the run needs about {} (learner {}, service {}, {actors} actors with \
+         {} each), found {} available",
         shown(estimate.bytes()),
         shown(learner_bytes),
         shown(service_bytes),
@@ -123,14 +123,14 @@ fn words_of_memory(estimate: &Estimate, memory: f64) -> String {
 fn words_of_work(estimate: &Estimate) -> String {
     let count = |number: f64| numbers::count(number as u64);
     format!(
-        "this takes long: about {} steps of environments, {} optimizer steps, {} rows through networks",
+        "this will take long: about {} environment steps, {} optimizer steps, {} rows through networks",
         count(estimate.environment_steps),
         count(estimate.gradient_steps),
         count(estimate.row_passes)
     )
 }
 
-/// `MemAvailable` of `/proc/meminfo`, bytes.
+/// Parses `MemAvailable` of `/proc/meminfo`, bytes.
 fn available(text: &str) -> Option<f64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1024.0)
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn what_the_machine_has_not_is_refused_with_the_figure() {
         for (task, settings, words) in [
-            ("navigation", "policy.features=1000000", &["GiB", "14.9 GiB are"][..]),
+            ("navigation", "policy.features=1000000", &["GiB", "found 14.9 GiB available"][..]),
             ("navigation", "reward.hidden=[1000000,1000000]", &["TiB", "service"]),
             ("fetch-push", "policy.hidden=[9000000000000000000,9000000000000000000]", &["TiB"]),
             ("navigation", "reward.experience=1000000000000", &["TiB", "service"]),
@@ -183,11 +183,11 @@ mod tests {
             ("navigation", "resources.learner_threads=100000", &["at most 8", "100000"]),
             ("navigation", "resources.service_threads=9", &["at most 8", "found 9"]),
             ("navigation", "resources.actors=17", &["`resources.actors`", "at most 16"]),
-            ("navigation", "ppo.epochs=1000000000", &["never end", "1.5e15"]),
-            ("navigation", "method=bc cloning.epochs=1000000000", &["never end", "rows"]),
-            ("navigation", "evaluation.episodes=10000000000", &["never end", "1.0e12"]),
-            ("navigation", "steps=9000000000000000000", &["never end"]),
-            ("fetch-push", "method=sqil sqil.updates_per_step=1e12", &["never end"]),
+            ("navigation", "ppo.epochs=1000000000", &["take too long", "1.5e15"]),
+            ("navigation", "method=bc cloning.epochs=1000000000", &["take too long", "rows"]),
+            ("navigation", "evaluation.episodes=10000000000", &["take too long", "1.0e12"]),
+            ("navigation", "steps=9000000000000000000", &["take too long"]),
+            ("fetch-push", "method=sqil sqil.updates_per_step=1e12", &["take too long"]),
         ] {
             let said = judged(task, settings).expect_err(settings);
             for word in words {
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn what_takes_long_is_said() {
         let said = judged("navigation", "evaluation.episodes=100000000").unwrap().unwrap();
-        assert!(said.contains("about 10,001,525,250 steps of environments"), "{said}");
+        assert!(said.contains("about 10,001,525,250 environment steps"), "{said}");
         let said = judged("navigation", "ppo.epochs=10000").unwrap().unwrap();
         assert!(said.contains("rows through networks"), "{said}");
     }

@@ -1,5 +1,5 @@
-//! Another reward for what a run has recorded: changes to the configuration of its reward, or the trained model of
-//! another run.
+//! Another reward for the recorded episodes of a run: changes to the configuration of its reward, or the trained model
+//! of another run.
 
 use anyhow::Result;
 use run::config::RunConfig;
@@ -8,22 +8,22 @@ use terminal::refusal::wrong_usage;
 
 use crate::plan;
 
-/// What a change begins with that names a run whose trained model scores.
+/// Prefix of a change that names a run whose trained model scores.
 const MODEL: &str = "model=";
 
-/// A reward that a run was not trained by.
+/// A reward that the run was not trained with.
 pub(crate) struct OtherReward {
-    /// The run's configuration with it.
+    /// The run's configuration with this reward.
     pub(crate) config: RunConfig,
-    /// The run whose trained model scores; none for one that is trained as the run's own was.
+    /// Run whose trained model scores; if `None`, a model is trained as the run's own was.
     pub(crate) model: Option<RunFolder>,
 }
 
 impl OtherReward {
-    /// That of `changes`, each `key=value`, where the key is of the reward or `model`.
+    /// Returns the reward that results from `changes`, each `key=value`, where the key is of the reward or `model`.
     ///
     /// # Errors
-    /// Of wrong usage when a change is not of the reward.
+    /// Wrong usage, when a key is another one, or several models are named.
     pub(crate) fn of(folder: &RunFolder, changes: &[String]) -> Result<OtherReward> {
         let (models, settings): (Vec<_>, Vec<_>) =
             changes.iter().partition(|change| change.starts_with(MODEL));

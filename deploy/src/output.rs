@@ -1,4 +1,4 @@
-//! What processes print: one file each, appended to; those of a run in its `output` folder.
+//! The output of processes. Each process appends to a file of its own; those of a run are in its folder `output`.
 
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
@@ -8,25 +8,25 @@ use run::folder::RunFolder;
 
 use crate::headway;
 
-/// Lines quoted when a process has failed.
+/// Most lines quoted when a process has failed.
 const QUOTED_LINES: usize = 8;
 
-/// How far back they are looked for, bytes.
+/// Bytes at the end of the file in which these lines are looked for.
 const QUOTED_BYTES: u64 = 8 << 10;
 
-/// Where a process prints to.
+/// The file that a process prints to.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
     path: PathBuf,
 }
 
 impl Output {
-    /// The output of the process called `name`.
+    /// Returns the output of the run's process called `name`.
     pub(crate) fn of(folder: &RunFolder, name: &str) -> Self {
         Output { path: folder.output().join(format!("{name}.log")) }
     }
 
-    /// The output that is kept in the file `path`.
+    /// Returns the output that is kept in the file `path`.
     pub(crate) fn at(path: PathBuf) -> Self {
         Output { path }
     }
@@ -40,7 +40,7 @@ impl Output {
         opened.with_context(|| format!("opening {}", self.path.display()))
     }
 
-    /// The last lines for an error message: where they are, then each on a line of its own.
+    /// Returns the last lines for an error message: first the file's path, then each line on a line of its own.
     pub(crate) fn last_lines(&self) -> String {
         let shown = self.path.display();
         match self.end() {
@@ -54,7 +54,7 @@ impl Output {
         }
     }
 
-    /// The last lines as they are.
+    /// Returns the last lines unchanged.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -63,7 +63,7 @@ impl Output {
     }
 }
 
-/// Whether a line says anything of a failure.
+/// Returns whether a line may say something about a failure: progress and empty lines do not.
 fn tells(line: &str) -> bool {
     !line.trim().is_empty() && headway::read(line).is_none()
 }

@@ -23,43 +23,43 @@ use crate::tasks;
 use crate::{demonstrations, description, destination};
 use terminal::refusal::{Refusal, wrong_usage};
 
-/// Who only asks whether a run is trained holds its lock for a moment: another attempt finds it free.
+/// A process that only checks whether a run is being trained holds the lock for a moment, so locking is retried.
 const LOCK_ATTEMPTS: u32 = 3;
 const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
-/// Where runs go that were given no folder.
+/// Parent folder of runs that were given no folder.
 const RUNS: &str = "runs";
 
-/// What the command line says about the run.
+/// What the command line says about a run.
 pub(crate) struct TrainRequest {
-    /// The task, by its name or its file; the default task where it is not given.
+    /// Task, by its name or its file; if `None`, the default task.
     pub(crate) task: Option<String>,
-    /// The preset; the default preset where it is not given.
+    /// Preset; if `None`, the default preset.
     pub(crate) preset: Option<String>,
     /// Changes to the configuration, each `key=value`.
     pub(crate) settings: Vec<String>,
-    /// The run's folder; a new one where it is not given.
+    /// Folder of the run; if `None`, a new one.
     pub(crate) folder: Option<PathBuf>,
 }
 
 /// A run that can start.
 #[derive(Debug)]
 pub(crate) struct Plan {
-    /// Its folder, which need not exist yet.
+    /// Folder of the run, which need not exist yet.
     pub(crate) folder: RunFolder,
-    /// Its effective configuration.
+    /// Effective configuration of the run.
     pub(crate) config: RunConfig,
-    /// Whether the folder holds it already.
+    /// Whether the folder already holds the run.
     pub(crate) resumed: bool,
-    /// Whether any other folder with a number would do as well.
+    /// Whether the folder has a number that may be replaced by another one.
     is_numbered: bool,
 }
 
 impl Plan {
-    /// A new run.
+    /// Plans a new run.
     ///
     /// # Errors
-    /// When the configuration is not sound, or the folder is not free.
+    /// When the configuration is invalid, or the folder is not free.
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let config = tasks::configuration(task, wishes.preset.as_deref(), &wishes.settings)?;
@@ -72,7 +72,7 @@ impl Plan {
         Ok(Plan { folder, config, resumed: false, is_numbered })
     }
 
-    /// A new run with the configuration of another one.
+    /// Plans a new run with the configuration of another one.
     ///
     /// # Errors
     /// When the folder is not free.
@@ -81,11 +81,11 @@ impl Plan {
         Ok(Plan { folder, config, resumed: false, is_numbered: false })
     }
 
-    /// A run that is continued: its configuration is the one in its folder. Only what changes no
-    /// result can be changed.
+    /// Plans the continuation of a run, with the configuration in its folder. Only keys that do not change the result
+    /// can be changed.
     ///
     /// # Errors
-    /// When the folder holds no run, or a wish would change what comes out.
+    /// When the folder holds no run, or a request would change its result.
     pub(crate) fn resumed_run(wishes: TrainRequest) -> Result<Plan> {
         let path = wishes
             .folder
@@ -116,7 +116,7 @@ impl Plan {
                 return Err(refuse(setting));
             }
         }
-        // What `goalward scale` asked for holds on, unless the command line says otherwise.
+        // The number of actors set by `goalward scale` stays, unless the command line sets another one.
         let scaled = ActorsWanted::here(&folder).count().map_err(Refusal::usage)?;
         let scaled = scaled.map(|count| format!("resources.actors={count}"));
         let settings: Vec<String> = scaled.into_iter().chain(wishes.settings).collect();
@@ -124,10 +124,10 @@ impl Plan {
         Ok(Plan { config, folder, resumed: true, is_numbered: false })
     }
 
-    /// Makes the folder, takes its lock and writes the configuration into it.
+    /// Creates the folder, takes its lock and writes the configuration into it.
     ///
     /// # Errors
-    /// When another `goalward train` has the folder, or the disk does not take the files.
+    /// When another `goalward train` has the folder, or the files cannot be written.
     pub(crate) fn lay_out(&mut self) -> Result<File> {
         if self.is_numbered {
             self.take_number()?;
@@ -136,18 +136,18 @@ impl Plan {
         durable::create_folder(self.folder.path()).with_context(failed)?;
         let lock = lock(&self.folder)?;
         if !self.resumed {
-            // Between the first look and the lock somebody else may have been here.
+            // Another process may have begun a run here between the first check and the lock.
             refuse_unless_free(&self.folder)?;
         }
         self.clear().with_context(failed)?;
-        // A run begins with its configuration: what has none is free to be begun.
+        // The configuration marks the beginning of a run: a folder without one is free.
         durable::write(&self.folder.config_file(), self.config.to_text()).with_context(failed)?;
         fs::create_dir_all(self.folder.output()).with_context(failed)?;
         ActorsWanted::here(&self.folder).forget()?;
         Ok(lock)
     }
 
-    /// Makes the folder, with the next number if somebody else has made it meanwhile.
+    /// Creates the folder, with the next number if another process has created it in the meantime.
     fn take_number(&mut self) -> Result<()> {
         let runs = Path::new(RUNS);
         durable::create_folder(runs).context(RUNS)?;
@@ -160,7 +160,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Removes what an earlier start left that was cut off, and a summary that is none.
+    /// Removes what an interrupted start left, and a summary that cannot be read.
     fn clear(&self) -> std::io::Result<()> {
         durable::clear(self.folder.path())?;
         durable::clear(&self.folder.checkpoints())?;
@@ -171,14 +171,14 @@ impl Plan {
     }
 }
 
-/// Keeps every other `goalward train` out of a run's folder for as long as the lock lives.
+/// Locks a run's folder against every other `goalward train` until the returned file is dropped.
 ///
 /// # Errors
-/// When another one is in it.
+/// When another process holds the lock.
 pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
     let shown = folder.path().display();
     let path = folder.lock_file();
-    // Open for writing, because NFS gives the lock to one alone only so.
+    // Opened for writing, because otherwise NFS grants no exclusive lock.
     let opened = File::options().read(true).write(true).create(true).truncate(false).open(&path);
     let lock = opened.with_context(|| format!("opening {}", path.display()))?;
     for _ in 0..LOCK_ATTEMPTS {
@@ -193,8 +193,8 @@ pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
     Err(wrong_usage(format!("the run in {shown} is being trained right now")))
 }
 
-/// What a task, as the user names it, has by itself with the preset and method of `config`, which `settings`
-/// of the user's have changed.
+/// Returns the default configuration of `task`, as the user names it, with the preset and method of `config`, which the
+/// user has changed by `settings`.
 ///
 /// # Errors
 /// As [`Plan::new_run`].
@@ -202,7 +202,7 @@ pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Resu
     let by_itself = [format!("method={}", config.method)];
     let preset = Some(config.preset.as_str());
     let usual = tasks::configuration(task, preset, &by_itself).or_else(|_| {
-        // An environment of Python may be none without its settings.
+        // A Python environment may not exist without its settings.
         let of_environment = settings.iter().filter(|setting| setting.starts_with("environment."));
         let needed: Vec<String> = of_environment.chain(&by_itself).cloned().collect();
         tasks::configuration(task, preset, &needed)
@@ -211,17 +211,17 @@ pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Resu
     Ok(RunConfig { task: config.task.clone(), ..usual })
 }
 
-/// `old` with settings laid over it.
+/// Returns `old` with `settings` applied.
 ///
 /// # Errors
-/// When the settings make no sound configuration.
+/// When the result is not a valid configuration.
 pub(crate) fn changed(old: &RunConfig, settings: &[String]) -> Result<RunConfig> {
     with_absolute_paths(old.with_settings(settings)?, old.demonstrations.file.as_deref())
 }
 
-/// A run can be continued from anywhere, so its configuration names no relative path. The demonstrations that
-/// it `began_with` keep their name wherever they are now: that is for `file_of` to say, and another name
-/// would be another setting.
+/// Makes the paths of a configuration absolute, so that the run can be continued from any folder. The demonstrations
+/// that it `began_with` keep their name, since another name would be another setting; `file_of` finds them where they
+/// are now.
 fn with_absolute_paths(mut config: RunConfig, began_with: Option<&Path>) -> Result<RunConfig> {
     if let Some(file) = &mut config.demonstrations.file
         && began_with != Some(file.as_path())
@@ -241,10 +241,10 @@ fn with_absolute_paths(mut config: RunConfig, began_with: Option<&Path>) -> Resu
     Ok(config)
 }
 
-/// A task's own program decides what its environment does, so a run goes on with the one it began with.
+/// Checks that a task's own program is the one that the run began with, since it decides what the environment does.
 ///
 /// # Errors
-/// Of wrong usage, when it is another one now.
+/// Wrong usage, when it is another one.
 pub(crate) fn refuse_other_program(config: &RunConfig) -> Result<()> {
     let found = description::program_sha256(&config.task).map_err(Refusal::usage)?;
     if found == config.task.program_sha256 {
@@ -252,15 +252,15 @@ pub(crate) fn refuse_other_program(config: &RunConfig) -> Result<()> {
     }
     let shown = config.task.program.as_deref().unwrap_or(Path::new("none")).display();
     Err(wrong_usage(format!(
-        "{shown}: expected the program that the run began with, found one that was built anew: \
-         start a new run"
+        "{shown}: expected the program that the run began with, found a rebuilt one: start a new \
+         run"
     )))
 }
 
-/// Another build may give another result, so a run goes on with the one it was trained by last.
+/// Checks that this build is the one that last trained the run, since another build may give another result.
 ///
 /// # Errors
-/// Of wrong usage, in one line that names both.
+/// Wrong usage, in one line that names both.
 pub(crate) fn refuse_other_build(folder: &RunFolder) -> Result<()> {
     if !folder.log().exists() {
         return Ok(());
@@ -272,14 +272,14 @@ pub(crate) fn refuse_other_build(folder: &RunFolder) -> Result<()> {
         return Ok(());
     };
     Err(wrong_usage(format!(
-        "{}: expected to be continued by the build that trained it, {last}, found {} (another \
-         {what}); --other-build continues it all the same",
+        "{}: expected the build that trained the run, {last}, found {} (different {what}); \
+         --other-build continues it anyway",
         folder.path().display(),
         Build::own()
     )))
 }
 
-/// A configuration that was edited since the run began would give another result.
+/// Refuses a configuration that was edited since the run began, since it would give another result.
 fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
     if !folder.log().exists() {
         return Ok(());
@@ -295,7 +295,7 @@ fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
     )))
 }
 
-/// Paths of a run are in its configuration and in messages, as text.
+/// Refuses a path that is not UTF-8, since a run's configuration and messages hold its paths as text.
 fn refuse_unless_text(path: &Path) -> Result<()> {
     match destination::resolved(path)?.to_str() {
         Some(_) => Ok(()),
@@ -316,7 +316,7 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
     match fs::read_dir(path) {
         Ok(entries) => {
             let mut found = entries.flatten().map(|entry| entry.path());
-            // A start that was refused or cut off has left these.
+            // A refused or interrupted start leaves these.
             if found.all(|path| is_unfinished(&path) || path == folder.lock_file()) {
                 return Ok(());
             }
@@ -332,7 +332,7 @@ fn refuse_unless_free(folder: &RunFolder) -> Result<()> {
     }
 }
 
-/// `RUNS/TASK-0001`, with the number behind the largest there is.
+/// Returns `RUNS/TASK-NUMBER`, with the number after the largest existing one.
 fn next_free(runs: &Path, task: &str) -> PathBuf {
     let entries = fs::read_dir(runs).into_iter().flatten().flatten();
     let number = |name: &str| name.strip_prefix(task)?.strip_prefix('-')?.parse::<u32>().ok();
@@ -474,7 +474,7 @@ mod tests {
     #[test]
     fn a_run_has_one_trainer() {
         let directory = tempfile::tempdir().unwrap();
-        // A start that was refused leaves the file of its lock.
+        // A refused start leaves its lock file.
         drop(lock(&RunFolder::new(directory.path())).unwrap());
         let mut plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
         let mut rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();

@@ -1,5 +1,5 @@
-//! The processes of a live run: who is on its bus, and what the system says of each. So one that is
-//! stopped, gone or stuck is named, with the number by which it can be reached.
+//! The processes of a live run: those on its bus, and what the system says about each. A process that is stopped, gone
+//! or stuck is thus named, with its process id.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,54 +15,54 @@ use terminal::numbers;
 
 const SUPERVISOR: &str = "supervisor";
 
-/// What a row has of a process.
+/// Column titles of the table of processes.
 pub(crate) const HEAD: [&str; 8] =
     ["process", "id", "state", "processor", "up", "leases", "steps/s", "heard of"];
 
-/// The processes every run has, besides its actors.
+/// The processes that every run has besides its actors.
 const CORE: [&str; 3] = [SUPERVISOR, "learner", "proximity-service"];
 
-/// Processor time is measured over at least so long.
+/// Shortest time over which processor time is measured.
 const LEAST_SAMPLE: Duration = Duration::from_millis(250);
 
-/// What stands for what is not known.
+/// Stands for an unknown value.
 const UNKNOWN: &str = "-";
 
 /// What a process is doing, as far as the system knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum State {
-    /// It runs, or waits for something.
+    /// The process runs, or waits for something.
     Running,
-    /// A signal holds it.
+    /// A signal has stopped the process.
     Stopped,
-    /// It is not there, or no more.
+    /// The process has ended or was never there.
     Gone,
-    /// It lives, but the system does not show it: it is another user's, in another
-    /// container or on another machine.
+    /// The process lives, but the system does not show it: it belongs to another user, or is in another container or on
+    /// another machine.
     Hidden,
 }
 
 /// A process of a run.
 #[derive(Debug)]
 struct Process {
-    /// Its name: supervisor, learner, proximity-service, actor-0 and so on.
+    /// Short name: supervisor, learner, proximity-service, actor-0 and so on.
     name: String,
-    /// Its name on the bus.
+    /// Name on the bus.
     full_name: String,
     id: Option<u32>,
     state: State,
     begun: Option<ProcessStat>,
 }
 
-/// A process of a run, for programs.
+/// A process of a run, as printed for programs.
 #[derive(Debug, Serialize)]
 pub(crate) struct ProcessFigures {
     process: String,
     id: Option<u32>,
     state: State,
-    /// Of an actor: leases that it holds, environment steps a second since it was first heard of, and
-    /// how long ago it was heard of.
+    /// For actors, in this field and the next two: leases held, environment steps per second since the actor was first
+    /// heard of, and seconds since it was last heard of.
     leases: Option<u32>,
     steps_per_s: Option<f64>,
     heard_s_ago: Option<f64>,
@@ -76,7 +76,7 @@ pub(crate) struct Processes {
 }
 
 impl Processes {
-    /// Looks who is on a run's bus; this process does not count.
+    /// Lists the processes on a run's bus, except for this one.
     ///
     /// # Errors
     /// When the bus cannot be listed.
@@ -87,7 +87,7 @@ impl Processes {
     fn of(members: Vec<Member>) -> Processes {
         let mut known = BTreeSet::from([std::process::id()]);
         let others = members.into_iter().filter(|member| match member.process {
-            // Some have two names; the first one is the process's own.
+            // Some processes have two names on the bus; the first one is the process's own.
             Some(id) => is_elsewhere(&member.name) || known.insert(id),
             None => true,
         });
@@ -99,35 +99,35 @@ impl Processes {
         Processes { looked: Instant::now(), processes }
     }
 
-    /// Whether processes of a training are among them, not only tools.
+    /// Returns whether processes that train are among them, not only tools.
     pub(crate) fn train(&self) -> bool {
         let trains = |name: &str| CORE.contains(&name) || is_actor(name);
         self.processes.iter().any(|process| trains(&process.name) && process.state != State::Gone)
     }
 
-    /// The process that watches over the run, where the system shows it.
+    /// Returns the id of the run's supervisor, if the system shows it.
     pub(crate) fn supervisor(&self) -> Option<u32> {
         let alive = |state| matches!(state, State::Running | State::Stopped);
         let mut found = self.processes.iter().filter(|process| alive(process.state));
         found.find(|process| process.name == SUPERVISOR)?.id
     }
 
-    /// How many actors of this machine live.
+    /// Returns the number of living actors on this machine.
     pub(crate) fn actors_here(&self) -> usize {
         let is_here = |name: &str| is_actor(name) && !is_elsewhere(name);
         let alive = self.processes.iter().filter(|process| process.state != State::Gone);
         alive.filter(|process| is_here(&process.full_name)).count()
     }
 
-    /// In a phrase why the run does not go on as it should, if that can be seen.
+    /// Returns a phrase that says why the run does not go on as it should, if that can be seen.
     pub(crate) fn trouble(&self) -> Option<String> {
         let stopped = |name: &&str| self.state(name) == State::Stopped;
         let gone = |name: &&str| self.state(name) == State::Gone;
         if let Some(name) = CORE[1..].iter().copied().find(stopped) {
-            return Some(format!("standing still: {name} is stopped"));
+            return Some(format!("stalled: {name} is stopped"));
         }
         if gone(&SUPERVISOR) {
-            return Some("ending: nobody watches over its processes any more".to_owned());
+            return Some("ending: its supervisor is gone".to_owned());
         }
         if let Some(name) = CORE[1..].iter().copied().find(gone) {
             return Some(format!("starting or ending: {name} is not there"));
@@ -137,7 +137,7 @@ impl Processes {
             return Some("starting or ending: no actor is there".to_owned());
         }
         if actors().all(|actor| matches!(actor.state, State::Stopped | State::Gone)) {
-            return Some("standing still: no actor runs".to_owned());
+            return Some("stalled: no actor is running".to_owned());
         }
         stopped(&SUPERVISOR).then(|| "training, but its supervisor is stopped".to_owned())
     }
@@ -147,7 +147,7 @@ impl Processes {
         found.map_or(State::Gone, |process| process.state)
     }
 
-    /// A row for each process, as [`HEAD`] has it.
+    /// Returns a row for each process, with the columns of [`HEAD`].
     pub(crate) fn rows(&self, heard: &[ActorHeard]) -> Vec<[String; 8]> {
         std::thread::sleep(LEAST_SAMPLE.saturating_sub(self.looked.elapsed()));
         let row = |process: &Process| {
@@ -157,7 +157,7 @@ impl Processes {
         self.processes.iter().map(row).collect()
     }
 
-    /// The same for programs.
+    /// Returns the processes for programs.
     pub(crate) fn figures(&self, heard: &[ActorHeard]) -> Vec<ProcessFigures> {
         let figures = |process: &Process| {
             let heard = heard.iter().find(|heard| heard.name == process.full_name);
@@ -173,14 +173,14 @@ impl Processes {
         self.processes.iter().map(figures).collect()
     }
 
-    /// The rows below their head, and below them how those that are stopped are let go.
+    /// Returns the rows below their titles, followed by how to continue processes that are stopped.
     pub(crate) fn table(&self, heard: &[ActorHeard]) -> String {
         let head = std::iter::once(HEAD.map(str::to_owned));
         let rows: Vec<_> = head.chain(self.rows(heard)).collect();
         let stopped = self.processes.iter().filter(|process| process.state == State::Stopped);
         let advice = stopped.filter_map(|process| {
             let (name, id) = (&process.name, process.id?);
-            Some(format!("{name} is stopped by a signal: `kill -CONT {id}` lets it go on\n"))
+            Some(format!("{name} is stopped by a signal: `kill -CONT {id}` resumes it\n"))
         });
         numbers::columns(&rows) + &advice.collect::<String>()
     }
@@ -189,7 +189,7 @@ impl Processes {
 impl Process {
     fn of(member: Member) -> Process {
         let Member { name: full_name, process: id, lives } = member;
-        // Of an actor on another machine the gateway has the place.
+        // An actor on another machine has the id of the gateway, which stands in for it.
         let id = id.filter(|_| !is_elsewhere(&full_name));
         let suffix = id.map(|id| format!("-{id}")).unwrap_or_default();
         let name = full_name.strip_suffix(&suffix).unwrap_or(&full_name).to_owned();
@@ -231,7 +231,7 @@ fn is_actor(name: &str) -> bool {
     name.starts_with("actor")
 }
 
-/// Whether this stands for what is on another machine.
+/// Returns whether a name on the bus stands for a process on another machine.
 fn is_elsewhere(name: &str) -> bool {
     name.contains('@')
 }
@@ -244,7 +244,7 @@ fn state(stat: &ProcessStat) -> State {
     }
 }
 
-/// How long the machine has been running.
+/// Returns how long the machine has been running.
 fn uptime() -> Option<Duration> {
     let text = fs::read_to_string("/proc/uptime").ok()?;
     Duration::try_from_secs_f64(text.split_whitespace().next()?.parse().ok()?).ok()
@@ -281,15 +281,12 @@ mod tests {
         };
         assert_eq!(all([Running; 4]), None);
         for (states, expected) in [
-            ([Running, Stopped, Running, Running], "standing still: learner is stopped"),
-            ([Running, Running, Stopped, Running], "standing still: proximity-service is stopped"),
-            ([Running, Running, Running, Stopped], "standing still: no actor runs"),
+            ([Running, Stopped, Running, Running], "stalled: learner is stopped"),
+            ([Running, Running, Stopped, Running], "stalled: proximity-service is stopped"),
+            ([Running, Running, Running, Stopped], "stalled: no actor is running"),
             ([Stopped, Running, Running, Running], "training, but its supervisor is stopped"),
             ([Running, Gone, Running, Running], "starting or ending: learner is not there"),
-            (
-                [Gone, Running, Running, Running],
-                "ending: nobody watches over its processes any more",
-            ),
+            ([Gone, Running, Running, Running], "ending: its supervisor is gone"),
         ] {
             assert_eq!(all(states).as_deref(), Some(expected));
         }

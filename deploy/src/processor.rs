@@ -1,13 +1,13 @@
-//! Whether this machine's processor has what `goalward` is built for. A program that comes upon an instruction that
-//! is not there is killed without a word.
+//! Checks that this machine's processor has the instructions that `goalward` is built for. A program that executes a
+//! missing instruction is killed without a message.
 
 use std::io::Write;
 
-/// Printed as it is: what colors it needs the instructions that are missing.
+/// Printed without colors: the code that adds them needs the missing instructions.
 const MISSING: &str = "goalward: expected a processor with AVX2 and FMA (x86-64-v3, since 2013), found one \
                        without: remove target-cpu from .cargo/config.toml and build again\n";
 
-/// Whether it can go on here; says so if not.
+/// Returns whether `goalward` can run on this processor; prints an error if it cannot.
 pub(crate) fn suffices() -> bool {
     let suffices = has_what_this_is_built_for();
     if !suffices {
@@ -16,7 +16,7 @@ pub(crate) fn suffices() -> bool {
     suffices
 }
 
-/// By the processor's own word: the standard library's, of what a build is for, is that of the build.
+/// Asks the processor itself: the standard library's check takes features that the build enables as present.
 #[cfg(target_feature = "avx2")]
 fn has_what_this_is_built_for() -> bool {
     use std::arch::x86_64::{__cpuid, __cpuid_count};

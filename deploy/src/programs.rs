@@ -1,5 +1,5 @@
-//! The programs of a run: where they are, beside `goalward` itself, and how one is run to its end. What
-//! is started here ends with `goalward`, which holds its input.
+//! The programs of a run: where they are, beside `goalward` itself, and how one is run to its end. A program that is
+//! started here ends with `goalward`, which holds its standard input.
 
 use std::io::Write;
 use std::os::unix::process::CommandExt;
@@ -19,14 +19,14 @@ use crate::supervisor::{Signals, runtime};
 use terminal::refusal::{Refusal, stopped};
 use terminal::status_line::StatusLine;
 
-/// How often a program is looked at if no signal says so.
+/// Time between two checks of a program if no signal arrives.
 const TICK: Duration = Duration::from_millis(100);
 
-/// How long a program may take to stop.
+/// Longest time that a program may take to stop.
 const STOP_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Settings of the allocator of our programs: no page of 2 MiB for the little that is used of it, and what
-/// is free goes back to the system. Together they hold half as much memory, no slower.
+/// Settings of our programs' allocator: no huge pages of 2 MiB, which would be little used, and freed memory returns to
+/// the system at once. The programs then hold half as much memory and are no slower.
 const ALLOCATOR: [(&str, &str); 2] = [("MIMALLOC_ALLOW_THP", "0"), ("MIMALLOC_PURGE_DELAY", "0")];
 
 /// A program that `goalward` starts.
@@ -34,40 +34,41 @@ const ALLOCATOR: [(&str, &str); 2] = [("MIMALLOC_ALLOW_THP", "0"), ("MIMALLOC_PU
 pub(crate) enum Program {
     /// Acts: rollouts, demonstrations, evaluation.
     Actor,
-    /// The same in a task that brings its own along.
+    /// Acts in a task that brings its own program.
     ActorOfTask(PathBuf),
     /// Learns the policy.
     Learner,
     /// Learns the reward.
     ProximityService,
-    /// Takes leases and trajectories to other machines and back; built only when it is asked for.
+    /// Carries leases and trajectories to other machines and back; built only on request.
     Gateway,
 }
 
 impl Program {
-    /// Our programs that every run needs.
+    /// Programs of ours that every run needs.
     pub(crate) const ALL: [Program; 3] =
         [Program::Actor, Program::Learner, Program::ProximityService];
 
-    /// The one that acts in a task.
+    /// Returns the program that acts in a task.
     pub(crate) fn acting_in(task: &Task) -> Program {
         task.program.clone().map_or(Program::Actor, Program::ActorOfTask)
     }
 
-    /// A command that runs it, without arguments yet; it stops when its input ends, which is to be a pipe.
+    /// Returns a command that runs the program, without arguments yet. Its standard input must be a pipe: the program
+    /// stops when the pipe closes.
     ///
     /// # Errors
-    /// When it is not where it should be.
+    /// When the program is not where it should be.
     pub(crate) fn command(&self) -> Result<Command> {
         let mut command = Command::new(self.path()?);
         command.env(INPUT_IS_HELD, "1").envs(ALLOCATOR);
         Ok(command)
     }
 
-    /// Where it is.
+    /// Returns the program's path.
     ///
     /// # Errors
-    /// When it is not where it should be.
+    /// When the program is not where it should be.
     pub(crate) fn path(&self) -> Result<PathBuf> {
         let name = match self {
             Program::Actor => "goalward-actor",
@@ -85,26 +86,26 @@ impl Program {
         let build = if *self == Program::Gateway { " --package gateway" } else { "" };
         ensure!(
             path.is_file(),
-            "expected the program {} beside goalward; build it with `cargo build --release{build}`",
+            "expected the program {} in goalward's folder; build it with `cargo build --release{build}`",
             path.display()
         );
         Ok(path)
     }
 
-    /// Checks that it is there.
+    /// Checks that the program exists.
     ///
     /// # Errors
-    /// When it is not, with how it is built.
+    /// When it does not, saying how it is built.
     pub(crate) fn check(&self) -> Result<()> {
         self.path().map(drop)
     }
 }
 
-/// Runs a program that prints its result as JSON, its diagnostics going where ours go. How far it says
-/// it is with what it is `doing` is shown meanwhile.
+/// Runs a program that prints its result as JSON; its diagnostics go where ours go. Shows the progress that it reports,
+/// described by `doing`.
 ///
 /// # Errors
-/// When it cannot start, fails, or prints something else.
+/// When the program cannot start, fails, or prints something else.
 pub(crate) fn result<T: DeserializeOwned>(program: &mut Command, doing: &'static str) -> Result<T> {
     let mut started = Started::new(program, doing, StatusLine::new())?;
     let input = started.child.stdin.take();
@@ -113,7 +114,7 @@ pub(crate) fn result<T: DeserializeOwned>(program: &mut Command, doing: &'static
     result
 }
 
-/// The same for a program that reads `input` before it prints.
+/// Does the same as [`result`] for a program that reads `input` before it prints.
 ///
 /// # Errors
 /// As [`result`].
@@ -129,8 +130,8 @@ pub(crate) fn result_for<T: DeserializeOwned>(
     Ok(result)
 }
 
-/// The same for a program that takes long: an end that the user wishes is an error, so that the caller takes
-/// along what it has made.
+/// Does the same as [`result`] for a program that takes long. If the user stops it, that is an error, so that callers
+/// remove what they have made.
 ///
 /// # Errors
 /// As [`result`], and when the user stops it.
@@ -143,12 +144,12 @@ pub(crate) fn result_unless_stopped<T: DeserializeOwned>(
     parse(status, &printed)
 }
 
-/// Runs a program to its end, or to that which the user wishes: then its input ends, and soon it does.
-/// How far it says it is with what it is `doing` is shown on `line`. Gives how it ended; none if the user
+/// Runs a program to its end, or until the user stops it: then its standard input is closed, and the program ends soon.
+/// Shows the progress that it reports on `line`, described by `doing`. Returns the exit status, or `None` if the user
 /// has stopped it.
 ///
 /// # Errors
-/// When it cannot start.
+/// When the program cannot start.
 pub(crate) fn run_unless_stopped(
     program: &mut Command,
     doing: &'static str,
@@ -157,7 +158,7 @@ pub(crate) fn run_unless_stopped(
     Ok(attended(program, doing, line)?.map(|(status, _)| status))
 }
 
-/// How a program ended that nobody stopped, and what it printed.
+/// Runs a program; returns its exit status and what it printed, or `None` if the user has stopped it.
 fn attended(
     program: &mut Command,
     doing: &'static str,
@@ -165,7 +166,7 @@ fn attended(
 ) -> Result<Option<(ExitStatus, Vec<u8>)>> {
     runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
-        // In a group of its own: Ctrl-C is for `goalward` alone.
+        // The program has a process group of its own, so that Ctrl-C reaches `goalward` alone.
         let mut started = Started::new(program.process_group(0), doing, line)?;
         let stopped = started.attend(&mut signals).await?;
         let ended = started.end()?;
@@ -173,7 +174,7 @@ fn attended(
     })
 }
 
-/// A program at work, and who reads what it prints.
+/// A running program, and the thread that reads what it prints.
 struct Started {
     child: Child,
     printed: JoinHandle<std::io::Result<Vec<u8>>>,
@@ -189,7 +190,7 @@ impl Started {
         Ok(Started { child, printed })
     }
 
-    /// Waits until it has ended; returns whether the user wished it to.
+    /// Waits until the program has ended; returns whether the user has stopped it.
     async fn attend(&mut self, signals: &mut Signals) -> Result<bool> {
         const WAITING: &str = "waiting for a program";
         let input = self.child.stdin.take();
@@ -206,7 +207,7 @@ impl Started {
         Ok(false)
     }
 
-    /// Waits for the end of a program that has been told, and ends it when it takes too long.
+    /// Waits for the end of a program that was asked to stop, and kills it if it takes too long or the user asks again.
     async fn expect_end(&mut self, signals: &mut Signals) -> std::io::Result<()> {
         let deadline = tokio::time::Instant::now() + STOP_PATIENCE;
         while self.child.try_wait()?.is_none() {
@@ -224,7 +225,7 @@ impl Started {
         parse(status, &printed)
     }
 
-    /// How it ended, and what it printed besides how far it was.
+    /// Returns the exit status and what the program printed, without its progress.
     fn end(mut self) -> Result<(ExitStatus, Vec<u8>)> {
         let status = self.child.wait().context("waiting for a program")?;
         let printed = self.printed.join().unwrap_or_else(|_| Ok(Vec::new()));
@@ -232,16 +233,16 @@ impl Started {
     }
 }
 
-/// The result that a program printed before it `ended`.
+/// Parses the result that a program printed before it `ended`.
 fn parse<T: DeserializeOwned>(ended: ExitStatus, printed: &[u8]) -> Result<T> {
     expect_success(ended)?;
     serde_json::from_slice(printed).context("reading a program's result")
 }
 
-/// Checks how a program ended that has said why, had it failed by itself.
+/// Checks the exit status of a program, which has said why if it failed by itself.
 ///
 /// # Errors
-/// When it has failed, with its exit code, or when a signal ended it.
+/// When the program has failed, with its exit code, or when a signal ended it.
 pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
     if status.success() {
         return Ok(());
@@ -254,22 +255,22 @@ pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
     }
 }
 
-/// Checks that every program is there.
+/// Checks that every program of [`Program::ALL`] exists.
 ///
 /// # Errors
-/// For the first that is missing.
+/// For the first program that is missing.
 pub(crate) fn check_all() -> Result<()> {
     Program::ALL.iter().try_for_each(Program::check)
 }
 
-/// How the user can call `goalward` again from the same folder.
+/// Returns how the user can call `goalward` again from the same folder.
 pub(crate) fn own_command() -> String {
     let own = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("goalward"));
     let current = std::env::current_dir().unwrap_or_default();
     quoted(callable_from(&current, &own).display())
 }
 
-/// A program as a shell in the folder `current` takes it, relative where that is shorter.
+/// Returns a program's path as a shell in the folder `current` takes it, relative if the program is inside that folder.
 fn callable_from(current: &Path, program: &Path) -> PathBuf {
     match program.strip_prefix(current) {
         Ok(inside) if inside.components().count() > 1 => inside.to_owned(),

@@ -1,6 +1,5 @@
-//! The progress of a run as its user sees it: one line that updates itself on a terminal, plain
-//! lines now and then in a pipe. What it shows is what the learner publishes, see
-//! [`Progress`].
+//! The progress of a run, as the learner publishes it (see [`Progress`]): one line that updates itself on a terminal,
+//! plain lines now and then in a pipe.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -16,7 +15,7 @@ use terminal::status_line::StatusLine;
 /// Wall time over which the pace is measured, seconds: several iterations at the usual pace.
 const PACE_WINDOW_S: f64 = 20.0;
 
-/// Shows progress and remarks, and keeps the remarks on a run's processes for those who look later.
+/// Shows progress and remarks, and can write the remarks to a file, too.
 pub(crate) struct ProgressView {
     line: StatusLine,
     kept: Option<Kept>,
@@ -25,12 +24,12 @@ pub(crate) struct ProgressView {
 }
 
 impl ProgressView {
-    /// For a terminal if standard error is one, for a pipe otherwise.
+    /// Creates a view for a terminal if standard error is one, for a pipe otherwise.
     pub(crate) fn new() -> Self {
         ProgressView { line: StatusLine::new(), kept: None, pace: Pace::default(), phase: None }
     }
 
-    /// The same, whose remarks are kept in `output`, too.
+    /// Creates a view that also appends its remarks to `output`.
     pub(crate) fn kept_in(output: Output) -> Self {
         let kept = Some(Kept { output, begun: Instant::now() });
         ProgressView { kept, ..ProgressView::new() }
@@ -46,7 +45,7 @@ impl ProgressView {
         let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
         let is_new_phase = self.phase.replace(phase) != Some(phase);
         if is_new_phase && phase == Phase::DiskFull {
-            self.note("no room on the disk: the run waits and goes on when there is room again");
+            self.note("no room on the disk: the run waits and continues when there is space again");
         }
         let steps = progress.environment_steps();
         if phase != Phase::Pretraining {
@@ -56,7 +55,7 @@ impl ProgressView {
         self.line.show(&line(progress, self.pace.per_second()), tenth, is_new_phase);
     }
 
-    /// Keeps the line alive between two messages.
+    /// Animates the line between two messages.
     pub(crate) fn tick(&self) {
         self.line.tick();
     }
@@ -75,7 +74,7 @@ impl ProgressView {
     }
 }
 
-/// Where remarks are kept.
+/// The file that remarks are appended to.
 struct Kept {
     output: Output,
     begun: Instant,
@@ -91,8 +90,8 @@ impl Kept {
     }
 }
 
-/// The metrics in one line, the most wanted first, for a narrow terminal cuts off its end. Steps are
-/// those learned from.
+/// Returns the metrics in one line, the most important first, since a narrow terminal cuts off its end. Steps are those
+/// learned from.
 fn line(progress: &Progress, per_second: f64) -> String {
     let phase = Phase::try_from(progress.phase);
     let Some(update) = &progress.update else {
@@ -112,7 +111,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let (done, wanted) = (update.environment_steps, progress.steps_wanted);
     if wanted == 0 {
         return format!(
-            "{phase}pass {} over the demonstrations  loss {}  on those held out {}",
+            "{phase}epoch {} over the demonstrations  loss {}  held-out loss {}",
             numbers::count(update.iteration + 1),
             numbers::number(update.policy_loss),
             numbers::number(update.held_out_loss),
@@ -143,7 +142,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
     )
 }
 
-/// What offline training says of itself, once the service has begun it.
+/// Describes offline training, with its progress once the service has begun it.
 pub(crate) fn offline(progress: &Progress) -> String {
     let doing = "training the reward model offline";
     let Some(Pretraining { done, total }) = progress.pretraining else { return doing.to_owned() };
@@ -152,10 +151,10 @@ pub(crate) fn offline(progress: &Progress) -> String {
     format!("{doing}: {done} of {total} gradient steps ({percent} %)")
 }
 
-/// How fast the run has been lately.
+/// The pace of the run in the last seconds.
 #[derive(Default)]
 struct Pace {
-    /// Wall time in seconds of each new number of steps, oldest first.
+    /// Wall time in seconds and number of steps, one sample per new number of steps, oldest first.
     samples: VecDeque<(f64, u64)>,
 }
 
@@ -170,7 +169,7 @@ impl Pace {
         if steps == last_steps {
             return;
         }
-        // A restarted learner goes back to its checkpoint: what was measured before does not count.
+        // A restarted learner goes back to its checkpoint, so earlier samples do not count.
         if steps < last_steps || !(wall_s.is_finite() && wall_s >= last_s) {
             self.samples.clear();
             return self.add(wall_s, steps);
@@ -181,7 +180,7 @@ impl Pace {
         }
     }
 
-    /// Steps per second; not a number while too little is known.
+    /// Returns the steps per second; NaN while too little is known.
     fn per_second(&self) -> f64 {
         let (Some(first), Some(last)) = (self.samples.front(), self.samples.back()) else {
             return f64::NAN;
@@ -239,7 +238,7 @@ mod tests {
         let mut progress = progress(0, 0, 0.5);
         let update = progress.update.as_mut().unwrap();
         (update.iteration, update.policy_loss, update.held_out_loss) = (11, 0.25, 0.5);
-        let expected = "pass 12 over the demonstrations  loss 0.250  on those held out 0.500";
+        let expected = "epoch 12 over the demonstrations  loss 0.250  held-out loss 0.500";
         assert_eq!(line(&progress, f64::NAN), expected);
     }
 

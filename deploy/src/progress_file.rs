@@ -1,5 +1,5 @@
-//! The newest progress of a run in a file of its folder, for whoever is not on its bus: an experiment
-//! that looks on. What is lost of it is missed by nobody, so nothing waits for the disk.
+//! The newest progress of a run in a file of its folder, for readers that are not on its bus: experiments and the page.
+//! Losing it does no harm, so writing does not wait for the disk.
 
 use std::fs;
 use std::io;
@@ -13,17 +13,17 @@ use run::folder::RunFolder;
 /// Replaces the progress of a run.
 ///
 /// # Errors
-/// When the file cannot be written; there is the earlier one then.
+/// When the file cannot be written; the earlier one then stays.
 pub(crate) fn write(folder: &RunFolder, progress: &Progress) -> io::Result<()> {
     durable::write_unsynced(&folder.progress_file(), progress.encode_to_vec())
 }
 
-/// The newest progress since a run was last started; none while there is none.
+/// Reads the newest progress since the run was last started; `None` if there is none yet.
 pub(crate) fn read(folder: &RunFolder) -> Option<Progress> {
     Progress::decode(&*fs::read(folder.progress_file()).ok()?).ok()
 }
 
-/// How long ago it was told.
+/// Returns the time since the progress was written.
 pub(crate) fn age(folder: &RunFolder) -> Duration {
     let told = fs::metadata(folder.progress_file()).and_then(|file| file.modified());
     told.ok().and_then(|told| told.elapsed().ok()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! Recorded episodes acted again by the program of their task, and written with what a viewer draws.
+//! Has the program of a task act recorded episodes again and write them as scenes for viewers.
 
 use std::path::Path;
 use std::process::Command;
@@ -10,11 +10,12 @@ use run::folder::RunFolder;
 
 use crate::programs::Program;
 
-/// The command that writes episodes of a run to a new file, and what it reads. `setting` is that of their
-/// environment, as JSON, where it is not the run's; an environment of Python renders `pictures`, if it can.
+/// Returns the command that writes `episodes` of a run to the new file `out`, and the command's input. `setting` is the
+/// setting of their environment as JSON, if it is not the run's. With `pictures`, a Python environment renders
+/// pictures, if it can.
 ///
 /// # Errors
-/// When the run has no configuration, or the program is not there.
+/// When the run has no configuration, or the program is missing.
 pub(crate) fn command(
     folder: &RunFolder,
     setting: Option<&str>,

@@ -6,7 +6,7 @@ use run::time_to_success::TimeToSuccess;
 
 use terminal::numbers;
 
-/// The summary as a table, one row a line.
+/// Returns the summary as a table, one row per line.
 pub(crate) fn table(summary: &Summary) -> String {
     let evaluation = success(
         summary.evaluation.success_rate,
@@ -57,7 +57,7 @@ pub(crate) fn table(summary: &Summary) -> String {
     numbers::table(&rows)
 }
 
-/// A row for each success rate that was reached for good.
+/// Returns a row for each success rate that was reached for good.
 pub(crate) fn times_to_success(
     times: &[TimeToSuccess],
 ) -> impl Iterator<Item = (&'static str, String)> {
@@ -73,13 +73,13 @@ pub(crate) fn times_to_success(
     })
 }
 
-/// A success rate, which not every task tells.
+/// Formats a success rate, which not every task reports.
 fn rate(success_rate: Option<f64>) -> String {
     let known = |rate| numbers::percent(rate, 1);
-    success_rate.map_or("not told by the task".to_owned(), known)
+    success_rate.map_or("not reported by the task".to_owned(), known)
 }
 
-/// How episodes of an evaluation ended.
+/// Formats the result of an evaluation.
 pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>) -> String {
     if episodes == 0 {
         return "no episodes".to_owned();
@@ -87,19 +87,19 @@ pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>
     let episodes = numbers::count(episodes);
     let rate = match rate {
         Some(rate) => format!("{} of {episodes} episodes", numbers::percent(rate, 1)),
-        None => format!("not told by the task, {episodes} episodes"),
+        None => format!("not reported by the task, {episodes} episodes"),
     };
     let mean_return = mean_return.map(|mean| format!("; mean return {}", numbers::number(mean)));
     rate + &mean_return.unwrap_or_default()
 }
 
-/// Shares of the wall time of iterations, and within the rollout shares of the actors' work.
+/// Returns two rows: shares of the wall time of iterations, and shares of the actors' work within the rollouts.
 fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
     let share = |part: f64, whole: f64| numbers::percent(part / whole.max(1e-9), 1);
-    let wall = seconds.rollout + seconds.scoring + seconds.policy_update;
+    let wall = seconds.rollout + seconds.scoring + seconds.policy_update + seconds.reward_update;
     let work = seconds.environment + seconds.inference + seconds.transport;
     let stages = format!(
-        "rollout {}, scoring {}, policy update {}; beside them: ensemble update {}, log {}",
+        "rollout {}, scoring {}, policy update {}, ensemble update {}; in parallel: log {}",
         share(seconds.rollout, wall),
         share(seconds.scoring, wall),
         share(seconds.policy_update, wall),
@@ -113,7 +113,7 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
         share(seconds.environment, work),
         numbers::duration(work),
     );
-    [("where the last sitting's time went", stages), ("where its actors' time went", actors)]
+    [("time since the last start", stages), ("where its actors' time went", actors)]
 }
 
 #[cfg(test)]
@@ -130,7 +130,7 @@ mod tests {
         "steps_per_s": 5989.0, "policy_sha256": "ab", "proximity_sha256": "cd",
         "log": {"files": 3, "trajectories": 70123, "bytes": 43200000},
         "seconds": {"rollout": 20, "environment": 1, "inference": 30, "transport": 1, "log": 2,
-            "scoring": 30, "policy_update": 50, "reward_update": 10}
+            "scoring": 30, "policy_update": 40, "reward_update": 10}
     }"#;
 
     #[test]
@@ -144,7 +144,7 @@ mod tests {
             "8 min 00 s of processors",
             "95 %: 3 min 21 s, 1,204,224 steps, 6 min 20 s of processors",
             "41.2 MiB in 3",
-            "scoring 30.0 %",
+            "scoring 30.0 %, policy update 40.0 %, ensemble update 10.0 %",
             "unknown build",
         ] {
             assert!(table.contains(part), "expected {part} in\n{table}");

@@ -1,5 +1,5 @@
-//! Tasks as the user names them: those of the paper, files, and environments of Python, which are started
-//! once to say what they are.
+//! Tasks as the user names them: those of the paper, files, and Python environments, which are started once to describe
+//! themselves.
 
 use anyhow::{Result, anyhow};
 use mcap_log::file::LONGEST_MESSAGE;
@@ -16,20 +16,20 @@ use toml::{Table, Value};
 
 use crate::description;
 
-/// What names of environments of Python begin with.
+/// Prefixes of the names of Python environments.
 const OF_PYTHON: [&str; 2] = ["gym:", "python:"];
 
-/// Environment steps of an iteration that a task of Python has by default (Table 2: rollout size).
+/// Default environment steps of an iteration of a Python task (Table 2: rollout size).
 const ITERATION_STEPS: u64 = 4096;
 
-/// Fewest steps of a lane in an iteration by default.
+/// Smallest default number of steps of a lane in an iteration.
 const LANE_STEPS: u64 = 128;
 
-/// Fewest lanes by default.
+/// Smallest default number of lanes.
 const LANES: u64 = 4;
 
-/// Label of what lies the longest episode away from the goal by default (Eq. 1, exponential): it is about
-/// that of the paper's tasks, whose longest episodes have 50 and 60 steps, with delta = 0.95.
+/// Default label of a state that is the longest episode away from the goal (Eq. 1, exponential). This is about the
+/// label in the paper's tasks, whose longest episodes have 50 and 60 steps, with delta = 0.95.
 const FARTHEST_LABEL: f64 = 0.05;
 
 #[derive(Serialize)]
@@ -37,10 +37,10 @@ struct Reward {
     delta: f64,
 }
 
-/// The effective configuration of a task under a preset, with `key=value` settings.
+/// Returns the effective configuration of a task under a preset, with `key=value` settings.
 ///
 /// # Errors
-/// Of wrong usage, when there is no such task, or its configuration is not sound.
+/// Wrong usage, when there is no such task, or its configuration is invalid.
 pub(crate) fn configuration(
     task: &str,
     preset: Option<&str>,
@@ -52,7 +52,7 @@ pub(crate) fn configuration(
     Ok(tasks::of_text(&file_of_python(task, settings)?, task, preset, settings)?)
 }
 
-/// Whether a name is one of an environment of Python.
+/// Returns whether a name is that of a Python environment.
 pub(crate) fn is_of_python(task: &str) -> bool {
     OF_PYTHON.iter().any(|kind| task.starts_with(kind))
 }
@@ -79,11 +79,10 @@ struct Log {
     observations: bool,
 }
 
-/// The text of the file of a task that is an environment of Python, made with what the settings say of
-/// `environment`.
+/// Returns the text of the task's file of a Python environment, made with the keys of `environment` in `settings`.
 ///
 /// # Errors
-/// Of wrong usage, when Python cannot make it, or it has spaces that no task can have.
+/// Wrong usage, when Python cannot make the environment, or its spaces do not fit a task.
 pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> {
     let mut environment = Table::from_iter([(MAKE.to_owned(), Value::String(task.to_owned()))]);
     for setting in settings {
@@ -94,7 +93,7 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
     }
     let Description { task, environment, .. } =
         description::of_python(&name_of(task), &Setting(environment))?;
-    // A lane ends with an episode, so the next iteration owes it up to an episode less.
+    // A lane ends an iteration with a whole episode, so in the next one it owes up to an episode less.
     let horizon = u64::from(task.horizon_steps);
     let lane_steps = LANE_STEPS.max(horizon + horizon.div_ceil(4));
     let rollout = Rollout { lanes: (ITERATION_STEPS / lane_steps).max(LANES), lane_steps };
@@ -103,20 +102,20 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
         .map_err(|error| anyhow!("the file of a task: {error}"))
 }
 
-/// The base of exponential labels by which the longest episode ends at [`FARTHEST_LABEL`], to four digits.
+/// Returns the base of exponential labels that gives [`FARTHEST_LABEL`] after the longest episode, to four decimals.
 fn delta(horizon_steps: u32) -> f64 {
     (FARTHEST_LABEL.powf(1.0 / f64::from(horizon_steps)) * 1e4).round() / 1e4
 }
 
-/// How a task is recorded whose longest episode is too long for the log: without observations, which it has
-/// again when it is acted again.
+/// Returns how a task is recorded if its longest episode is too long for the log: without observations, which acting it
+/// again restores.
 fn log(task: &Task) -> Option<Log> {
     let is_long = Trajectory::most_bytes(&task.spec(), true) > LONGEST_MESSAGE as u64;
     (is_long && task.deterministic).then_some(Log { observations: false })
 }
 
-/// What a task is called whose environment has this name: the last part of it, with letters that names
-/// of tasks have.
+/// Returns the name of the task of a Python environment: the last part of the environment's name, with characters
+/// replaced that names of tasks cannot have.
 fn name_of(task: &str) -> String {
     let last = task.rsplit(':').next().unwrap_or(task);
     let plain = |letter: char| {

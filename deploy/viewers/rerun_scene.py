@@ -3,10 +3,10 @@
     pip install rerun-sdk mcap mcap-protobuf-support
     python deploy/viewers/rerun_scene.py FILE.mcap                    # opens the viewer
     python deploy/viewers/rerun_scene.py FILE.mcap --save FILE.rrd    # writes what it opens
-    python deploy/viewers/rerun_scene.py FILE.mcap --blueprint FILE.rbl    # writes how views are arranged
+    python deploy/viewers/rerun_scene.py FILE.mcap --blueprint FILE.rbl    # writes the layout of its views
 
-FILE is what `goalward log scene` or `goalward evaluate` has written: Foxglove's SceneUpdate messages, of
-which Rerun draws none by itself. Each episode begins with its trajectory; its scenes follow.
+FILE was written by `goalward log scene` or `goalward evaluate`. It holds Foxglove's SceneUpdate messages,
+which Rerun does not draw by itself. Each episode begins with its trajectory; its scenes follow.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 APPLICATION = "goalward"
 
-# Where the eye is at first and what it looks at, meters, by what a task's name begins with.
+# Initial position of the eye and the point that it looks at, meters, by prefix of the task's name.
 EYES = {
     "fetch": ([0.4, 0.25, 1.0], [1.3, 0.75, 0.4]),
     "ant": ([0.0, -6.0, 6.5], [0.0, 2.0, 0.0]),
@@ -37,22 +37,22 @@ CURVES = {
 
 
 def vector(message: Any) -> list[float]:
-    """Three numbers."""
+    """Returns the three numbers of a vector."""
     return [message.x, message.y, message.z]
 
 
 def quaternion(message: Any) -> list[float]:
-    """An orientation, the real part last."""
+    """Returns an orientation, the real part last."""
     return [message.x, message.y, message.z, message.w]
 
 
 def color(message: Any) -> list[float]:
-    """A color with its opacity."""
+    """Returns a color with its opacity."""
     return [message.r, message.g, message.b, message.a]
 
 
 def placed(parts: Iterable[Any]) -> dict[str, list[Any]]:
-    """Where parts are, and their colors."""
+    """Returns the poses of parts and their colors."""
     parts = list(parts)
     return {
         "centers": [vector(part.pose.position) for part in parts],
@@ -62,7 +62,7 @@ def placed(parts: Iterable[Any]) -> dict[str, list[Any]]:
 
 
 def log_entity(entity: Any) -> None:
-    """A solid, which consists of boxes, balls and cylinders."""
+    """Logs a solid, which consists of boxes, balls and cylinders."""
     path = f"scene/{entity.id.replace(' ', '_')}"
     fill = "solid"
     if entity.cubes:
@@ -79,7 +79,7 @@ def log_entity(entity: Any) -> None:
 
 
 def log_distance(entities: Iterable[Any]) -> None:
-    """How far from the goal the cube is, or the torso along the floor: what the tasks judge by."""
+    """Logs the distance to the goal that the task judges by: the cube's, or the torso's along the floor."""
     solids = {entity.id: (*entity.cubes, *entity.spheres) for entity in entities}
     for name, axes in {"cube": 3, "torso": 2}.items():
         if solids.get(name) and solids.get("goal"):
@@ -88,7 +88,7 @@ def log_distance(entities: Iterable[Any]) -> None:
 
 
 def log_step(trajectory: Any, step: int) -> None:
-    """What a step earned from its environment, and whether the goal had been reached."""
+    """Logs the environment's reward for a step, and whether the goal had been reached."""
     if 0 < step <= len(trajectory.environment_rewards):
         rr.log("episode/reward", rr.Scalars(trajectory.environment_rewards[step - 1]))
     reached = trajectory.success and step >= trajectory.steps_to_goal
@@ -96,7 +96,7 @@ def log_step(trajectory: Any, step: int) -> None:
 
 
 def log_file(file: Path) -> int:
-    """Logs all episodes of a file, one behind the other; how many frames there were."""
+    """Logs all episodes of a file, one after another; returns the number of frames."""
     trajectory, step, frames = None, 0, 0
     with file.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -115,7 +115,7 @@ def log_file(file: Path) -> int:
 
 
 def task_of(file: Path) -> str:
-    """The task of a file's first episode; nothing if there is none."""
+    """Returns the task of a file's first episode; an empty text if there is none."""
     with file.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for _, channel, _, content in reader.iter_decoded_messages(log_time_order=False):
@@ -125,7 +125,7 @@ def task_of(file: Path) -> str:
 
 
 def blueprint(task: str) -> rrb.Blueprint:
-    """The scene as the task is best seen, curves below it, and the viewer's own panels out of the way."""
+    """Returns the views: the scene as it is best seen, curves below it, the viewer's own panels collapsed."""
     eye = next((eye for name, eye in EYES.items() if task.startswith(name)), None)
     controls = rrb.EyeControls3D(position=eye[0], look_target=eye[1]) if eye else None
     scene = rrb.Spatial3DView(origin="scene", name="Scene", eye_controls=controls)
@@ -136,7 +136,7 @@ def blueprint(task: str) -> rrb.Blueprint:
 
 
 def main() -> None:
-    """The command."""
+    """Runs the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path)
     outputs = parser.add_mutually_exclusive_group()

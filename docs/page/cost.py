@@ -1,8 +1,8 @@
-"""What the page costs a training that it is open on.
+"""Measures what an open page costs the training run that it shows.
 
-One run trains while three clients read its page as browsers do, in every second window of a few seconds;
-in the others page and clients are held. The seconds that an iteration takes are compared between windows
-that follow each other, so what else the machine does falls on both.
+One run trains. In every other window of a few seconds, three clients read its page as browsers do; in
+between, page and clients are paused. The duration of an iteration is compared between consecutive windows, so
+that other load on the machine affects both.
 
     target/python/bin/python docs/page/cost.py target/release/goalward [MINUTES]
 """
@@ -27,7 +27,7 @@ from mcap.stream_reader import StreamReader
 
 WINDOW_S = 6.0
 CLIENTS = 3
-# What happens at the edge of a window belongs to neither.
+# Iterations that begin this soon after the start of a window are left out.
 EDGE_S = 0.3
 
 
@@ -44,12 +44,12 @@ class Client(threading.Thread):
         self.updates = 0
 
     def get(self, path):
-        """What the page answers."""
+        """Returns the JSON response of the page."""
         with urllib.request.urlopen(f"{self.api}/{path}", timeout=60) as answer:
             return json.load(answer)
 
     def run(self):
-        """Reads while the page is open, and waits while it is not."""
+        """Reads while the page is open, and waits otherwise."""
         self.get("runs")
         self.get(f"runs/{self.run_}")
         while True:
@@ -67,7 +67,7 @@ class Client(threading.Thread):
 
 
 def iterations(run):
-    """End and length in seconds of every iteration: the log's times are those of the clock."""
+    """Returns end and duration of every iteration in seconds; log times are wall-clock times."""
     ends = []
     for file in sorted((run / "log").glob("updates-*")):
         with file.open("rb") as stream:
@@ -81,7 +81,7 @@ def iterations(run):
 
 
 def main(goalward, minutes):
-    """Trains and reads for so many minutes, then prints what came of it."""
+    """Trains and reads for some minutes, then prints the result."""
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "runs" / "measured"
         run.parent.mkdir()
@@ -128,7 +128,7 @@ def main(goalward, minutes):
 
 
 def tell(windows, ended):
-    """Prints the ratio of an iteration's seconds, with the page over without, and its interval."""
+    """Prints the ratio of an iteration's duration with the page to that without, and its interval."""
     means = []
     for _, start, end in windows:
         inside = [seconds for at, seconds in ended if at - seconds >= start and at <= end]

@@ -1,4 +1,4 @@
-"""How numbers stand in the cells of tables and in sentences, and how cells make a table."""
+"""Formats numbers for table cells and sentences, and joins cells to a table."""
 
 import statistics
 from collections.abc import Iterable
@@ -7,27 +7,27 @@ from estimates import Bounded, interval
 
 
 def percent(share: float) -> str:
-    """A share in per cent, without a sign where it rounds to 0."""
+    """Formats a share in per cent, without a sign if it rounds to 0."""
     return f"{round(100 * share, 1) + 0.0:.1f}"
 
 
 def mean_with_interval(shares: list[float], unit: str = "") -> str:
-    """A mean with its 95 % interval, per cent."""
+    """Formats a mean with its 95 % interval, in per cent."""
     mean, ends = statistics.mean(shares), interval(shares)
     return percent(mean) + unit if ends is None else within((mean, *ends), unit)
 
 
 def within(found: Bounded, unit: str = "") -> str:
-    """A number with its interval, per cent."""
+    """Formats a number with its interval, in per cent."""
     estimate, low, high = map(percent, found)
     return f"{estimate}{unit} ({low} to {high})"
 
 
 def line(cells: Iterable[str]) -> str:
-    """A row of a table."""
+    """Returns a row of a table."""
     return f"| {' | '.join(cells)} |\n"
 
 
 def head(cells: list[str]) -> str:
-    """The head of a table."""
+    """Returns the head of a table."""
     return line(cells) + "|" + "---|" * len(cells) + "\n"

@@ -2,12 +2,12 @@
 
 Usage: curves.py OUT TITLE LABEL=RUN[,RUN...] [LABEL=FILE.csv:LABEL_THERE]...
 
-Reads every RUN's log/updates-*.mcap with the public MCAP packages (requirements.txt beside this
-file) into OUT.csv, one row per policy update. What OUT.csv holds already stays, unless a run of the
-same label and seed comes in its place. Then draws all of it, and beside it the curves of other
-tables, which stay where they are, as OUT.svg (success rate of the last 100 training episodes against
-environment steps and against wall time; a thin line per seed, a thick mean; published curves have
-no times) and prints the mean success rate around whole steps.
+It reads every RUN's log/updates-*.mcap with the public MCAP packages (requirements.txt beside this file) into
+OUT.csv, one row per policy update. Rows that OUT.csv already has stay, unless a run with the same label and
+seed replaces them. Then it draws all curves of OUT.csv, and those named in other tables, as OUT.svg: success
+rate of the last 100 training episodes against environment steps and against wall time, with a thin line per
+seed and a thick mean (published curves have no times). It prints the mean success rate around certain step
+counts.
 """
 
 import csv
@@ -41,7 +41,7 @@ WINDOW_STEPS = 50_000
 
 
 def updates(run):
-    """The policy updates of a run in order, the later record of an iteration counting."""
+    """Returns the policy updates of a run in order; the last record of an iteration counts."""
     found = {}
     for path in sorted(glob.glob(f"{run}/log/updates-*.mcap*")):
         with open(path, "rb") as file:
@@ -51,7 +51,7 @@ def updates(run):
                     if channel.topic == "/policy/update":
                         found[update.iteration] = (message.log_time, update)
             except EndOfFile:
-                pass  # a file that is still being written
+                pass  # the file is still being written
     return [found[iteration] for iteration in sorted(found)]
 
 
@@ -61,7 +61,7 @@ def seed_of(run):
 
 
 def rows_of(label, run):
-    """A run as rows of the table."""
+    """Yields a run as rows of the table."""
     recorded, seed = updates(run), seed_of(run)
     first_time, first = recorded[0]
     start = first_time - int(1e9 * (first.rollout_s + first.update_s))
@@ -81,7 +81,7 @@ def rows_of(label, run):
 
 
 def read(path):
-    """Curves by label and seed, each a list of rows."""
+    """Reads curves by label and seed, each a list of rows."""
     curves = {}
     if os.path.exists(path):
         with open(path, newline="") as file:
@@ -103,7 +103,7 @@ def column(rows, name):
 
 
 def beside(label, source):
-    """Curves of another table, under a label of this picture."""
+    """Reads curves of another table, under a label of this picture."""
     path, there = source.rsplit(":", 1)
     found = {(label, seed): rows for (own, seed), rows in read(path).items() if own == there}
     if not found:
@@ -134,7 +134,7 @@ def draw(path, title, curves):
 
 
 def draw_label(by_steps, by_time, color, label, seeds):
-    """Curves of a label by seed; one of the seed `mean of N` is published and has no times."""
+    """Draws the curves of a label by seed; a published curve has the seed `mean of N` and no times."""
     for rows in seeds.values():
         success = column(rows, "success_rate")
         by_steps.plot(column(rows, "env_steps") / 1e6, success, color=color, alpha=0.35, lw=0.8)

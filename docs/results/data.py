@@ -1,7 +1,7 @@
 """The results' data: the plans in `deploy/experiments`, and the finished runs of `runs.csv` as their curves.
 
-A run that several panels show need be there once: a curve has the runs of its settings, whichever panel they
-were trained for.
+A run that several panels show needs to exist only once: a curve has the runs with its settings, whichever
+panel they were trained for.
 """
 
 import csv
@@ -17,7 +17,7 @@ from settings import REPOSITORY, Settings, resolved
 
 HERE = Path(__file__).resolve().parent
 PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", REPOSITORY / "docs/guide/src/methods.md"]
-# Panels that the results open with, in a table and a picture.
+# Panels of the table and the picture with which the results begin.
 OPENING = [
     ("figure3", "navigation-50"),
     ("figure3", "push-noise-2"),
@@ -25,30 +25,30 @@ OPENING = [
     ("figure9", "pick-noise-2"),
     ("figure3", "ant-noise-0.05"),
 ]
-# Results are those of lower seeds.
+# Runs with lower seeds are results; those from this seed on were trained to choose settings.
 FIRST_TUNING_SEED = 101
 RUNS, REPLAYS = HERE / "runs.csv", HERE / "replays.csv"
 
 Row = dict[str, str]
-# A number of each seed's run.
+# A value for each seed.
 Seeds = dict[str, float]
 
 
 class PlannedCurve(NamedTuple):
-    """What a curve is to show."""
+    """The plan of a curve."""
 
-    # All that decides a run's result but for its seed.
+    # Everything that decides a run's result, except its seed.
     settings: Settings
-    # The end of the authors' published one.
+    # The end of the authors' published curve.
     authors: float | None
 
 
 class Plan(NamedTuple):
-    """What a panel is to have."""
+    """The plan of a panel."""
 
     title: str
     seeds: list[int]
-    # In their order.
+    # In the order of the plan.
     curves: dict[str, PlannedCurve]
 
 
@@ -64,12 +64,12 @@ class Curve(NamedTuple):
 
     @property
     def rates(self) -> list[float]:
-        """The evaluations without their seeds."""
+        """The evaluated success rates."""
         return list(self.evaluations.values())
 
 
 def read(file: Path) -> list[Row]:
-    """The rows of a table."""
+    """Reads the rows of a table."""
     with file.open(newline="") as lines:
         return list(csv.DictReader(lines))
 
@@ -84,10 +84,10 @@ def write(file: Path, rows: list[Row]) -> None:
 
 @cache
 def plans() -> dict[tuple[str, str], Plan]:
-    """All panels by figure and name, in their order."""
+    """Returns all panels by figure and name, in order."""
     found = {}
     files = (REPOSITORY / "deploy/experiments").glob("*.toml")
-    # Figure 11 comes behind Figure 9.
+    # Figure 11 comes after Figure 9.
     for file in sorted(files, key=lambda file: (len(file.stem), file.stem)):
         plan = tomllib.loads(file.read_text())
         for panel in plan["panel"]:
@@ -96,7 +96,7 @@ def plans() -> dict[tuple[str, str], Plan]:
 
 
 def planned(plan: dict, panel: dict) -> dict[str, PlannedCurve]:
-    """The curves of a panel: its methods, and those with settings of their own."""
+    """Returns the curves of a panel: its methods, then those with their own settings."""
     anchors, methods = panel.get("anchors", {}), panel.get("methods", plan.get("methods", []))
     entries = [{"name": method, "method": method, "anchor": anchors.get(method)} for method in methods]
     shared = [f"steps={panel['steps']}"] if "steps" in panel else []
@@ -110,13 +110,13 @@ def planned(plan: dict, panel: dict) -> dict[str, PlannedCurve]:
 
 
 def key(row: Row) -> tuple[str, ...]:
-    """What tells a row from all others."""
+    """Returns what identifies a row."""
     return row["figure"], row["panel"], row["curve"], row["seed"]
 
 
 @cache
 def order() -> dict[tuple[str, ...], int]:
-    """The place of each run that the plans want."""
+    """Returns the position of each run in the order of the plans."""
     runs = (
         (*panel, curve, str(seed))
         for panel, plan in plans().items()
@@ -127,7 +127,7 @@ def order() -> dict[tuple[str, ...], int]:
 
 
 def refuse_strays(file: Path, runs: Iterable[Row]) -> None:
-    """Ends the command where there are runs that no plan wants, or shorter ones, as of `--quick`."""
+    """Exits if runs are outside the plans, or have other numbers of evaluation episodes, as of `--quick`."""
     for run in runs:
         if key(run) not in order():
             sys.exit(f"{file}: expected runs of the plans in deploy/experiments, found {' '.join(key(run))}")
@@ -140,7 +140,7 @@ def refuse_strays(file: Path, runs: Iterable[Row]) -> None:
 
 @cache
 def finished() -> dict[tuple[Settings, int], list[Row]]:
-    """The runs by settings and seed. Those that are there more than once have the same weights."""
+    """Returns the runs by settings and seed; exits if repeated runs have different weights."""
     found: dict[tuple[Settings, int], list[Row]] = {}
     for run in read(RUNS):
         known = found.setdefault(identity(run), [])
@@ -152,23 +152,23 @@ def finished() -> dict[tuple[Settings, int], list[Row]]:
 
 
 def identity(run: Row) -> tuple[Settings, int]:
-    """What decides a run's result."""
+    """Returns the settings and seed that decide a run's result."""
     return plans()[run["figure"], run["panel"]].curves[run["curve"]].settings, int(run["seed"])
 
 
 def weights(run: Row) -> tuple[str, str]:
-    """The hashes of a run's final weights."""
+    """Returns the hashes of a run's final weights."""
     return run["policy_sha256"], run["proximity_sha256"]
 
 
 def rates(runs: list[Row], name: str) -> Seeds:
-    """Success rates of the runs that have one, by seed."""
+    """Returns the values of a column by seed, for the runs that have one."""
     return {run["seed"]: float(run[name]) for run in runs if run[name]}
 
 
 @cache
 def curves(figure: str, panel: str) -> list[Curve]:
-    """The curves of a panel whose runs have been evaluated."""
+    """Returns the curves of a panel that have evaluated runs."""
     plan = plans()[figure, panel]
     found = []
     for name, wanted in plan.curves.items():

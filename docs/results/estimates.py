@@ -1,15 +1,15 @@
-"""Means over seeds with their intervals, in words, and over panels as Agarwal et al. (2021) compare methods.
+"""Means over seeds with intervals, comparisons in words, and statistics over panels (Agarwal et al., 2021).
 
-The same as `statistics.rs` and `over_panels.rs` in `deploy/report/src`.
+They are the same as in `statistics.rs` and `over_panels.rs` in `deploy/report/src`.
 """
 
 import numpy as np
 from scipy.stats import sem, t, trim_mean
 
-# Fewest seeds that have an interval, and where the upper end of a 95 % interval lies.
+# Fewest seeds that have an interval, and the quantile of the upper end of a 95 % interval.
 FEWEST = 3
 UPPER = 0.975
-# Samples of the bootstrap.
+# Number of bootstrap samples.
 SAMPLES = 2000
 # Share of the scores that an interquartile mean leaves out at each end.
 TRIMMED = 0.25
@@ -19,7 +19,7 @@ Bounded = tuple[float, float, float]
 
 
 def interval(shares: list[float] | np.ndarray) -> np.ndarray | None:
-    """The ends of the 95 % interval of a mean over seeds, by Student's distribution; none of too few."""
+    """Returns the ends of the 95 % interval of a mean (Student's t); None for too few seeds."""
     if len(shares) < FEWEST:
         return None
     mean, half = np.mean(shares, axis=0), half_width(shares)
@@ -27,30 +27,30 @@ def interval(shares: list[float] | np.ndarray) -> np.ndarray | None:
 
 
 def half_width(numbers: list[float] | np.ndarray) -> np.ndarray:
-    """Half of the 95 % interval of a mean, by Student's distribution."""
+    """Returns half of the width of the 95 % interval of a mean (Student's t)."""
     return t.ppf(UPPER, len(numbers) - 1) * sem(numbers)
 
 
 def gain(own: list[float], others: list[float]) -> Bounded:
-    """How much more the mean of seeds is than that of others, with Welch's 95 % interval."""
+    """Returns how much the mean of seeds exceeds that of others, with Welch's 95 % interval."""
     groups = own, others
     errors = [sem(shares) ** 2 for shares in groups]
     freedoms = [error**2 / (len(shares) - 1) for error, shares in zip(errors, groups, strict=True)]
-    # Seeds that all agree have no deviation, and no degrees of freedom.
+    # If the seeds of both groups all agree, there is no deviation and no degrees of freedom.
     half = t.ppf(UPPER, sum(errors) ** 2 / sum(freedoms)) * sum(errors) ** 0.5 if any(errors) else 0.0
     difference = float(np.mean(own) - np.mean(others))
     return difference, difference - half, difference + half
 
 
 def paired_gain(own: list[float], others: list[float]) -> Bounded:
-    """How much more seeds have than the same seeds of others, mean of the pairs with Student's interval."""
+    """Returns how much seeds exceed the same seeds of others: the mean of pairs with Student's interval."""
     differences = np.subtract(own, others)
     mean, half = float(np.mean(differences)), float(half_width(differences))
     return mean, mean - half, mean + half
 
 
 def standing(own: list[float], others: list[float]) -> str:
-    """How seeds stand to others; nothing for too few."""
+    """Returns how seeds compare with others, in words; empty for too few seeds."""
     if min(len(own), len(others)) < FEWEST:
         return ""
     difference, low, high = gain(own, others)
@@ -60,13 +60,13 @@ def standing(own: list[float], others: list[float]) -> str:
 
 
 def interquartile_mean(panels: list[list[float]]) -> Bounded:
-    """Mean of the middle half of all seeds' success rates, with its stratified bootstrap interval."""
+    """Returns the mean of the middle half of all success rates, with its stratified bootstrap interval."""
     samples = trim_mean(np.concatenate(resampled(panels), axis=1), TRIMMED, axis=1)
     return with_interval(trim_mean(np.concatenate(panels), TRIMMED), samples)
 
 
 def improvement(panels: list[list[float]], others: list[list[float]]) -> Bounded:
-    """How probably a seed is better than one of another method, mean over panels, with its interval."""
+    """Returns the probability that a seed beats one of another method, mean over panels, with interval."""
 
     def better(own: list[np.ndarray], other: list[np.ndarray]) -> np.ndarray:
         pairs = [left[:, :, None] - right[:, None, :] for left, right in zip(own, other, strict=True)]
@@ -77,11 +77,11 @@ def improvement(panels: list[list[float]], others: list[list[float]]) -> Bounded
 
 
 def resampled(panels: list[list[float]], stream: int = 0) -> list[np.ndarray]:
-    """Of each panel as many seeds as it has, drawn with replacement, a row for each sample."""
+    """Draws with replacement as many seeds as each panel has, a row for each bootstrap sample."""
     random = np.random.default_rng(stream)
     return [np.array(panel)[random.integers(len(panel), size=(SAMPLES, len(panel)))] for panel in panels]
 
 
 def with_interval(estimate: float, samples: np.ndarray) -> Bounded:
-    """An estimate with the interval that its bootstrap gives."""
+    """Returns an estimate with the interval of its bootstrap samples."""
     return (float(estimate), *map(float, np.quantile(samples, [1 - UPPER, UPPER])))

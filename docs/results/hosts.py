@@ -1,13 +1,13 @@
-"""Steps per second of runs whose actors are on other machines.
+"""Measures steps per second of runs whose actors are on other machines.
 
-Usage: hosts.py scaling    (64 actors of an environment that waits, on up to eight machines)
+Usage: hosts.py scaling    (up to 64 actors of an environment that waits, on up to eight machines)
        hosts.py distance [ROUNDS]    (one actor here, or on a machine 0, 1 and 20 milliseconds away)
 
-Needs requirements.txt beside this file, `goalward` with its gateway in PATH, and the program of
-deploy/examples/reacher. Another machine is a `goalward join` with a folder and a bus of its own. A distance
-is a relay between it and the run that holds back every byte for half of it. The steps per second are those
-from the first policy update to the last. Writes hosts_scaling.csv and hosts_scaling.svg, or
-hosts_distance.csv, beside itself, and prints a table.
+It needs requirements.txt beside this file, `goalward` with its gateway in PATH, and the program of
+deploy/examples/reacher. Another machine is a `goalward join` with its own folder and bus. A distance is
+simulated by a relay between it and the run, which delays every byte by half of the distance. Steps per second
+are measured from the first policy update to the last. The results go to hosts_scaling.csv and
+hosts_scaling.svg, or to hosts_distance.csv, beside this file; a table is printed.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ def settings(pairs):
     return [word for pair in pairs for word in ("--set", pair)]
 
 
-# Lanes of each actor, an episode of 60 steps in each or more; a learner that is hardly the limit.
+# Lanes of each actor, and least steps of a lane: one episode. With SCALING, the learner is hardly the limit.
 LANES, LANE_STEPS = 16, 60
 SCALING = [
     "method=environment-reward",
@@ -48,12 +48,12 @@ SCALING = [
     "ppo.minibatches=16",
 ]
 HOSTS_AND_ACTORS = [(1, 1), (1, 8), (2, 8), (4, 8), (8, 8)]
-# Milliseconds a step, and iterations after the first: one takes a second, and ten.
+# Milliseconds a step, and iterations after the first; an iteration takes about one or ten seconds.
 WAITS = {1: 15, 10: 3}
 
-GATEWAYS = ["own_gateway", "other_gateways"]  # percent of a core for 10,000 steps a second
+GATEWAYS = ["own_gateway", "other_gateways"]  # per cent of a core at 10,000 steps per second
 DISTANCES = [None, 0, 1, 20]
-# Both with iterations of about two seconds.
+# Both have iterations of about two seconds.
 DISTANT = {
     "ant-reach": ["ant-reach", "--set", "steps=48000"],
     "a millisecond a step": [
@@ -65,7 +65,7 @@ DISTANT = {
 
 
 class Relay:
-    """Between a machine and the run: what comes in goes out so many milliseconds later."""
+    """A relay between a machine and the run, which forwards data after a delay in milliseconds."""
 
     def __init__(self, port, milliseconds):
         self.port, self.delay, self.loop = port, milliseconds / 1000, asyncio.new_event_loop()
@@ -98,7 +98,7 @@ def free_port():
 
 
 def gateway_seconds():
-    """Processor seconds of every gateway that lives, by process: first whether it is the run's own."""
+    """Returns for each live gateway process whether it is the run's own, and its processor seconds."""
     found = {}
     for process in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -107,13 +107,15 @@ def gateway_seconds():
                 user, system = (process / "stat").read_text().rsplit(")")[1].split()[11:13]
                 found[process.name] = command[1] == b"serve", (int(user) + int(system)) / TICKS
         except (OSError, IndexError):
-            pass  # it has just ended
+            pass  # the process has just ended
     return found
 
 
 def train(arguments, hosts, actors, milliseconds=None):
-    """A run with so many actors on each of so many machines, or here if there are none: its steps per second,
-    and of its own gateway and the others what each takes of a core for 10,000 steps a second.
+    """Trains a run with `actors` actors on each of `hosts` machines, or here if `hosts` is 0.
+
+    Returns its steps per second, and the per cent of a core that its own gateway and the others take at
+    10,000 steps per second.
     """
     with tempfile.TemporaryDirectory() as folder:
         run, port = pathlib.Path(folder) / "run", free_port()

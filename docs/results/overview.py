@@ -2,9 +2,10 @@
 
     pip install -r docs/results/requirements.txt && python docs/results/overview.py
 
-A page shows a panel by the name `FIGURE-PANEL.svg`. Data: `points.csv` and `runs.csv`. Lines are means over
-seeds with 95 % intervals (Student's). Behind their end each method has a column: a dash is a seed's success
-in evaluation, a triangle what the authors published. A method without environment steps has these alone.
+A page refers to a panel by the name `FIGURE-PANEL.svg`. The data are in `points.csv` and `runs.csv`. Lines
+are means over seeds with 95 % intervals (Student's t). Right of their end each method has a column: a dash is
+a seed's success in evaluation, a triangle the authors' published success. A method without environment steps
+has only these.
 """
 
 import io
@@ -21,7 +22,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-# Those of `goalward report` (deploy/report/src/chart.rs), and black.
+# The colors of `goalward report` (deploy/report/src/chart.rs), and black.
 COLORS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6e6e6e", "#000000"]
 SETTINGS = {
     "svg.fonttype": "none",
@@ -30,22 +31,22 @@ SETTINGS = {
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
-# Where a curve is read, as shares of its steps; a run has a point at or after each twentieth of its steps.
+# Where curves are interpolated, as shares of their steps; a run has a point at or after each twentieth.
 GRID = np.linspace(0.05, 1.0, 20)
-# Width of a method's column behind the end of its curve, as a share of the steps.
+# Width of a method's column right of the curves, as a share of the steps.
 COLUMN = 0.04
 
 Panel = tuple[str, str]
 
 
 def colors(panels: list[Panel]) -> dict[str, str]:
-    """A color for each curve of some panels."""
+    """Assigns a color to each curve of some panels."""
     names = dict.fromkeys(name for panel in panels for name in plans()[panel].curves)
     return {name: COLORS[place % len(COLORS)] for place, name in enumerate(names)}
 
 
 def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> None:
-    """A field: every curve, and behind its end its seeds' evaluations and the authors' success."""
+    """Draws a panel: every curve, and right of them the seeds' evaluations and the authors' success."""
     shown = curves(*panel)
     last = max(map(length, shown))
     right = (1.06 + COLUMN * len(shown)) * last
@@ -62,7 +63,7 @@ def draw(axes: Axes, panel: Panel, color: dict[str, str], points: list[Row]) -> 
 
 
 def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> None:
-    """A curve's column: a dash for each seed's evaluation, and to its right the authors' triangle."""
+    """Draws a curve's column: a dash for each seed's evaluation, and to its right the authors' triangle."""
     dashes = [(x, share) for share in curve.rates for x in (left, left + 0.45 * width, np.nan)]
     axes.plot(*zip(*dashes, strict=True), linewidth=1, **style)
     if curve.authors is not None:
@@ -70,7 +71,7 @@ def ends(axes: Axes, curve: Curve, left: float, width: float, style: dict) -> No
 
 
 def line(axes: Axes, curve: Curve, points: list[Row], style: dict) -> None:
-    """The mean over seeds and its interval; nothing of none."""
+    """Draws the mean over seeds and its interval; nothing if there are no seeds."""
     seeds = trained(curve, points)
     if not seeds:
         return
@@ -84,12 +85,12 @@ def line(axes: Axes, curve: Curve, points: list[Row], style: dict) -> None:
 
 
 def length(curve: Curve) -> float:
-    """Million steps of a curve."""
+    """Returns the length of a curve in million steps."""
     return max(int(run["environment_steps"]) for run in curve.runs) / 1e6
 
 
 def trained(curve: Curve, points: list[Row]) -> list[np.ndarray]:
-    """Each seed's success of the last 100 training episodes at the grid's steps, of those that have such."""
+    """Returns success of the last 100 training episodes at the grid's steps, for each seed with points."""
     found = []
     for run in curve.runs:
         own = [row for row in points if key(row) == key(run)]
@@ -100,7 +101,7 @@ def trained(curve: Curve, points: list[Row]) -> list[np.ndarray]:
 
 
 def legend(color: dict[str, str]) -> list[Artist]:
-    """What the colors and marks say."""
+    """Returns the legend of colors and marks."""
     lines = [plt.Line2D([], [], color=color, label=name) for name, color in color.items()]
     marks = {"_": "evaluation of a seed", "<": "the authors' success"}
     style = {"color": "0.3", "linestyle": "none", "markersize": 5}
@@ -108,17 +109,17 @@ def legend(color: dict[str, str]) -> list[Artist]:
 
 
 def save(figure: plt.Figure, name: str) -> None:
-    """Writes a picture, the same bytes each time."""
+    """Writes a picture, with the same bytes each time."""
     text = io.StringIO()
     figure.savefig(text, metadata={"Date": None})
     plt.close(figure)
-    # Tenths of a point are fine enough. What is written lies outside of tags and stays.
+    # One decimal of a point is enough for numbers in tags. Text outside of tags stays as it is.
     text = re.sub(r"(\.\d)\d+(?=[^<]*>)", r"\1", text.getvalue())
     (HERE / name).write_text(re.sub(r" *\n *", "\n", text))
 
 
 def draw_overview(points: list[Row]) -> None:
-    """Draws the picture that opens the results, a field for each panel."""
+    """Draws the picture with which the results begin, with the opening panels."""
     figure, fields = plt.subplots(2, 3, figsize=(12, 6.6), sharey=True, layout="constrained")
     color = colors(OPENING)
     for axes, panel in zip(fields.flat, OPENING, strict=False):

@@ -1,10 +1,10 @@
-"""Steps per second of Stable-Baselines3's PPO on the MuJoCo originals of FETCH PUSH and ANT REACH.
+"""Measures steps per second of Stable-Baselines3's PPO on the MuJoCo originals of FETCH PUSH and ANT REACH.
 
 Usage: peers.py [UPDATES]      (needs peers_requirements.txt beside this file)
 
-The sizes are the paper's: two hidden layers of 256, 4,096 steps an update for Fetch and 16,000 for
-the ant, ten epochs of 32 minibatches. Environments step in as many processes as there are cores,
-PyTorch has as many threads. Wall time, rollouts and updates together, without the start.
+The sizes are the paper's: two hidden layers of 256, 4,096 steps an update for Fetch and 16,000 for the ant,
+ten epochs of 32 minibatches. There are as many environment processes and PyTorch threads as cores. The
+measured wall time has rollouts and updates, but not the start.
 """
 
 import os
@@ -25,7 +25,7 @@ EPISODE_STEPS = 50
 
 
 class Started(BaseCallback):
-    """Remembers when the first rollout began: processes and networks are there by then."""
+    """Records when the first rollout begins, once processes and networks have been made."""
 
     def _on_rollout_start(self):
         if not hasattr(self, "time_s"):

@@ -2,9 +2,9 @@
 
 Usage: peers_methods.py {bc,sqil} TASK DEMONSTRATIONS.mcap [--setting JSON] [--steps N] [--seed N] ...
 
-Needs peers_methods_requirements.txt beside this file, and cargo. Every value that both programs have is
-an option with Goalward's default; observations are normalized by the moments of the demonstrations,
-as Goalward does for these methods. Prints success rates of episodes the training did not have.
+It needs peers_methods_requirements.txt beside this file, and cargo. Every value that both programs have is an
+option with Goalward's default. Observations are normalized by the moments of the demonstrations, as Goalward
+does for these methods. It prints the success rate of episodes outside the training.
 """
 
 import argparse
@@ -30,13 +30,13 @@ WORKSPACE = pathlib.Path(__file__).resolve().parents[2]
 sys.path.append(str(WORKSPACE / "environments/fidelity"))
 from goalward import Goalward  # noqa: E402
 
-# Numbers of the first episodes for training and for evaluation: neither are demonstrated ones.
+# Numbers of the first training and evaluation episodes; neither are demonstrated ones.
 TRAINING, EVALUATION = 1_000_000, 2_000_000
 CLIP = 10.0
 
 
 def demonstrations(path):
-    """Episodes of a recorded file: observations, one more than actions, and the clipped actions."""
+    """Yields the episodes of a recorded file: observations, one more than actions, and clipped actions."""
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         setting = json.loads(next(reader.iter_metadata()).metadata["setting"])
@@ -48,8 +48,9 @@ def demonstrations(path):
 
 
 class Normalizer:
-    """Observations in standard deviations from their mean in the demonstrations; what varies less
-    than `least` there stays as it is.
+    """Normalizes observations by their mean and standard deviation in the demonstrations.
+
+    Numbers whose deviation is below `least` stay as they are.
     """
 
     def __init__(self, observations, least):
@@ -63,7 +64,7 @@ class Normalizer:
 
 
 class Episodes(gymnasium.Env):
-    """Goalward's environment as Gymnasium has them, with observations normalized."""
+    """Goalward's environment as a Gymnasium environment with normalized observations."""
 
     def __init__(self, task, setting, normalizer, shapes, first):
         self.inner, self.normalizer, self.number = Goalward(task, **setting), normalizer, first
@@ -82,7 +83,7 @@ class Episodes(gymnasium.Env):
 
 
 def success(policy, episodes, count):
-    """Success rate of the most probable actions."""
+    """Returns the success rate of the most probable actions."""
     found = 0
     for _ in range(count):
         (observation, information), ended = episodes.reset(), False
@@ -95,7 +96,7 @@ def success(policy, episodes, count):
 
 
 class Progress(BaseCallback):
-    """Prints the success rate of the training episodes so far now and then."""
+    """Prints the success rate of the last 100 training episodes every `every` steps."""
 
     def __init__(self, every):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Tables of rows and columns from the data of runs that no plan has, as `pivots.toml` describes them."""
+"""Pivot tables of runs outside the plans, as `pivots.toml` describes them."""
 
 import statistics
 import sys
@@ -12,7 +12,7 @@ from data import FIRST_TUNING_SEED, HERE, Row, Seeds, rates, read
 
 DESCRIPTIONS = HERE / "pivots.toml"
 PIVOTS = tomllib.loads(DESCRIPTIONS.read_text())
-# What an entry of a table, a row or a column says beside which runs it has.
+# Keys of a table, a row or a column that do not select runs.
 SAYS = ["title", "data", "value", "shows"]
 DEFAULTS = {"data": "settings.csv", "value": "evaluation_success_rate", "shows": "seeds"}
 
@@ -20,7 +20,7 @@ Entry = dict[str, Any]
 
 
 def pivot(name: str) -> str:
-    """A table; a cell that has no runs is empty."""
+    """Makes a table; a cell without runs is empty."""
     table = PIVOTS[name]
     columns, rows = table["columns"], table["rows"]
     cells = {(row, key): cell(name, key, row) for row in rows for key in columns}
@@ -35,7 +35,7 @@ def pivot(name: str) -> str:
 
 
 def cell(name: str, key: str, row: str) -> str:
-    """What a cell shows; where it has several kinds of states, it shows one behind the other."""
+    """Returns the text of a cell; several kinds of states are shown one after another."""
     whole = entry(name, key, row)
     states = whole.get("states")
     several = [whole | {"states": one} for one in states] if isinstance(states, list) else [whole]
@@ -44,12 +44,12 @@ def cell(name: str, key: str, row: str) -> str:
 
 
 def column(name: str, key: str) -> dict[str, Seeds]:
-    """The values of all rows in a column."""
+    """Returns the values of all rows in a column."""
     return {row: values(entry(name, key, row)) for row in PIVOTS[name]["rows"]}
 
 
 def entry(name: str, key: str, row: str) -> Entry:
-    """What a table, a column and a row say as one; settings come together, of others the last wins."""
+    """Merges the entries of a table, a column and a row: settings are joined, of other keys the last wins."""
     table = PIVOTS[name]
     parts = [DEFAULTS, table["of"], table["columns"][key], table["rows"][row]]
     whole = {word: value for part in parts for word, value in part.items()}
@@ -57,7 +57,7 @@ def entry(name: str, key: str, row: str) -> Entry:
 
 
 def values(whole: Entry) -> Seeds:
-    """The values of the runs that an entry names, by seed."""
+    """Returns the values of the runs that an entry selects, by seed."""
     wanted = {key: value for key, value in whole.items() if key not in SAYS}
     data, value = whole["data"], whole["value"]
     runs = [run for run in rows_of(data) if described(run, wanted)]
@@ -72,32 +72,32 @@ def values(whole: Entry) -> Seeds:
 
 @cache
 def rows_of(data: str) -> list[Row]:
-    """The runs of a file, which every cell asks."""
+    """Reads the runs of a file, once for all cells."""
     return read(HERE / data)
 
 
 def described(run: Row, wanted: Entry) -> bool:
-    """Whether a run is one of those that are wanted."""
+    """Returns whether a run is one of the wanted ones."""
     return all(FITS[key](run, value) if key in FITS else run[key] == value for key, value in wanted.items())
 
 
 def seeds(found: list[float]) -> str:
-    """Every seed, per cent."""
+    """Lists every seed, in per cent."""
     return ", ".join(map(percent, found))
 
 
 def seeds_and_mean(found: list[float]) -> str:
-    """Every seed, then the mean and its interval, per cent."""
+    """Lists every seed, then the mean and its interval, in per cent."""
     return f"{seeds(found)}: **{mean_with_interval(found)}**"
 
 
 def plain_mean(found: list[float]) -> str:
-    """The mean of what is no share."""
+    """Formats the mean of values that are not shares."""
     return f"{statistics.mean(found):.2f}"
 
 
 def plain_mean_and_range(found: list[float]) -> str:
-    """The mean and the range of what is no share."""
+    """Formats the mean and the range of values that are not shares."""
     return f"{plain_mean(found)} ({min(found):.2f} to {max(found):.2f})"
 
 
@@ -111,11 +111,11 @@ SHOWS: dict[str, Callable[[list[float]], str]] = {
 
 
 def of_kind(run: Row, kind: str) -> bool:
-    """Whether a run is one of those that results report, or of those that settings were tuned on."""
+    """Returns whether a run is of a kind: `reported` in results, or `tuning` of settings."""
     return (int(run["seed"]) < FIRST_TUNING_SEED) == {"reported": True, "tuning": False}[kind]
 
 
-# What is not simply equal: settings come in any order, steps are counted in 100,000.
+# Comparisons other than equality: settings may be in any order, steps are rounded to 100,000.
 FITS: dict[str, Callable[[Row, Any], bool]] = {
     "settings": lambda run, settings: set(run["settings"].split()) == set(settings.split()),
     "steps": lambda run, steps: round(int(run["steps"]), -5) == steps,

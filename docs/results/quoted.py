@@ -1,7 +1,8 @@
-"""The kinds of numbers that sentences quote, each a function of the curves behind its name.
+"""The kinds of numbers that sentences quote, each a function of the curves after its name.
 
-A curve is FIGURE/PANEL/CURVE, or TABLE/COLUMN/ROW of `pivots.toml`; without the first two it is one of those
-of the curve before. Several curves joined by `+` are one whose seeds have their means.
+A curve is FIGURE/PANEL/CURVE, or TABLE/COLUMN/ROW of `pivots.toml`; the first two parts may be left out if
+they are those of the curve before. Several curves joined by `+` are one curve, whose values are their means
+by seed.
 """
 
 import statistics
@@ -15,7 +16,7 @@ from pivots import PIVOTS, column
 
 
 def evaluations(paths: list[str]) -> list[Seeds]:
-    """The evaluations of curves."""
+    """Returns the evaluations of curves."""
     found, place = [], ""
     for path in paths:
         before, _, names = path.rpartition("/")
@@ -29,65 +30,65 @@ def evaluations(paths: list[str]) -> list[Seeds]:
 
 
 def known(figure: str, panel: str) -> dict[str, Seeds]:
-    """The evaluations of all curves of a panel, or of all rows in a column."""
+    """Returns the evaluations of all curves of a panel, or of all rows in a column."""
     if figure in PIVOTS:
         return column(figure, panel)
     return {curve.name: curve.evaluations for curve in curves(figure, panel)}
 
 
 def together(found: list[Seeds]) -> Seeds:
-    """The means of several curves by seed."""
+    """Returns the means of several curves by seed."""
     same_seeds(found)
     return {seed: statistics.mean(curve[seed] for curve in found) for seed in found[0]}
 
 
 def same_seeds(found: list[Seeds]) -> None:
-    """Ends the command where curves have other seeds than the first."""
+    """Exits if curves have other seeds than the first one."""
     for curve in found:
         if curve.keys() != found[0].keys():
             sys.exit(f"expected the seeds {' '.join(found[0])}, found {' '.join(curve)}")
 
 
 def mean(found: list[Seeds]) -> str:
-    """Means: `98.5`, `98.5 and 96.8`."""
+    """Lists means: `98.5`, `98.5 and 96.8`."""
     return listed([percent(statistics.mean(curve.values())) for curve in found])
 
 
 def success(found: list[Seeds]) -> str:
-    """Means with their intervals: `95.8 % (93.9 to 97.7)`."""
+    """Lists means with intervals: `95.8 % (93.9 to 97.7)`."""
     return listed([mean_with_interval(list(curve.values()), " %") for curve in found])
 
 
 def seeds(found: list[Seeds]) -> str:
-    """Every seed: `100.0, 100.0 and 33.4`."""
+    """Lists every seed: `100.0, 100.0 and 33.4`."""
     return listed([percent(rate) for curve in found for rate in curve.values()])
 
 
 def span(found: list[Seeds]) -> str:
-    """The lowest and the highest seed: `9.2 to 94.4`."""
+    """Formats the range of the seeds: `9.2 to 94.4`."""
     every = [rate for curve in found for rate in curve.values()]
     return f"{percent(min(every))} to {percent(max(every))}"
 
 
 def difference(found: list[Seeds]) -> str:
-    """How much the first has more than the second, with Welch's interval: `13.3 (6.0 to 20.6)`."""
+    """Formats by how much the first exceeds the second, with Welch's interval: `13.3 (6.0 to 20.6)`."""
     return within(compared(found, gain))
 
 
 def points(found: list[Seeds]) -> str:
-    """The same with its unit: `13.3 points (6.0 to 20.6)`."""
+    """Formats a difference with its unit: `13.3 points (6.0 to 20.6)`."""
     return within(compared(found, gain), " points")
 
 
 def paired(found: list[Seeds]) -> str:
-    """How much the first has more than the second in pairs of the same seed: `3.9 points (0.9 to 6.9)`."""
+    """Formats by how much the first exceeds the second, paired by seed: `3.9 points (0.9 to 6.9)`."""
     same_seeds(found)
     own, others = found
     return within(compared([own, {seed: others[seed] for seed in own}], paired_gain), " points")
 
 
 def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bounded]) -> Bounded:
-    """A difference of two curves that have seeds enough."""
+    """Compares two curves; exits if one has too few seeds."""
     own, others = (list(curve.values()) for curve in found)
     if min(len(own), len(others)) < FEWEST:
         sys.exit(f"expected at least {FEWEST} seeds to compare, found {len(own)} and {len(others)}")
@@ -95,14 +96,14 @@ def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bound
 
 
 def better(found: list[Seeds]) -> str:
-    """How probably a seed of the first half is better than one of the second: `63.5 % (44.5 to 81.5)`."""
+    """Formats how probably a seed of the first half beats one of the second: `63.5 % (44.5 to 81.5)`."""
     panels = [list(curve.values()) for curve in found]
     half = len(panels) // 2
     return within(improvement(panels[:half], panels[half:]), " %")
 
 
 def listed(words: list[str]) -> str:
-    """Words as a sentence has them."""
+    """Joins words as in a sentence."""
     *others, last = words
     return f"{', '.join(others)} and {last}" if others else last
 

@@ -3,29 +3,29 @@
     pip install -r docs/results/requirements.txt
     python docs/results/rebuild.py                      # writes them
     python docs/results/rebuild.py --check              # says which page differs from the data
-    python docs/results/rebuild.py --from REPORT        # takes the finished runs of `goalward report` first
+    python docs/results/rebuild.py --from REPORT        # first takes the finished runs of `goalward report`
 
-A table stands between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table -->`:
+A table is between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table -->`:
 
 | kind | arguments | what it shows |
 |---|---|---|
 | `panel` | figure, panel | a row for each method, with every seed and the steps to 90 % |
-| `pivot` | name | what `pivots.toml` describes, from `settings.csv` or `uncertainty.csv` |
+| `pivot` | name | the table that `pivots.toml` describes, from `settings.csv` or `uncertainty.csv` |
 | `overview` | figure, or none | methods x its panels, or the opening ones; "of 3": fewer seeds than planned |
 | `over` | | methods over the opening panels: interquartile mean and probability of improvement |
-| `replays` | figure, panel | of each curve the seeds that were replayed, and both ways to evaluate |
-| `search` | | how many runs were trained to choose settings, from `settings.csv` |
-| `coverage` | | of each plan how many panels are complete, and how many runs are there |
-| `repeated` | | how many runs have been trained more than once |
+| `replays` | figure, panel | for each curve, the replayed seeds and the success of both ways to act |
+| `search` | | the number of runs trained to choose settings, from `settings.csv` |
+| `coverage` | | for each plan, the number of complete panels and of finished runs |
+| `repeated` | | the number of runs that were trained more than once |
 
-A number of a sentence stands between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
+A number in a sentence is between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
 kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph.
 
-Data: `runs.csv`, a line for each finished run of the plans; `points.csv`, twenty points of each;
-`replays.csv`, written by `replays.py`; `settings.csv`, runs of no plan, with what of their settings differs
-from the default of then; `uncertainty.csv`, written by `uncertainty.py`. A report's runs take the places of
-those of the same curves and seeds; all others stay, so runs may come in portions. The plans in
-`deploy/experiments` have the order of the curves, the seeds that are wanted and the authors' numbers.
+Data: `runs.csv` has a line for each finished run of the plans, and `points.csv` twenty points of each.
+`replays.csv` and `uncertainty.csv` are written by `replays.py` and `uncertainty.py`. `settings.csv` has runs
+outside the plans, with the settings in which they differ from the default at their time. A report's runs
+replace those of the same curves and seeds; all others stay, so runs can be added in portions. The plans in
+`deploy/experiments` have the order of the curves, the wanted seeds and the authors' numbers.
 """
 
 import argparse
@@ -44,7 +44,7 @@ POINTS_OF_A_RUN = 20
 
 
 def take(report: Path) -> None:
-    """Puts a report's finished runs in the places of those of the same curves and seeds."""
+    """Replaces the runs of the same curves and seeds with a report's finished runs."""
     summary = report / "summary.csv"
     runs = {key(run): run for run in reported(summary) if run["finished"] == "1"}
     refuse_strays(summary, runs.values())
@@ -55,12 +55,12 @@ def take(report: Path) -> None:
 
 
 def reported(file: Path) -> list[Row]:
-    """The rows of a report's table; runs are named by the last part of their path."""
+    """Reads the rows of a report's table; runs are named by the last part of their path."""
     return [row | {"run": Path(row["run"]).name} for row in read(file)]
 
 
 def thinned(points: list[Row]) -> Iterable[Row]:
-    """Of each run the points where another twentieth of its steps was taken."""
+    """Yields each run's first point at or after every twentieth of its steps."""
     ends = {key(point): int(point["environment_steps"]) for point in points}
     taken: dict[tuple[str, ...], int] = {}
     for point in points:
@@ -72,7 +72,7 @@ def thinned(points: list[Row]) -> Iterable[Row]:
 
 
 def rebuilt(text: str) -> str:
-    """A page with the tables and numbers that the data gives."""
+    """Returns a page with the tables and numbers that follow from the data."""
 
     def number(found: re.Match[str]) -> str:
         if found[1] is not None:
@@ -87,7 +87,7 @@ def rebuilt(text: str) -> str:
 
 
 def refuse_open_markers(page: Path, text: str) -> None:
-    """Ends the command where a comment that begins a table or a number has no end, or an end no beginning."""
+    """Exits if a table or number in a page has a beginning without an end, or an end without a beginning."""
     for pattern, begin, end in (
         (TABLE, "<!-- table", "<!-- end of table -->"),
         (NUMBER, "<!-- number", "<!-- end -->"),
@@ -99,7 +99,7 @@ def refuse_open_markers(page: Path, text: str) -> None:
 
 
 def main() -> int:
-    """The command; 1 where a page differs."""
+    """Runs the command; returns 1 with `--check` if a page differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing; 1 where a page differs")
     parser.add_argument("--from", dest="report", type=Path, metavar="REPORT", help="a report to take")

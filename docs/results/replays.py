@@ -1,9 +1,10 @@
-"""Evaluates finished runs both ways in which their policies can act, and replays them: `replays.csv`.
+"""Evaluates finished runs with sampled and with most probable actions, and replays them, into `replays.csv`.
 
     python docs/results/replays.py GOALWARD RUN...                        # 500 episodes each way
     python docs/results/replays.py GOALWARD --verify --retrain RUN...     # and replays
 
-Ends at the first run whose replay differs. What a run has in the table already is not done again.
+It exits at the first run whose replay differs. Values that a run already has in the table are not measured
+again.
 """
 
 import argparse
@@ -18,7 +19,7 @@ EVALUATION = ["--episodes", "500", "--force"]
 
 
 def said(*command: str | Path) -> dict:
-    """What a command of goalward found; ends this one where it fails, and it has said why."""
+    """Returns the JSON output of a goalward command; exits if it fails, after the command has said why."""
     output = subprocess.run([*command, "--json", "--quiet"], stdout=subprocess.PIPE, text=True)
     if output.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}: expected exit status 0, found {output.returncode}")
@@ -26,7 +27,7 @@ def said(*command: str | Path) -> dict:
 
 
 def policy_of(run: Path) -> str:
-    """The hash of a run's final policy; ends this command where no finished run is."""
+    """Returns the hash of a run's final policy; exits if there is no finished run."""
     summary = run / "summary.json"
     if not summary.is_file():
         raise SystemExit(f"{run}: expected the folder of a finished run, found no summary.json there")
@@ -34,7 +35,7 @@ def policy_of(run: Path) -> str:
 
 
 def fill(row: Row, run: Path, options: argparse.Namespace) -> None:
-    """Measures what a run's row lacks: episodes acted again, updates trained again, shares of success."""
+    """Measures what a run's row lacks: verified episodes, retrained updates, success rates."""
     goalward = options.goalward
     if options.verify and not row["verified"]:
         row["verified"] = said(goalward, "replay", run, "--verify")["equal"]
@@ -47,7 +48,7 @@ def fill(row: Row, run: Path, options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """The command."""
+    """Measures all runs and writes the table after each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("goalward")
     parser.add_argument("--verify", action="store_true", help="act every episode again")
@@ -58,7 +59,7 @@ def main() -> None:
     rows = {row["run"]: row for row in read(REPLAYS)}
     for run, policy in policies.items():
         known = rows.get(run.name, {})
-        # Whatever was measured of other weights under the same name says nothing of these.
+        # Values of other weights under the same name do not apply to these.
         kept = known if known.get("policy_sha256") == policy else {}
         row = dict.fromkeys(COLUMNS, "") | {"run": run.name, "policy_sha256": policy} | kept
         rows[run.name] = row

@@ -1,10 +1,10 @@
-"""Steps per second of whole training runs against the number of actors.
+"""Measures steps per second of whole training runs against the number of actors.
 
 Usage: scaling.py [ROUNDS]      (needs requirements.txt beside this file)
 
-Trains short runs of two tasks with 1 to twice as many actors as there are cores, in turns, and takes
-the steps per second from the first policy update to the last. Checks that all runs of a task end with
-the same weights. Writes scaling.csv (every run) and scaling.svg beside itself, and prints a table.
+It trains short runs of two tasks in turns, with one actor up to twice as many as cores, and measures steps
+per second from the first policy update to the last. It checks that all runs of a task end with the same
+weights. It writes scaling.csv (every run) and scaling.svg beside this file, and prints a table.
 """
 
 import csv
@@ -29,7 +29,7 @@ STEPS = {"navigation": 80_000, "ant-reach": 48_000}
 
 
 def train(task, actors, folder):
-    """A short run; its steps per second and its policy's hash."""
+    """Trains a short run; returns its steps per second and its policy's hash."""
     command = [RUN_LOCAL, task, "--steps", str(STEPS[task]), "--actors", str(actors), "--run", folder]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     (first_ns, first), *_, (last_ns, last) = updates(folder)
@@ -39,7 +39,7 @@ def train(task, actors, folder):
 
 
 def measure(rounds):
-    """Rows of task, actors, round and steps per second."""
+    """Yields rows of task, actors, round and steps per second."""
     hashes = {}
     for number in range(rounds):
         for task in STEPS:

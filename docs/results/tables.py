@@ -1,4 +1,4 @@
-"""The kinds of tables that pages have, each a function of the arguments behind its name."""
+"""The kinds of tables in pages, each a function of the arguments after its name."""
 
 import statistics
 import sys
@@ -29,14 +29,14 @@ from settings import Settings
 
 
 def steps_to_90(runs: list[Row]) -> str:
-    """Thousands of steps to 90 % success, median of the seeds; none where half never get there."""
+    """Returns the median over seeds of thousands of steps to 90 % success; `-` if half never reach it."""
     taken = [float(run["environment_steps_to_90"] or "inf") / 1000 for run in runs]
     median = statistics.median(taken)
     return f"{median:.0f}" if median < float("inf") else "-"
 
 
 def panel(figure: str, name: str) -> str:
-    """A row for each method of a panel, with every seed."""
+    """Makes a row for each method of a panel, with every seed."""
     text = head(
         ["method", "evaluation", "of each seed", "last 100", "steps to 90 %", "against the first", "authors"]
     )
@@ -51,7 +51,7 @@ def panel(figure: str, name: str) -> str:
 
 
 def overview(figure: str = "") -> str:
-    """Methods x panels of a figure, or of the opening; marks say who is ahead of or behind the first."""
+    """Makes methods x panels of a figure, or the opening ones; marks: ahead of or behind the first method."""
     panels = [panel for panel in plans() if panel[0] == figure] if figure else OPENING
     if not panels:
         sys.exit(f"expected panels of {figure}, found none")
@@ -63,14 +63,14 @@ def overview(figure: str = "") -> str:
 
 
 def cell(curve: Curve) -> str:
-    """A curve in the overview."""
+    """Formats a curve for the overview."""
     marks = {"ahead": " ▲", "behind": " ▼"}
     missing = f" of {len(curve.runs)}" if len(curve.runs) < curve.wanted else ""
     return mean_with_interval(curve.rates) + marks.get(curve.against_the_first, "") + missing
 
 
 def over() -> str:
-    """Methods that all opening panels have, over all of them; the others are compared with the first."""
+    """Compares the methods that all opening panels have with the first one, over all these panels."""
     columns = [
         {curve.name: curve.rates for curve in curves(*panel) if len(curve.rates) >= FEWEST}
         for panel in OPENING
@@ -87,19 +87,19 @@ def over() -> str:
 
 
 def mark(probability: Bounded) -> str:
-    """Whether a probability is above or below a half."""
+    """Marks a probability whose interval is above or below one half."""
     _, low, high = probability
     return " ▲" if low > 0.5 else " ▼" if high < 0.5 else ""
 
 
 def replays(figure: str, panel: str) -> str:
-    """Of each curve the seeds that were replayed, and the success of both ways to act."""
+    """Shows for each curve the replayed seeds and the success of both ways to act."""
     found = {(row["run"], row["policy_sha256"]): row for row in read(REPLAYS)}
     text = head(["method", "seeds acted again", "seeds trained again", "sampled", "most probable"])
     for curve in curves(figure, panel):
         runs = (same for run in curve.runs for same in finished()[identity(run)])
         named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
-        # Of a seed that was trained, and replayed, more than once, one run.
+        # One run of each seed, even if the seed was trained and replayed more than once.
         rows = list({seed: found[name] for seed, name in named if name in found}.items())
         cells = [seeds(rows, column) for column in ("verified", "retrained")]
         cells += [mean(rows, column) for column in ("sampled", "most_probable")]
@@ -108,7 +108,7 @@ def replays(figure: str, panel: str) -> str:
 
 
 def coverage() -> str:
-    """Of each plan how many panels have all of their runs, and how many runs there are."""
+    """Counts for each plan the panels that have all their runs, and the finished runs."""
     text = head(["plan", "complete panels", "runs"])
     for figure in dict.fromkeys(figure for figure, _ in plans()):
         panels = [runs_of(plan) for (name, _), plan in plans().items() if name == figure]
@@ -120,12 +120,12 @@ def coverage() -> str:
 
 
 def runs_of(plan: Plan) -> set[tuple[Settings, int]]:
-    """The runs that a panel is to have."""
+    """Returns the runs that a panel needs."""
     return {(curve.settings, seed) for curve in plan.curves.values() for seed in plan.seeds}
 
 
 def search() -> str:
-    """How many runs of each method were trained to choose settings, by task."""
+    """Counts the runs of each method that were trained to choose settings, by task."""
     runs = [run for run in read(HERE / "settings.csv") if int(run["seed"]) >= FIRST_TUNING_SEED]
     times = Counter((tuned(run), run["task"]) for run in runs)
     tasks, methods = sorted({task for _, task in times}), sorted({method for method, _ in times})
@@ -136,23 +136,23 @@ def search() -> str:
 
 
 def tuned(run: Row) -> str:
-    """The method whose settings a run was trained to choose."""
+    """Returns the method whose settings a run was trained to choose."""
     return "soft-push-back" if "reward.agent_weight" in run["settings"] else run["method"]
 
 
 def seeds(rows: list[tuple[str, Row]], column: str) -> str:
-    """The seeds whose runs have something in a column."""
+    """Lists the seeds whose runs have a value in a column."""
     return ", ".join(seed for seed, row in rows if row[column]) or "-"
 
 
 def mean(rows: list[tuple[str, Row]], column: str) -> str:
-    """The mean of a column over those that have something there."""
+    """Formats the mean of a column over the runs that have a value there."""
     found = [float(row[column]) for _, row in rows if row[column]]
     return mean_with_interval(found) if found else "-"
 
 
 def repeated() -> str:
-    """How many runs have been trained more than once; they are known by their weights."""
+    """Counts the runs that were trained more than once; they are identified by their weights."""
     runs = [run for run in read(RUNS) if int(run["environment_steps"])]
     names: dict[tuple[str, str], set[str]] = {}
     for run in runs:

@@ -1,14 +1,15 @@
-"""Does the standard deviation of a run's ensemble rank unfamiliar states above demonstrated ones?
+"""Tests whether the standard deviation of a run's ensemble ranks unfamiliar states above demonstrated ones.
 
-For each kind of states: the mean, and the probability that it is higher for one of them than for a state of
-the run's own demonstrations (AUROC): 0.5 where the two are not told apart, 1 where all of them are ranked
-above. Then the mean proximity, and of the expert's states, which have labels (Eq. 1), its mean error.
+For each kind of states it computes the mean standard deviation, and the probability that the deviation is
+higher for one of them than for a state of the run's own demonstrations (AUROC): 0.5 if the two are not told
+apart, 1 if all of them rank above. It also computes the mean proximity and, for the expert's states, which
+have labels (Eq. 1), the mean absolute error of the proximity.
 
     pip install -r docs/results/requirements.txt ./python[policy]
     python docs/results/uncertainty.py GOALWARD SETTINGS RUN...
 
-SETTINGS is what of the runs' settings differs from the default, or empty. In `uncertainty.csv` the rows take
-the places of those of the same runs.
+SETTINGS are those of the runs' settings that differ from the default, or empty. The rows replace those of the
+same runs in `uncertainty.csv`.
 """
 
 import subprocess
@@ -27,9 +28,9 @@ DATA = HERE / "uncertainty.csv"
 # The columns that name a run.
 RUN = ["task", "method", "settings", "steps", "seed"]
 EPISODES = 200
-# A seed that no run of the results has.
+# A seed that no run of the results uses.
 SEED = 777
-# What demonstrations are wider with than those of the results' runs, which cover what the agent meets.
+# Options that make demonstrations wider than those of the results' runs; they cover what the agent meets.
 WIDER = {
     "navigation": ["--coverage", "1.0"],
     "fetch-push": ["--noise", "2.0"],
@@ -46,7 +47,7 @@ class Ensemble:
         self.session = onnxruntime.InferenceSession(folder / "ensemble.onnx")
 
     def scores(self, episodes) -> tuple[numpy.ndarray, numpy.ndarray]:
-        """Standard deviation and proximity of all observations of episodes, one after another."""
+        """Returns standard deviation and proximity of all observations of episodes, concatenated."""
         observations = numpy.concatenate([numpy.asarray(episode.observations) for episode in episodes])
         inputs = {self.session.get_inputs()[0].name: observations}
         deviation, proximity = self.session.run(["standard_deviation", "proximity"], inputs)
@@ -54,14 +55,14 @@ class Ensemble:
 
 
 def recorded(goalward: str, task: str, file: Path, options: list[str]) -> list:
-    """Episodes of the task's expert that no run has seen."""
+    """Records episodes of the task's expert that no run has seen."""
     command = [goalward, "demonstrate", task, "--episodes", str(EPISODES), "--seed", str(SEED), "--out", file]
     subprocess.run([*command, *options], check=True, capture_output=True)
     return demonstrations.read(file).episodes
 
 
 def labels(reward: dict, episodes) -> numpy.ndarray:
-    """The proximity that is learned of the expert's states, which end at the goal."""
+    """Returns the target proximities of the expert's states (Eq. 1), whose episodes end at the goal."""
     lengths = [len(episode.observations) for episode in episodes]
     left = numpy.concatenate([numpy.arange(length)[::-1] for length in lengths])
     if reward["discounting"] == "exponential":
@@ -70,21 +71,21 @@ def labels(reward: dict, episodes) -> numpy.ndarray:
 
 
 def auroc(others: numpy.ndarray, own: numpy.ndarray) -> float:
-    """The share of pairs in which the first is larger, equal ones counting half."""
+    """Returns the share of pairs in which the first value is larger; equal ones count half."""
     own = numpy.sort(own)
     below, not_above = numpy.searchsorted(own, others, "left"), numpy.searchsorted(own, others, "right")
     return float((below + not_above).mean() / (2 * len(own)))
 
 
 def rows(goalward: str, settings: str, run: Path):
-    """A row for each kind of states."""
+    """Yields a row for each kind of states."""
     log = Log(run)
     task = log.config["task"]["name"]
     named = [task, log.config["method"], settings, log.config["steps"], log.config["seed"]]
     demonstrated = log.config["demonstrations"]
     setting = [f"--{key}={demonstrated[key]}" for key in ("coverage", "noise") if key in demonstrated]
     training = list(log.trajectories("training"))
-    # Runs of an experiment share theirs.
+    # Runs of an experiment share their demonstrations.
     own = Path(demonstrated.get("file", run / "demonstrations.mcap"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -112,13 +113,13 @@ def rows(goalward: str, settings: str, run: Path):
 
 
 def place(row: Row) -> tuple:
-    """Where the rows of a run stand, which keep their order."""
+    """Returns a sort key for the rows of a run, which keep their order."""
     task, method, settings, steps, seed = (row[column] for column in RUN)
     return task, method, settings, int(steps), int(seed)
 
 
 def main(goalward: str, settings: str, *runs: str) -> None:
-    """Puts the rows of all runs in their places."""
+    """Replaces or adds the rows of all runs."""
     new = [row for run in runs for row in rows(goalward, settings, Path(run))]
     taken = set(map(place, new))
     if len(taken) < len(runs):

@@ -1,5 +1,5 @@
-//! Steps per second of every task under random actions, with the observation written at each step
-//! and a reset from a fresh stream at each episode's end, as an actor runs it.
+//! Measures steps per second of every task under random actions. As in an actor, every step writes the observation,
+//! and every episode starts with a reset from a fresh stream.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use environments::{BUILT_IN, Setting};
@@ -8,7 +8,7 @@ use protocol::task::{ActionSpec, write_floats};
 use rand::RngExt;
 use std::hint::black_box;
 
-/// Actions drawn before the clock runs, used in turn.
+/// Number of actions drawn before timing starts; they are used in turn.
 const ACTIONS: usize = 4096;
 
 fn random_steps(criterion: &mut Criterion) {

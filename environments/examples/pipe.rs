@@ -1,18 +1,18 @@
-//! Plays a task of physics for a program in another language: a JSON request a line on standard input, a JSON
-//! answer a line on standard output. `environments/fidelity/` compares the task with MuJoCo by it,
-//! `docs/results/peers_methods.py` methods with those of a Python library.
+//! Runs a physics task for a program in another language. It reads one JSON request per line from standard input and
+//! writes one JSON response per line to standard output. `environments/fidelity/` uses it to compare the tasks with
+//! MuJoCo, `docs/results/peers_methods.py` to compare methods with those of a Python library.
 //!
-//! Arguments: the name of the task, and its setting as JSON, such as `fetch-push '{"noise": 0}'`.
+//! Arguments: the name of the task, and optionally its setting as JSON, as in `fetch-push '{"noise": 0}'`.
 //!
-//! | request | answer |
+//! | request | response |
 //! |---|---|
 //! | `{"reset": 3}`, with the number of an episode | `{"observation": [...], "ending": null, "success": false}` |
 //! | `{"step": [0.5, 0, 0]}`, with an action | the same |
-//! | `"expert"` | `{"action": [...]}`, or `{"action": null}` where there is none |
+//! | `"expert"` | `{"action": [...]}`, or `{"action": null}` if there is none |
 //! | `{"time": 1000}`, with a number of steps | `{"thread_s": 0.2}` |
 //!
-//! The time is that of this thread on its processor, in seconds, for steps with random actions and a
-//! reset at every end; the actions are drawn before the clock runs.
+//! `thread_s` is the processor time of this thread, in seconds, for steps with random actions and a reset at the end
+//! of every episode. The actions are drawn before timing starts.
 
 use std::error::Error;
 use std::io::{BufRead, Write};
@@ -25,7 +25,7 @@ use rand::RngExt;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// The seed that all episodes are drawn from.
+/// The seed of all episodes.
 const SEED: u64 = 1;
 
 #[derive(Deserialize)]
@@ -104,7 +104,7 @@ fn answer(environment: &mut dyn Environment, request: Request) -> Result<Answer,
     })
 }
 
-/// Seconds that this thread spends on random steps.
+/// Returns the seconds that this thread spends on random steps.
 fn time_s(environment: &mut dyn Environment, steps: u32) -> Result<f64, Box<dyn Error>> {
     let spec = environment.spec();
     let (mut observation, width) = (vec![0; spec.observation.bytes()], spec.action.bytes());

@@ -2,7 +2,7 @@
 
 The model is written here from its published numbers: a ball and twelve capsules of density 5, eight
 hinges of armature 1 and damping 1 driven by torques of up to 150, contact with the floor only. The
-goal marker, a free body that touches nothing, is left out; it is observed where an episode began.
+goal marker, a free body that touches nothing, is left out; observations show it at its starting place.
 """
 
 import mujoco
@@ -13,7 +13,7 @@ TIMESTEPS_PER_STEP = 5
 TIMESTEP_S = 0.02
 STEP_S = TIMESTEPS_PER_STEP * TIMESTEP_S
 
-# Places in an observation of 132 numbers.
+# Indices in an observation of 132 numbers.
 HEIGHT = 0
 ORIENTATION = slice(1, 5)
 JOINTS = slice(5, 13)
@@ -23,7 +23,7 @@ VELOCITY = slice(20, 23)
 JOINT_RATES = slice(26, 34)
 TO_GOAL = slice(130, 132)
 
-# Where each leg points, the axis its ankle turns around, and the range of its ankle in degrees.
+# Direction of each leg, axis of its ankle, and range of its ankle in degrees.
 LEGS = [
     ((+1, +1), (-1, 1, 0), (30, 70)),
     ((-1, +1), (1, 1, 0), (-70, -30)),
@@ -34,7 +34,7 @@ MOTORS = ["hip_4", "ankle_4", "hip_1", "ankle_1", "hip_2", "ankle_2", "hip_3", "
 
 
 def leg(number, direction, axis, ankle_range):
-    """A capsule fixed to the torso, one on a hip that turns around z, one on an ankle."""
+    """Returns a capsule fixed to the torso, one on a hip that turns around z, and one on an ankle."""
     x, y = (0.2 * part for part in direction)
     capsule = '<geom type="capsule" size="0.08" fromto="0 0 0 {} {} 0"/>'.format
     hinge = '<joint name="{}_{}" type="hinge" axis="{} {} {}" range="{} {}"/>'.format
@@ -48,7 +48,7 @@ def leg(number, direction, axis, ankle_range):
 
 
 def model(timestep_s=TIMESTEP_S):
-    """The ant on its floor."""
+    """Returns the model of the ant on its floor."""
     legs = "".join(leg(number, *values) for number, values in enumerate(LEGS, start=1))
     motors = "".join(f'<motor joint="{joint}" gear="150" ctrlrange="-1 1"/>' for joint in MOTORS)
     return mujoco.MjModel.from_xml_string(f"""
@@ -82,7 +82,7 @@ class Ant:
         self.marker = np.zeros(7)
 
     def begin(self, first):
-        """Puts the ant where the observation `first` has it and returns what it observes there."""
+        """Puts the ant into the state of the observation `first` and returns its own observation there."""
         mujoco.mj_resetData(self.model, self.data)
         self.marker = first[MARKER]
         self.data.qpos[:2] = first[GOAL_XY] - first[TO_GOAL]
@@ -97,7 +97,7 @@ class Ant:
         return self.observation()
 
     def depth(self, observation):
-        """How deep the lowest ball or capsule of an observed ant is in the floor, meters."""
+        """Returns how deep the lowest ball or capsule of an observed ant is in the floor, meters."""
         self.begin(observation)
         mujoco.mj_kinematics(self.model, self.data)
         lowest = np.inf
@@ -122,5 +122,5 @@ class Ant:
 
 
 def torso_xy(observations):
-    """Where the torso stands, read off observations in rows."""
+    """Returns the x and y of the torso for observations in rows."""
     return observations[:, GOAL_XY] - observations[:, TO_GOAL]

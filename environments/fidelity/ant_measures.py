@@ -1,4 +1,4 @@
-"""What is measured of Ant Reach: the passive ant, its answer to torques, and a trained expert."""
+"""Measurements of Ant Reach: the passive ant, its response to torques, and a trained expert."""
 
 import ant
 import numpy as np
@@ -12,7 +12,7 @@ SEQUENCES = 10
 
 
 def settling():
-    """No torque from the start, which is a drop of a few centimeters and then a passive stand."""
+    """No torque from the start on: a drop of a few centimeters, then a passive stand."""
     still = in_turn(np.zeros((ant.HORIZON_STEPS, 8)))
     both = play_both(ant.Ant(), Goalward("ant-reach"), 0, still, ant.HORIZON_STEPS)
     rows = [
@@ -31,7 +31,7 @@ def settling():
 
 
 def errors(observations, reference):
-    """Mean distance of a trajectory from another: joints (rms, rad), height (m), place (m)."""
+    """Errors of a trajectory: joints after one step and on average (rms, rad), height and position (m)."""
     apart = observations - reference
     joints = np.sqrt(np.mean(apart[1:, ant.JOINTS] ** 2, axis=1))
     place = np.linalg.norm(ant.torso_xy(observations) - ant.torso_xy(reference), axis=1)[1:]
@@ -39,7 +39,7 @@ def errors(observations, reference):
 
 
 def torque_sequences():
-    """Distances from MuJoCo's trajectory; its own at a quarter of the timestep as the yardstick."""
+    """Differences from MuJoCo's trajectory; for scale, those of MuJoCo at a quarter of the timestep."""
     reference, finer, goalward = ant.Ant(), ant.Ant(ant.TIMESTEP_S / 4), Goalward("ant-reach")
     draws = np.random.default_rng(1)
     rows = []
@@ -58,7 +58,7 @@ def torque_sequences():
 
 
 def gait(observations):
-    """Travel, height (mean, least, most), speed, rates of the joints, share on its back, depth."""
+    """Travel, height (mean, least, most), speed, joint velocities, share of time on its back, depth."""
     probe = ant.Ant()
     place, height = ant.torso_xy(observations), observations[:, ant.HEIGHT]
     x, y = observations[:, ant.ORIENTATION][:, 1:3].T
@@ -100,7 +100,7 @@ def random_torques(episodes):
 
 
 def expert(policy, episodes):
-    """A policy trained in Goalward, played by its mean action on both sides."""
+    """A policy trained in Goalward, whose mean actions act on both sides."""
     mujoco, goalward = ant.Ant(), Goalward("ant-reach")
     reached, steps, speeds = [], [], []
     for episode in range(episodes):

@@ -39,7 +39,7 @@ python environments/fidelity/compare.py"""
 
 
 def sections(arguments):
-    """The tables, from the smallest movement to the whole task."""
+    """Yields the tables, from the smallest movement to the whole task."""
     yield table.section(
         "Fetch: gripper, fingers and cube",
         "Every row begins at an episode's start, with the cube in the middle of its range. An action of "

@@ -1,7 +1,7 @@
 """Fetch Pick and Fetch Push (paper, Section 4.4) in MuJoCo, and the scripted experts.
 
-The scene, its solver settings and its actions are those of gymnasium-robotics; starts and goals are
-given, the observation is cut to the paper's sixteen numbers, and the experts are the authors'.
+The scene, its solver settings and its actions are those of gymnasium-robotics. Starts and goals are
+given, the observation is reduced to the paper's sixteen numbers, and the experts are the authors'.
 """
 
 import gymnasium
@@ -14,7 +14,7 @@ gymnasium.register_envs(gymnasium_robotics)
 HORIZON_STEPS = {"fetch-pick": 50, "fetch-push": 60}
 SUCCESS_RADIUS_M = 0.05
 
-# Places in an observation of sixteen numbers.
+# Indices in an observation of sixteen numbers.
 GRIPPER = slice(0, 3)
 CUBE = slice(3, 6)
 CUBE_FROM_GRIPPER = slice(6, 9)
@@ -35,7 +35,7 @@ class Fetch:
         self.cube = self.model.jnt_qposadr[self.model.joint("object0:joint").id]
 
     def begin(self, first):
-        """Lays cube and goal where the observation `first` has them; returns what it observes."""
+        """Places cube and goal as in the observation `first`; returns the resulting observation."""
         self.environment.reset(seed=0)
         self.data.qpos[self.cube : self.cube + 2] = first[CUBE][:2]
         self.environment.goal = np.array(first[GOAL])
@@ -43,7 +43,7 @@ class Fetch:
         return self.cut(self.environment._get_obs())
 
     def step(self, action):
-        """Moves the gripper, and the fingers where they are free, for 0.04 s."""
+        """Moves the gripper, and in Fetch Pick the fingers, for 0.04 s."""
         action = np.append(action, 0.0) if self.fingers_held else np.asarray(action)
         return self.cut(self.environment.step(action)[0])
 
@@ -52,23 +52,23 @@ class Fetch:
 
 
 def distance(observation):
-    """From the cube to the goal, meters."""
+    """Returns the distance from the cube to the goal, meters."""
     return np.linalg.norm(observation[CUBE] - observation[GOAL])
 
 
 def succeeded(observation):
-    """Whether the cube is at the goal."""
+    """Returns whether the cube is at the goal."""
     return distance(observation) < SUCCESS_RADIUS_M
 
 
 class PickExpert:
-    """Above the cube, down to it, to the goal, and hold: six times the way left, as an action."""
+    """Moves above the cube, down to it, and to the goal, then holds; actions are six times the way left."""
 
     def __init__(self):
         self.stage = 0
 
     def way(self, observation):
-        """The way left in the present stage, what the fingers do, and how near will do."""
+        """Returns the way left in the current stage, the fingers' action, and the tolerance (m)."""
         return [
             (observation[CUBE_FROM_GRIPPER] + [0, 0, 0.03], 0.05, 0.005),
             (observation[CUBE_FROM_GRIPPER], -0.005, 0.005),
@@ -88,7 +88,7 @@ class PickExpert:
 
 
 class PushExpert:
-    """Up, behind the cube, down, and towards the goal: six times the way left, as an action."""
+    """Moves up, behind the cube, down, and toward the goal; actions are six times the way left."""
 
     def __init__(self):
         self.stage = 0

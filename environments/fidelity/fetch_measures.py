@@ -1,4 +1,4 @@
-"""What is measured of the Fetch tasks: how gripper, fingers and cube answer, and the experts."""
+"""Measurements of the Fetch tasks: how gripper, fingers and cube respond, and the experts."""
 
 import fetch
 import numpy as np
@@ -11,7 +11,7 @@ LIFT_M = 0.15
 
 
 def gripper():
-    """Actions along an axis from rest, and coasting after them."""
+    """Actions along an axis from rest, and the coasting after them."""
     mujoco, goalward = fetch.Fetch("fetch-pick"), Goalward("fetch-pick", noise=0)
     rows = []
     for name, action, after_steps in [
@@ -34,7 +34,7 @@ def gripper():
 
 
 def fingers():
-    """Opening and closing in the air, by the experts' actions and by the largest ones."""
+    """Opening and closing in the air, with the experts' actions and with the largest ones."""
     mujoco, goalward = fetch.Fetch("fetch-pick"), Goalward("fetch-pick", noise=0)
     rows = []
     for size in [0.05, 1.0]:
@@ -49,7 +49,7 @@ def fingers():
 
 
 def push():
-    """The closed fingers against the middle of a face of the cube, at full action."""
+    """The closed fingers push against the middle of a face of the cube, at full action."""
     mujoco, goalward = fetch.Fetch("fetch-push"), Goalward("fetch-push", noise=0)
     actions = [[0, 1, 0]] * 6 + [[0, 0, 0]] * 6
     both = play_both(mujoco, goalward, 0, in_turn(actions), len(actions))
@@ -65,7 +65,7 @@ def push():
 
 
 def press():
-    """The closed fingers down onto the cube, in its middle and 15 mm off it along both axes."""
+    """The closed fingers press down on the cube, in its middle and 15 mm off it along both axes."""
     mujoco, goalward = fetch.Fetch("fetch-push"), Goalward("fetch-push", noise=0)
     rows = []
     for place, off_m in [("in the middle", 0.0), ("near a corner", 0.015)]:
@@ -80,7 +80,7 @@ def press():
 
 
 def pressed(world, first, over):
-    """Up, over the cube, and four steps down."""
+    """Moves up, then above the cube, then down for four steps."""
     targets = [first[fetch.GRIPPER] + [0, 0, 0.1]] * 15 + [over] * 25
     left = iter(targets)
 
@@ -92,7 +92,7 @@ def pressed(world, first, over):
 
 
 def hold(episodes):
-    """Grasp, lift straight up, hold to the end of fifty steps, by the authors' expert."""
+    """The authors' expert grasps, lifts straight up, and holds until step fifty."""
     mujoco, goalward = fetch.Fetch("fetch-pick"), Goalward("fetch-pick")
     held, errors_mm, slips_mm, open_mm = [], [], [], []
     for episode in range(episodes):
@@ -112,7 +112,7 @@ def hold(episodes):
 
 
 def lift(world, first):
-    """The expert with the goal above the cube, where the task never has it: no early end."""
+    """Runs the expert with the goal above the cube; no task has it there, so no episode ends early."""
     expert = fetch.PickExpert()
     goal = first[fetch.CUBE] + [0, 0, LIFT_M]
 
@@ -129,7 +129,7 @@ def slip(observations):
 
 
 def experts(task, episodes):
-    """The authors' expert on both sides, and Goalward's own on its side, as the task ends."""
+    """The authors' expert on both sides, and Goalward's own on its side, until success or the horizon."""
     mujoco, goalward = fetch.Fetch(task), Goalward(task)
     horizon = fetch.HORIZON_STEPS[task]
     plays = []
@@ -151,7 +151,7 @@ def experts(task, episodes):
 
 
 def random_actions(task, episodes):
-    """How often blind exploration meets the cube."""
+    """How often random exploration moves the cube."""
     mujoco, goalward = fetch.Fetch(task), Goalward(task)
     draws = np.random.default_rng(1)
     width, horizon = {"fetch-pick": 4, "fetch-push": 3}[task], fetch.HORIZON_STEPS[task]

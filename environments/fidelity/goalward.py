@@ -1,4 +1,4 @@
-"""Goalward's side: the same tasks in rapier, played by `environments/examples/pipe.rs`."""
+"""Goalward's side: the same tasks in rapier, run by `environments/examples/pipe.rs`."""
 
 import functools
 import json
@@ -13,14 +13,14 @@ BUILD = "cargo build --release --package environments --example pipe --message-f
 
 @functools.cache
 def executable():
-    """Builds the example and returns where it is."""
+    """Builds the example and returns its path."""
     done = subprocess.run(BUILD.split(), cwd=WORKSPACE, check=True, stdout=subprocess.PIPE, text=True)
     messages = [json.loads(line) for line in done.stdout.splitlines()]
     return next(message["executable"] for message in messages if message.get("executable"))
 
 
 class Goalward:
-    """Episodes of a task; every keyword is one of its setting."""
+    """Episodes of a task; every keyword argument is a key of its setting."""
 
     def __init__(self, task, **setting):
         self.process = subprocess.Popen(
@@ -39,11 +39,11 @@ class Goalward:
         return self.state({"step": [float(number) for number in action]})
 
     def expert_action(self):
-        """What the task's own expert does in the present state."""
+        """Returns the action of the task's own expert in the current state."""
         return np.array(self.ask("expert")["action"])
 
     def thread_s(self, steps):
-        """Processor seconds of so many random steps, resets included."""
+        """Returns the processor seconds of `steps` random steps, resets included."""
         return self.ask({"time": steps})["thread_s"]
 
     def state(self, request):

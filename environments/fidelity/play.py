@@ -4,7 +4,7 @@ import numpy as np
 
 
 def play(world, observation, choose, steps_max, until=lambda observation: False):
-    """Observations of an episode in rows, the first included; `choose` gives the actions."""
+    """Returns the observations of an episode in rows, the first included; `choose` gives the actions."""
     observations = [observation]
     while len(observations) <= steps_max and not until(observation):
         observation = world.step(choose(observation))
@@ -13,14 +13,14 @@ def play(world, observation, choose, steps_max, until=lambda observation: False)
 
 
 def play_both(mujoco, goalward, episode, choosers, steps_max, until=lambda observation: False):
-    """The same episode on both sides; `choosers` makes a fresh `choose` for each."""
+    """Plays the same episode on both sides; `choosers` makes a fresh `choose` for each."""
     first = goalward.begin(episode)
     ours = play(goalward, first, choosers(), steps_max, until)
     return play(mujoco, mujoco.begin(first), choosers(), steps_max, until), ours
 
 
 def in_turn(actions):
-    """A maker of `choose` that plays the same actions whatever is observed."""
+    """Returns a maker of `choose` that plays the same actions whatever is observed."""
 
     def chooser():
         left = iter(actions)

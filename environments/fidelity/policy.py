@@ -1,4 +1,4 @@
-"""A policy that Goalward has trained, such as the expert of Ant Reach."""
+"""A policy trained by Goalward, such as the expert of Ant Reach."""
 
 import itertools
 import json
@@ -11,7 +11,7 @@ KINDS = {"F32": np.float32, "F64": np.float64, "U64": np.uint64}
 
 
 def tensors(path):
-    """The arrays of a safetensors file by name."""
+    """Returns the arrays of a safetensors file by name."""
     content = path.read_bytes()
     begin = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:begin])
@@ -27,7 +27,7 @@ ANT_EXPERT = pathlib.Path(__file__).resolve().parents[2] / "environments/experts
 
 
 class Policy:
-    """The mean action of a policy; hidden layers with tanh, as all vector tasks have.
+    """The mean action of a policy with tanh hidden layers, as all vector tasks have.
 
     Its folder holds a run's config.toml and the policy.safetensors of a checkpoint.
     """

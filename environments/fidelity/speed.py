@@ -1,4 +1,4 @@
-"""Steps per second of both sides: one thread, its own processor time, in turns."""
+"""Steps per second of both sides: the processor time of one thread, measured in turns."""
 
 import time
 
@@ -17,7 +17,7 @@ STEPS = {"fetch-pick": 800, "fetch-push": 800, "ant-reach": 4000}
 
 
 def with_gymnasium(environment, actions):
-    """Seconds of a whole environment, observations and resets included."""
+    """Returns the seconds of a whole environment, observations and resets included."""
     begun_s = time.thread_time()
     for number, action in enumerate(actions):
         if number % EPISODE_STEPS == 0:
@@ -27,7 +27,7 @@ def with_gymnasium(environment, actions):
 
 
 def bare(world, first, actions):
-    """Seconds of MuJoCo's stepping alone: no observation, and resets while the clock stands."""
+    """Returns the seconds of MuJoCo's stepping alone: no observations, and resets are not timed."""
     seconds = 0
     for episode in np.split(actions, len(actions) // EPISODE_STEPS):
         world.begin(first)
@@ -40,7 +40,7 @@ def bare(world, first, actions):
 
 
 def rates(task):
-    """Steps per second in rounds: MuJoCo alone, with Gymnasium, and Goalward."""
+    """Returns steps per second in each round: MuJoCo alone, with Gymnasium, and Goalward."""
     if task == "ant-reach":
         world = ant.Ant()
         environment = gymnasium.make("Ant-v5").unwrapped

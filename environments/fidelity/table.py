@@ -1,4 +1,4 @@
-"""Rows of the comparison: what was measured, in MuJoCo, in Goalward, and the difference."""
+"""Rows of the comparison: the measure, MuJoCo, Goalward, and the difference."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ def row(measure, *columns):
 
 
 def numbers(measure, mujoco, goalward, digits=1):
-    """A measured number of each side."""
+    """Returns the row of one number per side."""
     form = f"{{:z.{digits}f}}".format
     return row(measure, form(mujoco), form(goalward), signed(goalward - mujoco, digits))
 
 
 def samples(measure, mujoco, goalward, digits=2):
-    """Mean and standard deviation of paired episodes; the difference with its standard error."""
+    """Returns mean and standard deviation of paired episodes; the difference with its standard error."""
     form = f"{{:.{digits}f}} ({{:.{digits}f}})".format
     apart = np.subtract(goalward, mujoco)
     error = np.std(apart, ddof=1) / np.sqrt(len(apart))
@@ -29,7 +29,7 @@ def samples(measure, mujoco, goalward, digits=2):
 
 
 def shares(measure, mujoco, goalward):
-    """How many of the episodes of each side."""
+    """Returns how many episodes of each side have a property, and the difference in percentage points."""
     form = "{} of {}".format
     columns = [form(np.sum(episodes), len(episodes)) for episodes in (mujoco, goalward)]
     points = 100 * (np.mean(goalward) - np.mean(mujoco))

@@ -1,23 +1,22 @@
-//! The check every action passes before it touches a state, whether a network chose it or a log
-//! holds it, and the scale by which a continuous one then acts.
+//! The check that every action passes before it acts, whether a network chose it or a log holds it, and the scale that
+//! is applied to continuous actions.
 
 use crate::EnvironmentError;
 use protocol::error::within;
 use protocol::setting::ACTION_SCALE;
 use protocol::task::{ActionSpec, Spec, floats};
 
-/// Refuses an action that does not fit the spec, and any while no episode is running.
+/// Refuses an action that does not fit the spec, and every action while no episode is running.
 ///
 /// # Errors
-/// What an [`Environment`](crate::Environment) has to refuse before it steps.
+/// The errors that [`Environment::step`](crate::Environment::step) documents for refused actions.
 pub fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
     check(spec, action)?;
     if running { Ok(()) } else { Err(EnvironmentError::NotRunning) }
 }
 
-/// Refuses an action that does not fit the spec: its length in bytes, a discrete action that the
-/// task does not have, or a number that is not finite. Finite numbers outside [-1, 1] are fine, the
-/// environment clips them.
+/// Refuses an action that does not fit the spec: a wrong length in bytes, a discrete action that the task does not
+/// have, or a number that is not finite. Finite numbers outside [-1, 1] are accepted; the environment clips them.
 fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
     let (expected, found) = (spec.action.bytes(), action.len());
     if found != expected {
@@ -41,18 +40,19 @@ fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
     Ok(())
 }
 
-/// What each number of a continuous action is multiplied with before it acts.
+/// The factors that multiply the numbers of a continuous action before it acts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scale {
-    /// One factor for each number, or none for a scale of one.
+    /// One factor for each number, or empty for a scale of one.
     factors: Vec<f32>,
 }
 
 impl Scale {
-    /// The scale of an action of `len` numbers that a setting has.
+    /// Makes the scale for actions of `len` numbers from the factors in a setting.
     ///
     /// # Errors
-    /// When there are more or fewer factors, though not none, or one is not above 0 and finite in 32 bits.
+    /// When `factors` is neither empty nor of length `len`, or when a factor is not above 0 or, in 32 bits, not
+    /// finite.
     pub fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
         let found = factors.len();
         let expected = format!("empty or {len} numbers, as the action has");
@@ -65,18 +65,18 @@ impl Scale {
         Ok(Scale { factors: factors.iter().map(|&number| number as f32).collect() })
     }
 
-    /// The numbers of a checked action as they act: scaled, then clipped to [-1, 1].
+    /// Returns the numbers of a checked action as they act: scaled, then clipped to [-1, 1].
     pub fn scaled<'a>(&'a self, action: &'a [u8]) -> impl Iterator<Item = f32> + 'a {
         let numbers = floats(action).enumerate();
         numbers.map(|(index, number)| (number * self.factor(index)).clamp(-1.0, 1.0))
     }
 
-    /// The numbers of the action whose scaled ones are these, but for the last bit of rounding.
+    /// Returns the action that [`Scale::scaled`] maps to these numbers, up to the rounding of the last bit.
     pub fn unscaled(&self, numbers: impl Iterator<Item = f32>) -> impl Iterator<Item = f32> {
         numbers.enumerate().map(|(index, number)| number / self.factor(index))
     }
 
-    /// As many of the numbers of [`Scale::scaled`] as an array holds; zeros where there are no more.
+    /// Returns the first `LEN` numbers of [`Scale::scaled`], padded with zeros.
     pub(crate) fn clipped<const LEN: usize>(&self, action: &[u8]) -> [f32; LEN] {
         let mut numbers = [0.0; LEN];
         numbers.iter_mut().zip(self.scaled(action)).for_each(|(number, scaled)| *number = scaled);

@@ -1,61 +1,60 @@
-//! The one error type of this crate; every message says what was expected and what was found.
+//! The error type of this crate; every message says what was expected and what was found.
 
-/// What an environment refuses.
+/// An error of an environment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EnvironmentError {
-    /// A task that is not there.
+    /// The task does not exist.
     #[error("unknown task `{found}`; known tasks: {known}")]
     UnknownTask {
-        /// The name given.
+        /// The name that was given.
         found: String,
-        /// The names there are.
+        /// The names of the known tasks.
         known: String,
     },
-    /// A setting that the task does not have.
+    /// The task does not accept the setting.
     #[error(transparent)]
     Setting(#[from] protocol::Error),
-    /// A state with a number that is infinite or no number.
+    /// The state has a number that is infinite or NaN.
     #[error("expected finite numbers in the state, found {found} in {part} at step {step}")]
     StateNotFinite {
-        /// The body or joint.
+        /// The body with that number, or whose joint has it.
         part: &'static str,
         /// The number.
         found: f32,
-        /// Steps taken in the episode.
+        /// Number of steps taken in the episode.
         step: u32,
     },
-    /// An action of the wrong length.
+    /// The action has the wrong length.
     #[error("expected an action of {expected} bytes, found {found} bytes")]
     ActionLength {
-        /// Length of an action in bytes.
+        /// Expected length of an action, bytes.
         expected: usize,
-        /// Length of the action given in bytes.
+        /// Length of the given action, bytes.
         found: usize,
     },
-    /// A discrete action that the task does not have.
+    /// The task does not have this discrete action.
     #[error("expected an action below {count}, found action {found}")]
     ActionUnknown {
         /// Number of actions.
         count: usize,
-        /// The action given.
+        /// The given action.
         found: u8,
     },
-    /// A continuous action with a number that is infinite or no number.
+    /// The continuous action has a number that is infinite or NaN.
     #[error("expected finite numbers in the action, found {found} at index {index}")]
     ActionNotFinite {
-        /// Place of the number in the action.
+        /// Index of the number in the action.
         index: usize,
-        /// The number given.
+        /// The number.
         found: f32,
     },
-    /// A step before the first reset or after an episode's end.
+    /// A step was asked for before the first reset or after the end of an episode.
     #[error("expected a reset before this step, no episode is running")]
     NotRunning,
-    /// What an environment that is none of ours raised: in the same episode it would raise it again.
+    /// An external environment raised an error; the same episode would raise it again.
     #[error("{0}")]
     Raised(String),
-    /// What an environment that is none of ours has to say that does not follow from the episode: tried again it
-    /// may go well.
+    /// An external environment failed for a reason that does not follow from the episode; another try may succeed.
     #[error("{0}")]
     Other(String),
 }

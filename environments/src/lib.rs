@@ -1,10 +1,9 @@
-//! The tasks of the paper and their experts, where every trajectory begins.
+//! The tasks of the paper and their scripted or trained experts.
 //!
-//! An environment is a pure function of its state and an action. It has no clock, no thread, no file
-//! and no randomness but the [`Stream`] handed to `reset`: the same stream and the same actions give
-//! the same bytes on every machine. Observations and actions are bytes laid out as
-//! [`protocol::task`] says; an environment writes them where the caller keeps them, and nothing of
-//! ours allocates in a step.
+//! An environment is a pure function of its state and an action. It has no clock, no thread, no file and no randomness
+//! except the [`Stream`] passed to `reset`: the same stream and the same actions give the same bytes on every machine.
+//! Observations and actions are bytes laid out as in [`protocol::task`]. An environment writes them into buffers of
+//! the caller, and our own code allocates nothing in a step.
 //!
 //! ```
 //! use environments::{Setting, create};
@@ -45,30 +44,30 @@ use protocol::ending::Ending;
 use protocol::seed::Stream;
 use protocol::task::Spec;
 
-/// A task as an agent or an expert acts in it, one episode after another.
+/// A task in which an agent or an expert acts, one episode after another.
 pub trait Environment: Send {
-    /// The shapes of the task.
+    /// Returns the shapes of the task.
     fn spec(&self) -> Spec;
 
-    /// What it was made with, every key included that it has by default.
+    /// Returns the setting that the environment was made with, completed by the defaults.
     fn setting(&self) -> Setting;
 
-    /// What each class of cells is, or each number of a vector; empty where nobody says.
+    /// Returns names for the classes of cells or the numbers of an observation vector; empty if none are known.
     fn labels(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// Whether its episodes say if they reached the goal ([`Step::success`]).
+    /// Returns whether episodes report if they reached the goal ([`Step::success`]).
     fn tells_success(&self) -> bool {
         true
     }
 
     /// Begins an episode drawn from `stream` and writes its first observation.
     ///
-    /// Whatever came before leaves no trace: an episode depends on the stream and its actions alone.
+    /// Earlier episodes leave no trace: an episode depends only on the stream and its actions.
     ///
     /// # Errors
-    /// When the physics does not settle into a finite first state.
+    /// When the physics does not give a finite first state.
     ///
     /// # Panics
     /// When `observation` is not exactly as long as the spec says.
@@ -78,8 +77,8 @@ pub trait Environment: Send {
         observation: &mut [u8],
     ) -> Result<(), EnvironmentError>;
 
-    /// Tells the environment of the action of its next step, which follows. An environment that lives
-    /// elsewhere can take the steps of several lanes side by side then; others have no use for it.
+    /// Announces the action of the next call of [`Environment::step`]. An environment in another process can then step
+    /// several lanes in parallel; other environments ignore the call.
     ///
     /// # Errors
     /// As [`Environment::step`].
@@ -87,24 +86,24 @@ pub trait Environment: Send {
         Ok(())
     }
 
-    /// Takes one action and writes the observation it leads to, the last one of an episode included.
+    /// Takes one action and writes the observation that follows, also at the end of an episode.
     ///
     /// # Errors
-    /// When the action does not fit the spec (its length, a discrete action that does not exist, a
-    /// number that is not finite), when no episode is running, or when the physics leaves the finite
-    /// numbers. A refused action changes nothing.
+    /// When the action does not fit the spec (its length, a discrete action that does not exist, a number that is not
+    /// finite), when no episode is running, or when the physics gives a state that is not finite. A refused action
+    /// changes nothing.
     ///
     /// # Panics
     /// When `observation` is not exactly as long as the spec says.
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError>;
 
-    /// Writes the action the scripted expert takes in the present state.
+    /// Writes the action that the scripted expert takes in the current state.
     ///
-    /// Returns false, and writes nothing, where there is no such action: the task has no scripted
-    /// expert, no episode is running, or the expert has arrived and has nothing left to do.
+    /// Returns false, and writes nothing, if there is no such action: the task has no scripted expert, no episode is
+    /// running, or the expert has arrived and has nothing left to do.
     ///
     /// # Errors
-    /// When the script fails; those of this crate never do.
+    /// When the script fails; the scripts of this crate never do.
     ///
     /// # Panics
     /// When `action` is not exactly as long as the spec says.
@@ -112,35 +111,35 @@ pub trait Environment: Send {
         Ok(false)
     }
 
-    /// The xxh3 hash of the exact state: two environments with the same hash answer the same actions
-    /// with the same bytes. A replay compares it with the recorded one.
+    /// Returns the xxh3 hash of the exact state: two environments with the same hash respond to the same actions with
+    /// the same bytes. A replay compares the hash with the recorded one.
     fn state_hash(&self) -> u64;
 
-    /// The solids that a viewer draws, always the same; none for a task without physics.
+    /// Returns the solids that a viewer draws, which never change; empty for a task without physics.
     fn solids(&self) -> &[Solid] {
         &[]
     }
 
-    /// Appends the present pose of every solid, in the order of [`Environment::solids`].
+    /// Appends the current pose of every solid, in the order of [`Environment::solids`].
     fn append_poses(&self, _poses: &mut Vec<Pose>) {}
 
-    /// A picture of the present state, a PNG file; none where the environment renders none, or has not been
-    /// made to.
+    /// Renders the current state as a PNG file; `None` if the environment does not render, or was made without
+    /// rendering.
     ///
     /// # Errors
-    /// When it cannot be rendered.
+    /// When rendering fails.
     fn picture(&mut self) -> Result<Option<Vec<u8>>, EnvironmentError> {
         Ok(None)
     }
 }
 
-/// What a step did.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// The environment's own reward. Imitation never sees it; it trains experts.
+    /// The environment's own reward. Imitation learning never sees it; trained experts learn from it.
     pub reward: f32,
     /// How the episode ended, if this step ended it.
     pub ending: Option<Ending>,
-    /// Whether the goal has been reached in this episode so far. It does not end every task.
+    /// Whether the goal has been reached in this episode so far. In some tasks the episode goes on.
     pub success: bool,
 }

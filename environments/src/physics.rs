@@ -1,10 +1,10 @@
-//! The rigid-body world behind the Fetch tasks and Ant Reach: built once, stepped, and restored bit
-//! for bit at every reset.
+//! The rigid-body world of the Fetch tasks and Ant Reach: built once, stepped, and restored bit for bit at every
+//! reset.
 //!
-//! Rapier keeps more than poses and velocities from step to step: contacts carry their impulses
-//! over, and the tree of the broad phase depends on its past. Putting bodies back in place therefore
-//! does not repeat an episode. [`Physics::restore`] brings all of it back from a copy that was made
-//! before the first step, so that an episode depends on its start and its actions alone.
+//! Rapier keeps more than poses and velocities from step to step: contacts carry their impulses over, and the tree of
+//! the broad phase depends on its history. Putting bodies back in place therefore does not repeat an episode.
+//! [`Physics::restore`] restores everything from a copy made before the first step, so that an episode depends only on
+//! its start and its actions.
 
 use crate::EnvironmentError;
 use rapier3d::prelude::{
@@ -14,36 +14,36 @@ use rapier3d::prelude::{
 };
 use xxhash_rust::xxh3::Xxh3;
 
-/// Acceleration of everything that has a gravity scale, meters per square second.
+/// Gravitational acceleration along z, meters per second squared.
 const GRAVITY_Z: f32 = -9.81;
 
 /// How the world of a task is simulated.
 #[derive(Clone, Copy)]
 pub(crate) struct Dynamics {
-    /// What one call of [`Physics::step`] simulates.
+    /// Time that one call of [`Physics::step`] simulates, seconds.
     pub(crate) timestep_s: f32,
-    /// Parts that a timestep is solved in, one after the other.
+    /// Solver iterations of a timestep: rapier divides it into this many substeps.
     pub(crate) solver_iterations: usize,
-    /// How far apart two shapes may be when the solver begins to stop them, meters.
+    /// Largest gap between two shapes at which the solver already generates a contact, meters.
     pub(crate) contact_prediction_m: f32,
-    /// How contacts give way, those with fixed bodies included.
+    /// Softness of contacts, including those with fixed bodies.
     pub(crate) contact_softness: SpringCoefficients<f32>,
-    /// Friction between bodies that no joint holds. Multibodies always have Coulomb's.
+    /// Friction model of bodies outside multibodies; multibodies always use Coulomb friction.
     pub(crate) friction_model: FrictionModel,
-    /// How rapier keeps up the tree of its broad phase.
+    /// Optimization strategy of rapier's broad-phase tree.
     pub(crate) tree_upkeep: BvhOptimizationStrategy,
 }
 
-/// A world, and the copy that every episode begins from.
+/// A world, and the copy from which every episode begins.
 pub(crate) struct Physics {
-    /// The world as the task reads it and drives it between steps.
+    /// The world; the task reads and drives it between steps.
     pub(crate) world: PhysicsWorld,
     pristine: Pristine,
-    /// Name of every body, in the order of insertion.
+    /// Names of all bodies, in the order of insertion.
     body_names: &'static [&'static str],
 }
 
-/// Everything of a world that a step changes and the next one reads.
+/// The state of a world that a step changes and the next step reads.
 struct Pristine {
     islands: IslandManager,
     broad_phase: BroadPhaseBvh,
@@ -56,11 +56,11 @@ struct Pristine {
 }
 
 impl Physics {
-    /// Builds a world in two parts, and returns it with what the first part returned.
+    /// Builds a world in two stages and returns it with the result of `insert`.
     ///
-    /// `insert` adds bodies, colliders and joints. `adjust` runs after them, when every multibody
-    /// knows its degrees of freedom: armature, damping and springs belong there. `body_names` has
-    /// the name of every body in the order of insertion.
+    /// `insert` adds bodies, colliders and joints. `adjust` runs after it, when the degrees of freedom of every
+    /// multibody are known; armature, damping and springs belong there. `body_names` has the name of every body in the
+    /// order of insertion.
     pub(crate) fn build<Handles>(
         dynamics: Dynamics,
         body_names: &'static [&'static str],
@@ -71,7 +71,7 @@ impl Physics {
         world.broad_phase = BroadPhaseBvh::with_optimization_strategy(dynamics.tree_upkeep);
         let handles = insert(&mut world);
         assert_eq!(world.bodies.len(), body_names.len(), "every body has a name");
-        // A step of no time: it counts the degrees of freedom and moves nothing.
+        // A step of zero duration: it counts the degrees of freedom and moves nothing.
         world.integration_parameters.dt = 0.0;
         world.step();
         adjust(&mut world, &handles);
@@ -87,7 +87,7 @@ impl Physics {
         (Physics { world, pristine, body_names }, handles)
     }
 
-    /// Brings back the world as it was built.
+    /// Restores the world to the state in which it was built.
     pub(crate) fn restore(&mut self) {
         let Pristine {
             islands,
@@ -114,8 +114,8 @@ impl Physics {
         self.world.step();
     }
 
-    /// Feeds the pose and velocity of every body, and the coordinates and velocities of every joint,
-    /// bit by bit into a hash. What contacts carry over is left out: it follows from the same past.
+    /// Hashes the exact pose and velocity of every body and the coordinates and velocities of every multibody joint.
+    /// State that contacts carry over is left out, because it follows from the same history.
     pub(crate) fn hash(&self, hasher: &mut Xxh3) {
         let mut feed = |number: f32| hasher.update(&number.to_le_bytes());
         for (_, body) in self.world.bodies.iter() {
@@ -130,18 +130,17 @@ impl Physics {
         }
     }
 
-    /// Checks that every body and joint is at finite numbers; call it before a state is used.
+    /// Checks that the state of every body and joint is finite; call it before using a state.
     ///
     /// # Errors
-    /// Names the first body that is not, or whose joint is not.
+    /// Names the first body whose own state, or whose joint's, is not finite.
     pub(crate) fn check_finite(&self, step: u32) -> Result<(), EnvironmentError> {
         let refused = |handle: RigidBodyHandle, found| {
             let part = self.body_names[handle.into_raw_parts().0 as usize];
             Err(EnvironmentError::StateNotFinite { part, found, step })
         };
         for (handle, body) in self.world.bodies.iter() {
-            // Rapier puts a body that left the finite numbers back to where it last was and takes
-            // it out of the simulation.
+            // Rapier moves a body with a non-finite state back to its last finite pose and disables it.
             if !body.is_enabled() {
                 return refused(handle, f32::NAN);
             }
@@ -179,13 +178,13 @@ impl Pristine {
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
     world.gravity = Vector::new(0.0, 0.0, GRAVITY_Z);
-    // Contacts that are kept while bodies creep make the gripper lose one cube in fifteen.
+    // With contact recycling, contacts of slowly moving bodies are kept, and the gripper loses one cube in fifteen.
     world.integration_parameters.contact_recycling = false;
     world.integration_parameters.max_ccd_substeps = 0;
     world
 }
 
-/// Position, orientation, linear and angular velocity of a body.
+/// Returns position, orientation, linear and angular velocity of a body.
 fn numbers(body: &RigidBody) -> [f32; 13] {
     let (position, orientation) = (body.translation(), body.rotation());
     let (linear, angular) = (body.linvel(), body.angvel());
@@ -211,7 +210,7 @@ mod tests {
         friction_model: FrictionModel::Simplified,
     };
 
-    /// A ball that falls on a floor.
+    /// Builds a world in which a ball falls onto a floor.
     fn ball_on_floor() -> (Physics, RigidBodyHandle) {
         Physics::build(
             DYNAMICS,

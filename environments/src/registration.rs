@@ -1,4 +1,4 @@
-//! The tasks there are, each with everything that is known of it beyond its environment.
+//! The built-in tasks, each with everything that is known about it besides its environment.
 
 use crate::ant::{self, Ant};
 use crate::fetch::{Fetch, FetchTask};
@@ -8,35 +8,35 @@ use crate::{Environment, EnvironmentError, Setting};
 /// A task that a program can act in.
 #[derive(Clone, Copy, Debug)]
 pub struct Registration {
-    /// What people and logs call it.
+    /// Name in commands and logs.
     pub name: &'static str,
-    /// Makes its environment with a setting.
+    /// Makes the task's environment with a setting.
     pub make: fn(&Setting) -> Result<Box<dyn Environment>, EnvironmentError>,
-    /// Who demonstrates it.
+    /// The expert that demonstrates the task.
     pub expert: Expert,
-    /// Keys of its setting that change what an observation says: who learned under one value is not
-    /// asked to act under another.
+    /// Keys of the setting that change what observations mean. A policy trained under one value must not act under
+    /// another.
     pub observed: &'static [&'static str],
 }
 
-/// Who demonstrates a task.
+/// The expert that demonstrates a task.
 #[derive(Clone, Copy, Debug)]
 pub enum Expert {
-    /// Nobody but a run's policy.
+    /// No expert comes with the task; the policy of a run can demonstrate it.
     None,
-    /// The environment itself, by [`Environment::expert_action`].
+    /// The environment's own script, by [`Environment::expert_action`].
     Scripted,
     /// A policy that was trained on the environment's own reward.
     Policy {
-        /// The configuration of its run, a TOML text.
+        /// The configuration of the run that trained it, as TOML text.
         config: &'static str,
-        /// Its weights, a safetensors file.
+        /// The policy's weights, as a safetensors file.
         weights: &'static [u8],
     },
 }
 
 impl Registration {
-    /// A task without an expert.
+    /// Makes the registration of a task without an expert.
     pub const fn new(
         name: &'static str,
         make: fn(&Setting) -> Result<Box<dyn Environment>, EnvironmentError>,
@@ -44,7 +44,7 @@ impl Registration {
         Registration { name, make, expert: Expert::None, observed: &[] }
     }
 
-    /// The same task with an expert.
+    /// Returns the same task with an expert.
     pub const fn with_expert(self, expert: Expert) -> Registration {
         Registration { expert, ..self }
     }
@@ -69,10 +69,10 @@ pub const BUILT_IN: &[Registration] = &[
     },
 ];
 
-/// The task of that name.
+/// Finds the task with this name.
 ///
 /// # Errors
-/// [`EnvironmentError::UnknownTask`] names those there are.
+/// [`EnvironmentError::UnknownTask`], with the known names, when there is no such task.
 pub fn find<'a>(
     tasks: &'a [Registration],
     name: &str,
@@ -83,10 +83,10 @@ pub fn find<'a>(
     })
 }
 
-/// Makes the environment of a task of the paper.
+/// Makes the environment of a built-in task.
 ///
 /// # Errors
-/// When there is no such task, or it does not have such a setting.
+/// When there is no such task, or it does not accept the setting.
 pub fn create(task: &str, setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
     (find(BUILT_IN, task)?.make)(setting)
 }

@@ -1,5 +1,5 @@
-//! Ant Reach as an agent meets it (paper, Section 4.5): starts and goals, what actions do, what
-//! observations hold, and what long runs of random torques never do.
+//! Ant Reach as seen by an agent (paper, Section 4.5): starts and goals, effects of actions, contents of observations,
+//! and the stability of long runs of random torques.
 
 use environments::ant::{Ant, AntSetting};
 use environments::{Environment, Step};
@@ -10,7 +10,7 @@ use rand::RngExt;
 use std::f32::consts::FRAC_1_SQRT_2;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// The coordinates of a start without noise, but for the goal's x and y.
+/// The coordinates of a start without noise, except the goal's x and y.
 const START: [f32; 20] = [
     0.55,
     1.0,
@@ -37,7 +37,7 @@ const RATES: usize = 26;
 const FORCES: std::ops::Range<usize> = 40..130;
 const TO_GOAL: usize = 130;
 
-/// An environment with its last observation.
+/// An environment and its latest observation.
 struct Run {
     environment: Ant,
     bytes: Vec<u8>,
@@ -80,7 +80,7 @@ fn length(vector: &[f32]) -> f32 {
     vector.iter().map(|number| number * number).sum::<f32>().sqrt()
 }
 
-/// The nine degrees of the half circle that the goal of an observation lies in.
+/// Returns the sector of nine degrees in which the goal of an observation lies.
 fn bin(observation: &[f32; 132]) -> usize {
     let [x, y] = [observation[13], observation[14]];
     (f64::from(y).atan2(f64::from(x)) / (std::f64::consts::PI / 20.0)) as usize
@@ -128,8 +128,8 @@ fn an_episode_without_noise_starts_at_the_start() {
     }
 }
 
-/// The smallest and the largest that every coordinate of a start differs from one without noise: the
-/// ant's x and y, then those of [`START`].
+/// Returns the smallest and the largest deviation of every coordinate from a start without noise: first the ant's x
+/// and y, then the coordinates in [`START`].
 fn spreads(setting: &AntSetting) -> ([f32; 22], [f32; 22]) {
     let mut run = Run::new(setting);
     let (mut low, mut high) = ([f32::MAX; 22], [f32::MIN; 22]);
@@ -155,7 +155,7 @@ fn noise_spreads_every_coordinate_of_the_ant_as_wide_as_it_says() {
         assert!((-0.05001..-0.047).contains(&low[index]), "{index} from {}", low[index]);
         assert!((0.047..0.05001).contains(&high[index]), "{index} to {}", high[index]);
     }
-    // The quaternion's vector: what makes it a unit one bends it a little.
+    // The vector part of the quaternion: normalization changes it slightly.
     for index in 4..7 {
         assert!((-0.055..-0.045).contains(&low[index]), "{index} from {}", low[index]);
         assert!((0.045..0.055).contains(&high[index]), "{index} to {}", high[index]);
@@ -185,7 +185,7 @@ fn each_number_of_an_action_turns_its_joint() {
             run.step(action);
             let rates = &run.observation()[RATES..RATES + 8];
             let rate = rates[joint] * sign;
-            // The floor holds the feet back a little.
+            // Friction on the floor slows the feet slightly.
             let slowest = if joint % 2 == 0 { 2.6 } else { 2.2 };
             assert!((slowest..3.0).contains(&rate), "{index}: 30 N m for 0.1 s: {rates:?}");
             let others = rates.iter().enumerate().filter(|(other, _)| *other != joint);
@@ -216,7 +216,7 @@ fn the_reward_is_that_of_the_authors_expert() {
     let mut actions = stream(1, Purpose::TrainingActions, 0, 0);
     run.reset(0);
     for _ in 0..20 {
-        // Beyond what is clipped: the policy's own numbers count.
+        // Outside the clipping range: the reward uses the action before clipping.
         let action = draw(&mut actions).map(|number| 2.0 * number);
         let step = run.step(action);
         let distance = length(&run.observation()[TO_GOAL..]);
@@ -250,7 +250,7 @@ fn contact_forces_are_seen_only_when_asked_for() {
     assert_eq!(blind.environment.state_hash(), feeling.environment.state_hash());
 }
 
-/// Runs episodes of random torques, checks every state, and returns how far each went.
+/// Runs episodes of random torques, checks every state, and returns the distance traveled in each.
 fn wander(setting: &AntSetting, episodes: u64) -> Vec<f32> {
     let mut run = Run::new(setting);
     let mut travels = Vec::new();
@@ -263,7 +263,7 @@ fn wander(setting: &AntSetting, episodes: u64) -> Vec<f32> {
             let observation = run.observation();
             assert!(observation.iter().all(|number| number.is_finite()), "{observation:?}");
             let height = observation[0];
-            // In MuJoCo one leap in a hundred goes beyond 2.5 m, the highest of 400 to 3.2 m.
+            // In MuJoCo one leap in a hundred exceeds 2.5 m; the highest of 400 reaches 3.2 m.
             assert!((0.1..6.0).contains(&height), "episode {episode}: {height} m");
             let norm = length(&observation[1..5]);
             assert!((norm - 1.0).abs() < 1e-3, "episode {episode}: a quaternion of {norm}");

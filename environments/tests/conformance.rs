@@ -1,6 +1,6 @@
-//! What every environment must keep, whatever its task: the same stream gives the same episode,
-//! observations fit the spec, episodes end by the horizon, refusals change nothing, and nothing of
-//! ours allocates while an episode runs.
+//! Requirements on every environment, whatever its task: the same stream gives the same episode, observations fit the
+//! spec, episodes end by the horizon, refusals change nothing, and our own code allocates nothing while an episode
+//! runs.
 
 use environments::{BUILT_IN, Environment, EnvironmentError, Setting, Step, create};
 use protocol::ending::Ending;
@@ -8,7 +8,7 @@ use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats, write_floats};
 use rand::RngExt;
 
-/// An episode as it is compared: each observation with the state's hash, and each step.
+/// A recorded episode for comparison: observations with state hashes, and steps.
 #[derive(Debug, PartialEq)]
 struct Episode {
     states: Vec<(Vec<u8>, u64)>,
@@ -39,7 +39,7 @@ fn draw_action(spec: &Spec, stream: &mut Stream, action: &mut [u8]) {
     }
 }
 
-/// Runs random actions until the episode ends or `steps_max` are taken.
+/// Takes random actions until the episode ends, at most `steps_max`.
 fn run(environment: &mut dyn Environment, episode: u64, steps_max: usize) -> Episode {
     let spec = environment.spec();
     let (mut starts, mut actions) = streams(episode);
@@ -218,7 +218,7 @@ fn a_step_of_navigation_allocates_nothing() {
     assert_eq!(allocated.count_total, 0, "allocations in an episode");
 }
 
-/// Rapier allocates in each of its steps, so those of the physics tasks are left out.
+/// Steps of the physics tasks are not measured, because rapier allocates in each of them.
 #[test]
 fn experts_hashes_poses_and_refusals_allocate_nothing() {
     for task in tasks() {

@@ -1,5 +1,5 @@
-//! Navigation and its expert as the paper and the authors' code have them: success rates, path
-//! lengths, coverage and rewards, judged from the observations alone.
+//! Navigation and its expert compared with the paper and the authors' code: success rates, path lengths, coverage and
+//! rewards, computed only from observations and steps.
 
 use environments::navigation::{AGENT, EMPTY, GOAL, Navigation, NavigationSetting, WALL};
 use environments::{Environment, Step};
@@ -24,7 +24,7 @@ fn reset(environment: &mut dyn Environment, episode: u64) -> [u8; CELLS] {
     observation
 }
 
-/// Acts until the episode ends; returns the last observation, the number of steps and the last one.
+/// Acts until the episode ends; returns the last observation, the number of steps and the last step.
 fn finish(
     environment: &mut dyn Environment,
     mut choose: impl FnMut(&mut dyn Environment) -> u8,
@@ -50,7 +50,7 @@ fn place(observation: &[u8; CELLS], class: u8) -> Option<usize> {
     observation.iter().position(|found| *found == class)
 }
 
-/// Length of the shortest path from agent to goal, by flooding the free cells ring by ring.
+/// Returns the length of the shortest path from agent to goal, found by flooding the free cells ring by ring.
 fn shortest(observation: &[u8; CELLS]) -> u32 {
     let goal = place(observation, GOAL).expect("a goal");
     let mut reached = BTreeSet::from([place(observation, AGENT).expect("an agent")]);
@@ -66,7 +66,7 @@ fn shortest(observation: &[u8; CELLS]) -> u32 {
     steps
 }
 
-/// The observation as text: `#` wall, `.` free, `G` goal, `A` agent.
+/// Renders the observation as text: `#` wall, `.` free, `G` goal, `A` agent.
 fn picture(observation: &[u8; CELLS]) -> String {
     let rows = observation.chunks(SIZE);
     rows.map(|row| {
@@ -138,7 +138,7 @@ fn an_episode_that_does_not_end_at_the_goal_goes_on_to_the_horizon() {
         assert_eq!((step, observation), (Step { ending: None, ..arrival }, at_goal));
         let asked = environment.expert_action(&mut [0]).expect("a script does not fail");
         assert!(!asked, "the expert has arrived");
-        // Success is of the episode, and earned once.
+        // Success holds for the rest of the episode and is rewarded once.
         let (_, further, last) = finish(&mut environment, |_| 0);
         let truncated = Step { reward: 0.0, ending: Some(Ending::Truncated), success: true };
         assert_eq!((path + further, last), (100, truncated));
@@ -149,7 +149,7 @@ fn an_episode_that_does_not_end_at_the_goal_goes_on_to_the_horizon() {
 fn a_move_against_a_wall_costs_a_step_and_nothing_else() {
     let mut environment = open(1.0);
     let mut observation = reset(&mut environment, 0);
-    // No row has seventeen moves to the left, so this ends at a wall.
+    // No row has seventeen moves to the left, so the agent ends at a wall.
     for _ in 0..17 {
         environment.step(&[2], &mut observation).expect("a valid action");
     }

@@ -98,7 +98,7 @@ impl Command {
     }
 }
 
-/// Runs the process.
+/// Runs the gateway process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     process::run(arguments.command.diagnostics(), || run(arguments.command))

@@ -1,5 +1,5 @@
-//! Keys of a run that listens: a certificate authority of its own, whose only certificates are the hub's
-//! and the one that all hosts share. Who has the run's file `join.toml` can join it, nobody else.
+//! Keys of a run that other hosts can join. The run is its own certificate authority, which certifies only the hub and
+//! one key that all hosts share. Whoever has the run's file `join.toml` can join it, nobody else.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,21 +15,21 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use tonic::transport::{Certificate, ClientTlsConfig, Identity, ServerTlsConfig};
 
-/// Name in the hub's certificate, whatever its address is.
+/// Name in the hub's certificate, independent of the hub's address.
 const HUB: &str = "goalward-hub";
 
-/// What a host needs to join a run.
+/// The address and the keys that a host needs to join a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JoinKey {
-    /// Where the hub listens, `HOST:PORT`.
+    /// Address at which hosts reach the hub, `HOST:PORT`.
     pub address: String,
     authority: String,
     certificate: String,
     key: String,
 }
 
-/// What the hub needs besides.
+/// The certificates and the key of the hub.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HubKey {
@@ -38,7 +38,7 @@ pub struct HubKey {
     key: String,
 }
 
-/// The file that hosts join with, in the folder of the run.
+/// Returns the path of the file that hosts join with, in the folder of the run.
 pub fn join_file(folder: &RunFolder) -> PathBuf {
     folder.path().join("join.toml")
 }
@@ -47,11 +47,11 @@ fn hub_file(folder: &RunFolder) -> PathBuf {
     folder.path().join("hub.toml")
 }
 
-/// The keys of a run: those that it has, so that hosts of an earlier start come back, or new ones. The file
-/// that hosts join with says where they find the hub from now on.
+/// Returns the keys of a run. Existing keys are kept, so that hosts of an earlier start can come back; otherwise new
+/// ones are made. Writes `address` into the file that hosts join with.
 ///
 /// # Errors
-/// When a file cannot be written, or what is there are no keys.
+/// When a file cannot be read or written, or does not contain keys.
 pub fn of_run(folder: &RunFolder, address: &str) -> Result<HubKey> {
     let (join_file, hub_file) = (join_file(folder), hub_file(folder));
     let (mut join, hub) = if join_file.exists() && hub_file.exists() {
@@ -113,7 +113,7 @@ impl JoinKey {
     /// Reads the file that the hub has written.
     ///
     /// # Errors
-    /// When it cannot be read, or is something else.
+    /// When the file cannot be read, or does not contain keys.
     pub fn of_file(file: &Path) -> Result<JoinKey> {
         read(file)
     }

@@ -1,22 +1,22 @@
-//! A run on several machines: leases, trajectories and weights between the bus of its learner and the
+//! Runs on several machines: gateways exchange leases, trajectories and weights between the learner's bus and the
 //! buses of other hosts.
 //!
 //! | module | |
 //! |---|---|
-//! | [`messages`] | what gateways say to each other, over gRPC and mutual TLS |
+//! | [`messages`] | the messages between gateways, over gRPC and mutual TLS |
 //! | [`key`] | who may join: the run's own certificate authority |
 //! | [`hub`] | `goalward-gateway serve`, beside the learner |
 //! | [`host`] | `goalward-gateway join`, on another machine |
 //!
-//! Actors and learner are as they are without it. On a host the gateway stands in for the learner: actors
-//! ask it for leases, and it reads what they publish. At the hub it stands in for those actors: each has a
-//! node on the learner's bus under a name of its own, `actor-0-PROCESS@HOST`, which is gone when the host
-//! is, so that the learner hands its leases out again.
+//! Actors and learner are the same as in a run on one machine. On a host the gateway stands in for the learner: actors
+//! request leases from it, and it reads what they publish. At the hub the gateway stands in for those actors: each has
+//! a node of its own on the learner's bus, named `actor-0-PROCESS@HOST`. The node is gone when the host is, so that
+//! the learner grants its leases to others.
 //!
-//! The host begins every exchange, so one port is enough and the hub never connects to anybody. A question for
-//! leases goes with what its actor has published before, or once that is acknowledged, which is when it is on the
-//! learner's bus. Questions are numbered, and one that is asked again has the same answer: a lost answer costs no
-//! lease.
+//! The host begins every exchange, so one port is enough and the hub never connects to anybody. A lease request
+//! travels together with the trajectories that its actor has published before, or waits until the hub acknowledges
+//! that they are on the learner's bus. Requests are numbered, and a repeated request gets the same reply, so a lost
+//! reply costs no lease.
 
 pub mod cli;
 pub mod host;
@@ -26,14 +26,14 @@ pub mod messages;
 
 use std::time::Duration;
 
-/// After so long without a word a connection is tried, at either end.
+/// Idle time after which either end checks a connection.
 const KEEPALIVE: Duration = Duration::from_secs(1);
 
-/// How long it may take to answer then, before it is given up.
+/// How long such a check may take before the connection is given up.
 const KEEPALIVE_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Bytes that may be under way unacknowledged in one call, and in all of a connection. HTTP/2 begins with 64 kB,
-/// which at 20 ms is 3 MB/s: weights alone would take a quarter of a second.
+/// HTTP/2 flow-control windows of one call and of a whole connection, bytes. The default of 64 kB allows 3 MB/s at a
+/// round trip of 20 ms; the weights alone would take a quarter of a second.
 const WINDOWS: [u32; 2] = [4 << 20, 8 << 20];
 
 /// The calls between gateways.

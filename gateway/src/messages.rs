@@ -1,56 +1,56 @@
-//! What gateways say to each other. Every call is the host's question and the hub's answer.
+//! The messages between gateways. Every call is a request of the host and a reply of the hub.
 
 use bytes::Bytes;
 use prost::Message;
 use protocol::messages::{LeaseReply, LeaseRequest};
 
-/// Number of this protocol; gateways of two numbers refuse each other.
+/// Version of this protocol; gateways with different versions refuse each other.
 pub const PROTOCOL: u32 = 3;
 
-/// Most bytes of one message: a host that has a trajectory which is larger takes no part any more.
+/// Largest message, bytes. A host whose trajectory is larger can take no further part.
 pub const MOST_BYTES: usize = 32 << 20;
 
-/// Most bytes of trajectories in one message, unless it is one alone.
+/// Most bytes of trajectories in one message, unless a single trajectory is larger.
 pub const TOGETHER_BYTES: usize = 1 << 20;
 
-/// Asks what is trained.
+/// Requests the run's configuration.
 #[derive(Clone, PartialEq, Message)]
 pub struct ConfigurationRequest {
-    /// The asker's [`PROTOCOL`].
+    /// The sender's [`PROTOCOL`].
     #[prost(uint32, tag = "1")]
     pub protocol: u32,
 }
 
-/// What is trained.
+/// The run's configuration.
 #[derive(Clone, PartialEq, Message)]
 pub struct Configuration {
-    /// The run's effective configuration, TOML.
+    /// The effective configuration, as TOML text.
     #[prost(string, tag = "1")]
     pub text: String,
 }
 
-/// A host presents itself.
+/// A host introduces itself.
 #[derive(Clone, PartialEq, Message)]
 pub struct Hello {
-    /// Its [`PROTOCOL`].
+    /// The host's [`PROTOCOL`].
     #[prost(uint32, tag = "1")]
     pub protocol: u32,
-    /// A random number of this joining; every later message names it.
+    /// Random number of this session; every later message carries it.
     #[prost(fixed64, tag = "2")]
     pub session: u64,
-    /// What people call the host.
+    /// The name that the host asks for.
     #[prost(string, tag = "3")]
     pub host: String,
-    /// What its programs are built from.
+    /// The build of the host's programs.
     #[prost(string, tag = "4")]
     pub build: String,
-    /// What its actor makes of the episodes of `goalward-actor golden`.
+    /// The host's output of `goalward-actor golden`.
     #[prost(string, tag = "5")]
     pub golden: String,
-    /// Whether another build may join whose golden hash is the same.
+    /// Whether the host may join although its build differs, provided that its golden hash is the same.
     #[prost(bool, tag = "6")]
     pub other_build: bool,
-    /// How many actors it is to have.
+    /// Number of actors that the host is to run.
     #[prost(uint64, tag = "7")]
     pub actors: u64,
 }
@@ -58,77 +58,78 @@ pub struct Hello {
 /// A host is accepted.
 #[derive(Clone, PartialEq, Message)]
 pub struct Welcome {
-    /// What the host is called from now on.
+    /// The host's name in the run.
     #[prost(string, tag = "1")]
     pub host: String,
 }
 
-/// A host lives.
+/// A host reports that it is alive.
 #[derive(Clone, PartialEq, Message)]
 pub struct Beat {
-    /// The joining.
+    /// The session.
     #[prost(fixed64, tag = "1")]
     pub session: u64,
-    /// Its living actors, by name on its bus.
+    /// Names of the living actors on the host's bus.
     #[prost(string, repeated, tag = "2")]
     pub actors: Vec<String>,
-    /// How long the fastest of the last beats took, there and back, milliseconds.
+    /// Shortest round trip of the latest beats, milliseconds.
     #[prost(double, optional, tag = "3")]
     pub distance_ms: Option<f64>,
 }
 
-/// How the run stands.
+/// The state of the run.
 #[derive(Clone, PartialEq, Message)]
 pub struct BeatReply {
-    /// The run is over: the host ends.
+    /// Whether the run is over: the host then ends.
     #[prost(bool, tag = "1")]
     pub finished: bool,
-    /// How many actors the host is to have from now on.
+    /// Number of actors that the host is to run from now on.
     #[prost(uint64, tag = "2")]
     pub actors: u64,
 }
 
-/// What an actor has published, and its question for leases if it has one: to ask is to finish leases, so that
-/// one message carries both.
+/// Trajectories that an actor has published and, if there is one, its lease request. An actor requests leases when it
+/// has finished others, so one message carries both.
 #[derive(Clone, PartialEq, Message)]
 pub struct Exchange {
-    /// The joining.
+    /// The session.
     #[prost(fixed64, tag = "1")]
     pub session: u64,
-    /// Trajectories as they were encoded by the actor.
+    /// Trajectories as the actor encoded them.
     #[prost(bytes = "bytes", repeated, tag = "2")]
     pub trajectories: Vec<Bytes>,
-    /// Number of the question among its actor's, from 1. One that is asked again has the same answer.
+    /// Number of the request among those of its actor, from 1. A repeated request gets the same reply.
     #[prost(uint64, tag = "3")]
     pub number: u64,
-    /// What the actor asks.
+    /// The actor's request.
     #[prost(message, optional, tag = "4")]
     pub request: Option<LeaseRequest>,
 }
 
-/// The learner's bus has the trajectories, or nobody waits for them; and the learner's answer.
+/// The acknowledgement that the trajectories are on the learner's bus, or that nobody waits for them, and the
+/// learner's reply.
 #[derive(Clone, PartialEq, Message)]
 pub struct Answer {
-    /// None yet: a question is to be asked again, without the trajectories.
+    /// The reply, if there is one yet; otherwise the host repeats its request, without the trajectories.
     #[prost(message, optional, tag = "1")]
     pub reply: Option<LeaseReply>,
 }
 
-/// Asks for weights.
+/// Requests weights.
 #[derive(Clone, PartialEq, Message)]
 pub struct WeightsRequest {
-    /// The joining.
+    /// The session.
     #[prost(fixed64, tag = "1")]
     pub session: u64,
-    /// The version that a lease is acted by.
+    /// The policy version that a lease is acted with.
     #[prost(uint64, tag = "2")]
     pub version: u64,
 }
 
-/// Weights.
+/// The requested weights.
 #[derive(Clone, PartialEq, Message)]
 pub struct WeightsReply {
-    /// As the learner encoded them; none when this version is not among the newest.
+    /// The weights as the learner encoded them; `None` if this version is not among the newest.
     #[prost(bytes = "bytes", optional, tag = "1")]
     pub weights: Option<Bytes>,
 }

@@ -1,9 +1,9 @@
 //! Generalized advantage estimation over one whole episode (paper, Section 3.3: "any RL algorithm").
 
-/// Advantages and returns of one episode's steps.
+/// Computes the advantages and returns of one episode's steps.
 ///
-/// `values` has one number per step; `last_value` is the value of the final observation, 0 where the
-/// episode's end is the end of all reward. Returns `(advantages, returns)`, one of each per step.
+/// `values` has one number per step; `last_value` is the value of the final observation, or 0 if no reward can
+/// follow the episode's end. Returns `(advantages, returns)`, each with one number per step.
 pub fn generalized_advantages(
     rewards: &[f32],
     values: &[f32],
@@ -26,7 +26,7 @@ pub fn generalized_advantages(
     (advantages, returns)
 }
 
-/// Shifts and scales to mean 0 and standard deviation 1, as the authors do once per rollout
+/// Shifts and scales advantages to mean 0 and standard deviation 1, as the authors do once per rollout
 /// (unbiased standard deviation plus 1e-5).
 pub fn normalize(advantages: &mut [f32]) {
     let count = advantages.len() as f64;
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The definition: A_t is the sum over k of (gamma lambda)^k times the error at t + k.
+    /// Computes the definition: A_t is the sum over k of (gamma lambda)^k times the TD error at t + k.
     fn by_definition(
         rewards: &[f32],
         values: &[f32],

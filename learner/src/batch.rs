@@ -28,19 +28,19 @@ pub struct Batch {
 /// An episode's place in a [`Batch`].
 #[derive(Clone, Debug)]
 pub struct EpisodeRows {
-    /// Steps, so rows.
+    /// Number of steps, and so of rows.
     pub steps: usize,
-    /// The last observation, on which nobody acted.
+    /// The final observation, after which no action was taken.
     pub last_observation: Vec<u8>,
     /// Whether the horizon ended the episode.
     pub truncated: bool,
 }
 
 impl Batch {
-    /// Lays out trajectories and their scores, which come in the same order.
+    /// Lays out trajectories and their scores, which must be in the same order.
     ///
     /// # Errors
-    /// When the scores are not those of the trajectories, and [`Final`] when a reward is not finite.
+    /// When the scores are not those of the trajectories; [`Final`] when a reward is not finite.
     pub fn new(trajectories: &[Encoded], scores: &[Score], spec: &Spec) -> Result<Batch> {
         ensure!(
             trajectories.len() == scores.len(),
@@ -99,12 +99,12 @@ impl Batch {
         scale.apply(&mut episodes, gamma);
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         self.log_probs.len()
     }
 
-    /// Whether there is no row.
+    /// Returns whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.log_probs.is_empty()
     }

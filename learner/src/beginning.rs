@@ -1,4 +1,4 @@
-//! Where training begins: afresh, or from the newest checkpoint and the log before it.
+//! The start of training: from scratch, or from the newest checkpoint and the log before it.
 
 use anyhow::{Context, Result, anyhow};
 use mcap_log::{Batches, Record, log_files, read_run, repair};
@@ -13,14 +13,14 @@ use run::{checkpoint, loss};
 use crate::algorithm::{self, PolicyLearner};
 use crate::state::State;
 
-/// The policy learner and the state of a run, as its newest checkpoint has them.
+/// The policy learner and the state that a run starts with: those of its newest checkpoint, or fresh ones.
 pub(crate) struct Beginning {
     pub(crate) learner: Box<dyn PolicyLearner>,
     pub(crate) state: State,
 }
 
 impl Beginning {
-    /// Seals the log that an interrupted run left, and reads its newest checkpoint.
+    /// Seals the log that an interrupted run left open, and reads the run's newest checkpoint.
     pub(crate) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Beginning> {
         durable::create_folder(&folder.log())?;
         for file in log_files(&folder.log())?.into_iter().filter(|file| file.active) {
@@ -57,10 +57,10 @@ impl Beginning {
     }
 }
 
-/// Gives a learner the batches of the iterations before `iteration`, from the log: a replay buffer
-/// lies in no checkpoint, because the log has it already.
+/// Gives a learner the batches of the iterations before `iteration`, from the log. A replay buffer is in no
+/// checkpoint, because the log has it already.
 ///
-/// [`Final`] where the log lacks some of it: with other batches the run would have another result.
+/// Fails with [`Final`] if the log lacks some of them: with other batches the run would have another result.
 fn remember(
     folder: &RunFolder,
     spec: Spec,
@@ -109,7 +109,7 @@ mod tests {
     use crate::algorithm::{Metrics, Schedule};
     use crate::state::PolicyState;
 
-    /// Counts the batches that it is given.
+    /// A learner that counts the batches it is given.
     #[derive(Default)]
     struct Counting(u64);
 
@@ -140,7 +140,7 @@ mod tests {
         LogWriter::create(&folder.log(), &metadata, LogOptions::default()).unwrap()
     }
 
-    /// Appends updates by batches without trajectories.
+    /// Appends policy updates with empty batches.
     fn append(log: &mut LogWriter, iterations: &[u64]) {
         for &iteration in iterations {
             let update = PolicyUpdate { iteration, ..PolicyUpdate::default() };
@@ -149,7 +149,7 @@ mod tests {
         log.flush().unwrap();
     }
 
-    /// The batches that a run remembers which goes on after four iterations.
+    /// Returns how many batches a run remembers that is resumed after four iterations.
     fn remembered(folder: &RunFolder) -> Result<u64> {
         let spec = Spec {
             observation: ObservationSpec::Cells { height: 19, width: 19, classes: 4 },
@@ -197,7 +197,7 @@ mod tests {
         let kept = fs::metadata(file.with_extension("mcap.active")).unwrap().len();
         append(&mut writer, &[2, 3]);
         writer.finish().unwrap();
-        // A file that its writer holds counts as being written, and has lost nothing.
+        // A file that its writer still holds counts as being written, so nothing of it counts as lost.
         drop(writer);
         assert_eq!(remembered(&folder).unwrap(), 4);
         OpenOptions::new().write(true).open(&file).unwrap().set_len(kept).unwrap();

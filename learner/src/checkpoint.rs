@@ -15,8 +15,8 @@ use crate::scoring::Refused;
 use crate::trainer::Trainer;
 
 impl Trainer {
-    /// Writes the checkpoint of the present iteration, unless it is there already, and removes
-    /// those beyond the ones kept. Waits while the disk refuses, until the run is to stop.
+    /// Writes the checkpoint of the current iteration, unless it exists already, and removes the oldest ones
+    /// beyond the number that is kept. Waits while the disk refuses, until the run is to stop.
     pub(crate) fn save(&mut self) -> Result<()> {
         let folder = self.folder.checkpoint_folder(self.state.iteration);
         if folder.exists() {
@@ -49,7 +49,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// What the service keeps of offline training is of no use any more once there is a checkpoint.
+    /// Removes what the service keeps of offline training, which is not needed once there is a checkpoint.
     fn forget_offline_training(&self) -> Result<()> {
         let file = self.folder.offline_file();
         match fs::remove_file(&file) {
@@ -60,7 +60,7 @@ impl Trainer {
         }
     }
 
-    /// The log, with the checkpoint's own record, is on the disk before the checkpoint appears.
+    /// Writes a checkpoint. The log, with the checkpoint's own record, is on the disk before the checkpoint appears.
     fn write(&mut self, unfinished: &Path, folder: &Path) -> Result<()> {
         if unfinished.exists() {
             fs::remove_dir_all(unfinished)?;
@@ -93,7 +93,7 @@ impl Trainer {
     }
 }
 
-/// Whether a file could not be written, by us or by the proximity service.
+/// Returns whether a file could not be written, by the learner or by the proximity service.
 fn is_of_the_disk(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         let ours = matches!(cause.downcast_ref(), Some(Error::Checkpoint { .. }));

@@ -1,4 +1,4 @@
-//! The command line of `goalward-learner`. People type `goalward train`, which starts it.
+//! The command line of `goalward-learner`. Users type `goalward train`, which starts it.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,7 +17,7 @@ struct Arguments {
     run: PathBuf,
 }
 
-/// Runs the process.
+/// Runs the learner process.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     process::run(Diagnostics::of_service(), || {

@@ -1,9 +1,8 @@
-//! The ledger of leases of one iteration's rollout: which lanes are owed what, who holds which lease, what
-//! has come in.
+//! The ledger of leases of one iteration's rollout: what each lane owes, who holds which lease, and what has arrived.
 //!
-//! Pure bookkeeping between the desk (which talks to actors) and the trainer (which wants batches).
-//! A lease is a pure function of its fields, so handing one out twice is always safe: whichever
-//! copy of a trajectory arrives first counts and the other has the same bytes.
+//! Pure bookkeeping between the desk, which talks to actors, and the trainer, which needs batches. What a lease
+//! produces depends on its fields alone, so granting one twice is always safe: the copy of a trajectory that
+//! arrives first counts, and the other has the same bytes.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -12,24 +11,24 @@ use bytes::Bytes;
 use protocol::messages::Lease;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 
-/// What a lane is to run, and from where.
+/// What a lane has to run, and from which episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LanePlan {
     /// First episode.
     pub first_episode: u64,
-    /// Least number of steps.
+    /// Minimum number of steps.
     pub steps_owed: u64,
-    /// Least number of episodes.
+    /// Minimum number of episodes.
     pub episodes_owed: u64,
 }
 
-/// Most leases of one answer, so that it fits its place on the bus whatever the asker wants.
+/// Maximum number of leases per reply, so that it fits its slot on the bus whatever the actor asks for.
 const LEASES_AT_ONCE: usize = 128;
 
-/// Why a trajectory is no part of a rollout that it says it belongs to.
+/// Why a trajectory is not part of the rollout that it names.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unusable {
-    /// Somebody else acted.
+    /// Another policy acted.
     #[error("lane {lane} episode {episode}: expected policy version {expected}, found {found}")]
     PolicyVersion {
         /// Its lane.
@@ -38,7 +37,7 @@ pub enum Unusable {
         episode: u64,
         /// The version that acts in this rollout.
         expected: u64,
-        /// The version it names.
+        /// The version that the trajectory names.
         found: u64,
     },
     /// There is no such lane.
@@ -46,20 +45,20 @@ pub enum Unusable {
     Lane {
         /// Lanes of the rollout.
         lanes: usize,
-        /// The lane it names.
+        /// The lane that the trajectory names.
         found: u64,
     },
-    /// No lease reaches so far.
+    /// No lease can contain this episode.
     #[error("lane {lane}: expected an episode below {end}, found {found}")]
     Episode {
         /// Its lane.
         lane: u64,
         /// The first episode that the lane cannot owe.
         end: u64,
-        /// The episode it names.
+        /// The episode that the trajectory names.
         found: u64,
     },
-    /// A lease gives the same bytes whoever runs it; one of the two is wrong. The first stays.
+    /// A lease gives the same bytes whoever runs it, so one of the two copies is wrong. The first is kept.
     #[error(
         "lane {lane} episode {episode} came twice and differs: {kept:016x} is kept, \
          {found:016x} is not; held by {holder}"
@@ -104,7 +103,7 @@ struct Holder {
 }
 
 impl LeaseLedger {
-    /// Opens a rollout of one plan per lane.
+    /// Opens a rollout with one plan per lane.
     pub fn open(
         source: Source,
         iteration: u64,
@@ -116,7 +115,7 @@ impl LeaseLedger {
         LeaseLedger { source, iteration, policy_version, lanes }
     }
 
-    /// Grants up to `capacity` of the leases nobody holds, a share that leaves some for the others.
+    /// Grants up to `capacity` of the leases that nobody holds, but leaves some for the other actors.
     pub fn grant(
         &mut self,
         actor: &str,
@@ -148,11 +147,11 @@ impl LeaseLedger {
         leases
     }
 
-    /// Takes in a trajectory; says whether it is new to this rollout. Of one that is evaluated, and never
-    /// learned from, only what an evaluation counts is kept.
+    /// Takes in a trajectory; returns whether it is new to this rollout. Of an evaluation trajectory, which is
+    /// never learned from, it keeps only what an evaluation counts.
     ///
     /// # Errors
-    /// When it names this rollout and is no part of it. Then nothing has changed.
+    /// When the trajectory names this rollout but is not part of it. Then nothing has changed.
     pub fn receive(&mut self, encoded: Encoded) -> Result<bool, Unusable> {
         let trajectory = &encoded.trajectory;
         if trajectory.source != self.source as i32 || trajectory.iteration != self.iteration {
@@ -186,7 +185,7 @@ impl LeaseLedger {
         Ok(true)
     }
 
-    /// An actor says it has published everything of a lease: what is missing is open again.
+    /// Takes a lease back from an actor that has published everything of it; what is missing is open again.
     pub fn hand_back(&mut self, actor: &str, lease: &Lease) {
         if lease.iteration != self.iteration || lease.source != self.source as i32 {
             return;
@@ -198,13 +197,13 @@ impl LeaseLedger {
         }
     }
 
-    /// Opens the leases again whose actor is gone. Returns their number.
+    /// Reopens the leases whose actors are gone. Returns their number.
     pub fn reopen_lost(&mut self, alive: &[String]) -> usize {
         self.reopen(|holder| !alive.contains(&holder.actor))
     }
 
-    /// Opens the leases again that are held longer than `timeout`, unless one is open already: whoever holds
-    /// them may only be slow, and others have something to do until then. Returns their number.
+    /// Reopens the leases held longer than `timeout`, unless a lease is open already: their holders may only be
+    /// slow, and as long as leases are open, other actors have work. Returns their number.
     pub fn reopen_overdue(&mut self, timeout: Duration, now: Instant) -> usize {
         if self.has_open_leases() {
             return 0;
@@ -223,30 +222,30 @@ impl LeaseLedger {
         reopened
     }
 
-    /// Leases handed out and not complete.
+    /// Returns the number of leases that are held and not complete.
     pub fn held(&self) -> usize {
         self.lanes.iter().filter(|lane| lane.holder.is_some() && !lane.is_complete()).count()
     }
 
-    /// Leases that an actor holds and has not completed.
+    /// Returns the number of leases that an actor holds and has not completed.
     pub fn held_by(&self, actor: &str) -> usize {
         let holds =
             |lane: &&LaneLedger| lane.holder.as_ref().is_some_and(|holder| holder.actor == actor);
         self.lanes.iter().filter(holds).filter(|lane| !lane.is_complete()).count()
     }
 
-    /// The actor that holds the lease of a lane.
+    /// Returns the actor that holds a lane's lease.
     pub fn holder(&self, lane: u64) -> Option<&str> {
         let lane = self.lanes.get(usize::try_from(lane).ok()?)?;
         lane.holder.as_ref().map(|holder| holder.actor.as_str())
     }
 
-    /// Whether some lease is waiting for an actor.
+    /// Returns whether any lease is waiting for an actor.
     pub fn has_open_leases(&self) -> bool {
         self.lanes.iter().any(LaneLedger::is_open)
     }
 
-    /// Training steps received.
+    /// Returns the number of training steps received.
     pub fn steps(&self) -> u64 {
         if self.source != Source::Training {
             return 0;
@@ -255,19 +254,19 @@ impl LeaseLedger {
         self.lanes.iter().map(lane_steps).sum()
     }
 
-    /// Whether every lane has run what it owes.
+    /// Returns whether every lane has run what it owes.
     pub fn is_complete(&self) -> bool {
         self.lanes.iter().all(LaneLedger::is_complete)
     }
 
-    /// The trajectories in batch order: by lane, then by episode.
+    /// Returns the trajectories in batch order: by lane, then by episode.
     pub fn into_batch(self) -> Vec<Encoded> {
         self.lanes.into_iter().flat_map(LaneLedger::into_owed).collect()
     }
 }
 
 impl LanePlan {
-    /// The first episode that cannot be owed any more: every episode has a step at least.
+    /// Returns the first episode number that the lane cannot owe: every episode has at least one step.
     fn end(&self) -> u64 {
         self.first_episode.saturating_add(self.steps_owed.max(self.episodes_owed))
     }
@@ -293,14 +292,14 @@ impl LaneLedger {
         }
     }
 
-    /// The episodes that were owed. What came beyond them is nobody's.
+    /// Returns the episodes that were owed, without any beyond them.
     fn into_owed(self) -> impl Iterator<Item = Encoded> {
         let end = self.rest.first_episode;
         self.received.into_iter().take_while(move |(episode, _)| *episode < end).map(|(_, one)| one)
     }
 }
 
-/// A trajectory without its encoded bytes, which hold all of its arrays; rewards have their own.
+/// Returns a trajectory without its encoded bytes, which all of its arrays share; the rewards are copied.
 fn without_bytes(encoded: Encoded) -> Encoded {
     let Encoded { trajectory, key, .. } = encoded;
     let trajectory = Trajectory {

@@ -1,8 +1,8 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
-//! [`run()`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that
-//! talks to actors and writes the log meanwhile; [`scoring`] talks to the proximity service. What is
-//! learned, and how, is in [`algorithm`].
+//! [`run()`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that talks to
+//! actors and writes the log at the same time; [`scoring`] talks to the proximity service. [`algorithm`] holds
+//! the policy learners.
 
 pub mod advantage;
 pub mod algorithm;

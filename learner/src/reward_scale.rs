@@ -1,5 +1,5 @@
-//! Rewards divided by the running standard deviation of the discounted return, between scoring and
-//! advantages. The authors' setting; it makes their "reward scale" (Table 2) have no effect.
+//! Division of rewards by the running standard deviation of the discounted return, between scoring and
+//! advantages. This is the authors' setting; it makes their "reward scale" (Table 2) have no effect.
 
 use networks::RunningMoments;
 
@@ -19,9 +19,9 @@ pub struct EpisodeRewards<'a> {
 }
 
 impl RewardScale {
-    /// Scales a batch's rewards in place. Episodes are sorted by lane; the lanes are walked side by
-    /// side, as if they had been stepped together, and each step's returns enter the moments
-    /// before that step's rewards are divided by it.
+    /// Scales a batch's rewards in place. Episodes must be sorted by lane. The lanes are traversed side by
+    /// side, as if they had been stepped together, and each step's returns enter the moments before that step's
+    /// rewards are divided.
     pub fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
         let mut lanes = LaneCursor::of(episodes);
         while lanes.iter().any(|lane| lane.next < lane.end) {
@@ -43,8 +43,8 @@ impl RewardScale {
         }
     }
 
-    /// Takes in the returns of one step of every lane. Their sum of squares comes from their variance,
-    /// whose rounding all recorded runs have in their weights.
+    /// Takes in the returns of one step of every lane. The sum of squares is computed from the variance; that
+    /// rounding is part of the weights of all recorded runs.
     fn include(&mut self, returns: &[f64]) {
         let count = returns.len() as f64;
         let mean = returns.iter().sum::<f64>() / count;
@@ -53,7 +53,7 @@ impl RewardScale {
     }
 }
 
-/// A lane's place in its episodes.
+/// A lane's position in its episodes.
 struct LaneCursor {
     next: usize,
     end: usize,
@@ -78,7 +78,7 @@ impl LaneCursor {
         lanes
     }
 
-    /// The next (episode, step) of this lane.
+    /// Returns the next (episode, step) of this lane.
     fn take(&mut self, episodes: &[EpisodeRewards<'_>]) -> Option<(usize, usize)> {
         if self.next == self.end {
             return None;

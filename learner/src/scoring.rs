@@ -1,4 +1,4 @@
-//! The learner's side of the proximity service: batches named, scores fetched, training ordered.
+//! The learner's side of the proximity service: it names batches, fetches scores and orders training.
 
 use std::time::{Duration, Instant};
 
@@ -13,14 +13,13 @@ use protocol::messages::{
 use protocol::trajectory::{Encoded, TrajectoryKey};
 use run::process::{Final, Stop};
 
-/// How often a waiting learner looks whether the service still lives and whether it is to stop.
+/// How often a waiting learner checks whether the service is alive and whether it has to stop itself.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 
-/// How long a service that is not on the bus is waited for. One that is there works, however long it
-/// takes.
+/// How long to wait for a service that is not on the bus. A service that is there is working, however long it takes.
 const ABSENCE_PATIENCE: Duration = Duration::from_secs(30);
 
-/// How long an answer is waited for once a stop is requested.
+/// How long to wait for an answer once a stop is requested.
 const STOP_PATIENCE: Duration = Duration::from_secs(60);
 
 /// The learner's side of the proximity service.
@@ -31,25 +30,24 @@ pub struct Scoring {
     stop: Stop,
 }
 
-/// Training of the reward model, under way while the policy is updated.
+/// Training of the reward model in progress.
 pub struct Improvement(Pending);
 
-/// Where the service stands that was asked to begin.
+/// The state of the service when it is asked to begin.
 pub enum Begun {
-    /// It trains offline and is to be asked again.
+    /// It is training offline and has to be asked again.
     Pretraining(Pretraining),
-    /// It is where it was asked to be.
+    /// It has reached the state that it was asked for.
     Ready(RewardUpdate),
 }
 
-/// The service lives and could not do what it was asked.
+/// The service is alive but could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 #[error("the proximity service refused: {0}")]
 pub struct Refused(String);
 
 impl Scoring {
-    /// Opens the client over the trainer's bus. Once `stop` is requested a service that is gone is not
-    /// waited for.
+    /// Opens the client over the trainer's bus. Once `stop` is requested, it does not wait for a service that is gone.
     ///
     /// # Errors
     /// When the bus fails.
@@ -72,11 +70,11 @@ impl Scoring {
         }
     }
 
-    /// Makes a batch the service's current one. It has most trajectories from the actors; those it
+    /// Makes a batch the service's current one. The service has most trajectories from the actors; those it
     /// lacks are sent again.
     ///
     /// # Errors
-    /// As [`Scoring::begin`], and when the service does not keep what it was sent.
+    /// As [`Scoring::begin`], and when the service still lacks trajectories that it was sent.
     pub fn announce(&self, iteration: u64, trajectories: &[Encoded]) -> Result<()> {
         let keys: Vec<TrajectoryKey> = trajectories.iter().map(|encoded| encoded.key).collect();
         let mut supplied = Vec::new();
@@ -98,10 +96,10 @@ impl Scoring {
         bail!("batch {iteration}: the service lacks trajectories it was sent")
     }
 
-    /// Scores of the current batch, in batch order.
+    /// Returns the scores of the current batch, in batch order.
     ///
     /// # Errors
-    /// As [`Scoring::begin`], and when there are not as many as trajectories.
+    /// As [`Scoring::begin`], and when there are not as many scores as trajectories.
     pub fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
         let scores = match self.ask(Ask::Score(IterationRequest { iteration }))? {
             Answer::Scores(scores) => scores.scores,
@@ -126,7 +124,7 @@ impl Scoring {
         Ok(Improvement(self.client.send(&request)?))
     }
 
-    /// Waits for the training to end.
+    /// Waits for the training to end and returns its result.
     ///
     /// # Errors
     /// As [`Scoring::begin`].
@@ -155,7 +153,7 @@ impl Scoring {
         }
     }
 
-    /// Asks until there is an answer; again when the service has come since, or has died.
+    /// Asks until there is an answer; asks again if the service has died, or has appeared since.
     fn ask(&self, ask: Ask) -> Result<Answer> {
         let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
         let mut wait = Wait::default();
@@ -163,7 +161,7 @@ impl Scoring {
         unless_refused(self.client.ask(&request, &self.doorbell, answer, keep_waiting)?)
     }
 
-    /// Goes on waiting for the service, unless it has been gone for too long.
+    /// Fails if the service has been gone for too long to go on waiting.
     fn expect_service(&self, wait: &mut Wait) -> Result<()> {
         let now = Instant::now();
         if wait.looked.is_some_and(|looked| now.duration_since(looked) < LOOK_AGAIN) {
@@ -176,7 +174,7 @@ impl Scoring {
     }
 }
 
-/// How long an answer has been waited for in vain.
+/// The state of a wait for an answer.
 #[derive(Debug, Default)]
 struct Wait {
     looked: Option<Instant>,
@@ -185,7 +183,7 @@ struct Wait {
 }
 
 impl Wait {
-    /// Notes whether the service is there and a stop requested.
+    /// Notes whether the service is there and whether a stop is requested.
     ///
     /// # Errors
     /// When there is nothing more to wait for.
@@ -212,7 +210,7 @@ impl Wait {
     }
 }
 
-/// What the service answered; none if these bytes are no answer, so not the service's.
+/// Decodes the service's answer; returns `None` if the bytes are not an answer, and so are not from the service.
 fn answer(bytes: Bytes) -> Option<Answer> {
     let answer = ServiceReply::decode(bytes).ok().and_then(|reply| reply.answer);
     if answer.is_none() {
@@ -221,7 +219,7 @@ fn answer(bytes: Bytes) -> Option<Answer> {
     answer
 }
 
-/// What an answer is, for a message: all that it says may be a whole batch.
+/// Names the kind of an answer for a message, because its content may be a whole batch.
 fn kind(answer: &Answer) -> &'static str {
     match answer {
         Answer::Updated(_) => "an update",

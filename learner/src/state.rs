@@ -1,6 +1,6 @@
-//! What the trainer carries from one iteration to the next, besides what the policy learner does.
+//! What the trainer carries from one iteration to the next, besides the policy learner's own state.
 //!
-//! Random streams are named, not carried (`protocol::seed`), so both together are all there is.
+//! Random streams are named, not carried (`protocol::seed`), so the two together are the complete state.
 
 use std::collections::VecDeque;
 
@@ -12,10 +12,10 @@ use run::config::RolloutConfig;
 
 use crate::ledger::LanePlan;
 
-/// Training episodes the success rate is taken over (paper, Section 4: the last 100).
+/// Number of training episodes that the success rate is taken over (paper, Section 4: the last 100).
 const SUCCESS_WINDOW: usize = 100;
 
-/// What no run counts to in a thousand years.
+/// An upper bound on counts, which no run reaches in a thousand years.
 const MOST_COUNTED: u64 = 1 << 53;
 
 /// What the trainer carries from one iteration to the next.
@@ -31,31 +31,30 @@ pub struct State {
     pub wall_s: f64,
     /// Processor time of all processes in that time, seconds.
     pub processor_s: f64,
-    /// The policy, as often updated as there were iterations.
+    /// The policy, with one update per iteration.
     pub policy: PolicyState,
-    /// The policy one update older, where it still acts: with lag 1.
+    /// The policy one update older, if it still acts (with lag 1).
     pub previous_policy: Option<PolicyState>,
     lanes: Vec<LaneTotals>,
     successes: VecDeque<bool>,
 }
 
-/// Everything a policy acts by.
+/// Everything that a policy needs to act.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyState {
     /// Parameters of the networks.
     pub parameters: Vec<f32>,
-    /// What observations are normalized by before the networks see them; of no numbers where they
-    /// are taken as they are.
+    /// Normalizes observations before the networks see them; without numbers, observations are taken as they are.
     pub normalizer: RunningNormalizer,
 }
 
 impl PolicyState {
-    /// The policy as a version that can act.
+    /// Returns the policy as weights of a version that can act.
     pub fn weights(&self, version: u64) -> Weights {
         Weights::new(version, &self.parameters, &self.normalizer.to_numbers())
     }
 
-    /// Whether every number of it is one.
+    /// Returns whether all its parameters and moments are finite.
     pub fn is_finite(&self) -> bool {
         let moments = self.normalizer.to_numbers();
         self.parameters.iter().all(|number| number.is_finite())
@@ -77,7 +76,7 @@ impl PolicyState {
     }
 }
 
-/// What a lane has run over its whole life.
+/// Totals of a lane over its whole life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct LaneTotals {
     episodes: u64,
@@ -85,7 +84,7 @@ struct LaneTotals {
 }
 
 impl State {
-    /// The state before the first iteration.
+    /// Creates the state before the first iteration.
     pub fn fresh(policy: PolicyState, rollout: &RolloutConfig) -> State {
         State {
             iteration: 0,
@@ -100,7 +99,7 @@ impl State {
         }
     }
 
-    /// What each lane is to run: up to the first episode end at or past `lane_steps` steps per
+    /// Returns what each lane has to run: up to the first episode end at or past `lane_steps` steps per
     /// iteration, counted over the lane's whole life.
     pub fn plans(&self, iteration: u64, lane_steps: u64) -> Vec<LanePlan> {
         let plan = |lane: &LaneTotals| LanePlan {
@@ -111,7 +110,7 @@ impl State {
         self.lanes.iter().map(plan).collect()
     }
 
-    /// Counts a batch's episodes to their lanes.
+    /// Adds the episodes of a batch to the totals of the run and of their lanes.
     pub fn count(&mut self, batch: &[Encoded]) {
         for encoded in batch {
             let trajectory = &encoded.trajectory;
@@ -128,14 +127,14 @@ impl State {
         }
     }
 
-    /// Share of the last 100 training episodes that reached the goal; 0 before the first. They are the last
-    /// in batch order, which is lane by lane: of a batch that has more, those of its last lanes.
+    /// Returns the share of the last 100 training episodes that reached the goal; 0 before the first episode. Episodes
+    /// are in batch order, lane by lane, so of a batch with more than 100 episodes only those of the last lanes count.
     pub fn success_rate(&self) -> f64 {
         let reached = self.successes.iter().filter(|success| **success).count();
         reached as f64 / self.successes.len().max(1) as f64
     }
 
-    /// Adds all of it.
+    /// Adds the state to `tensors`.
     pub fn save(&self, tensors: &mut Tensors) {
         let counts = [self.iteration, self.environment_steps, self.episodes];
         tensors.put_u64("counts", counts);
@@ -149,11 +148,10 @@ impl State {
         tensors.put_u8("successes", self.successes.iter().map(|success| u8::from(*success)));
     }
 
-    /// Takes over what [`State::save`] added. Without a lag, the previous policy that checkpoints of older
-    /// builds have is left alone.
+    /// Restores what [`State::save`] added. Without lag, a saved previous policy is ignored.
     ///
     /// # Errors
-    /// When the arrays are not of these shapes.
+    /// When the arrays do not have these shapes, or hold impossible values.
     pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
         let counts = countable("counts", tensors.exactly("counts", 3, Tensors::u64)?)?;
         [self.iteration, self.environment_steps, self.episodes] = [counts[0], counts[1], counts[2]];
@@ -182,7 +180,7 @@ impl State {
     }
 }
 
-/// Counts that a run can reach, so that no sum of them overflows.
+/// Checks that a run can reach these counts, so that no sum of them overflows.
 fn countable(name: &str, counts: Vec<u64>) -> Result<Vec<u64>, String> {
     match counts.iter().find(|count| **count > MOST_COUNTED) {
         Some(found) => Err(format!("array `{name}`: expected counts, found {found}")),
@@ -200,7 +198,7 @@ mod tests {
         State::fresh(policy, &RolloutConfig { lanes: 2, lane_steps: 10, lag })
     }
 
-    /// What a run has saved after some iterations, and what it went on with.
+    /// Returns what a run saves after some iterations, and the state that it continues with.
     fn saved(lag: u64) -> (Tensors, State) {
         let mut state = fresh(lag);
         state.iteration = 3;

@@ -12,7 +12,7 @@ use run::time_to_success::TimeToSuccess;
 use crate::trainer::Trainer;
 
 impl Trainer {
-    /// Ends a run that has been stopped: what it has learned is saved.
+    /// Ends a run that was stopped: saves what it has learned.
     pub(crate) fn leave(mut self) -> Result<()> {
         if self.state.iteration > 0 {
             self.save()?;
@@ -21,7 +21,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Ends a run that has been trained to its end.
+    /// Ends a run that was trained to its end.
     pub(crate) fn conclude(mut self) -> Result<()> {
         self.save()?;
         let Some(evaluation) = self.evaluate()? else { return self.leave() };
@@ -67,7 +67,7 @@ impl Trainer {
             policy_sha256: state.policy.weights(state.iteration).sha256(),
             proximity_sha256: reward_update.weights_sha256,
             builds: Vec::new(),
-            // A run that was trained is finished, though its demonstrations were removed meanwhile.
+            // A trained run is finished, even if its demonstrations have since been removed.
             demonstrations: Demonstrations::of_run(&self.folder, &self.config).unwrap_or_default(),
             log: LogFigures {
                 trajectories: state.episodes + evaluation.len() as u64,

@@ -23,10 +23,10 @@ use crate::ledger::{LanePlan, LeaseLedger};
 use crate::scoring::{Begun, Scoring};
 use crate::state::State;
 
-/// How often a waiting trainer looks whether it is to stop.
+/// How often a waiting trainer checks whether it has to stop.
 const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
 
-/// A training run at work.
+/// A training run in progress.
 pub struct Trainer {
     pub(crate) folder: RunFolder,
     pub(crate) place: Place,
@@ -53,7 +53,7 @@ struct Times {
 }
 
 impl Trainer {
-    /// Opens everything: the newest checkpoint or a fresh state, the log, the ports, the service.
+    /// Opens everything: the newest checkpoint or a fresh state, the log, the ports and the connection to the service.
     ///
     /// # Errors
     /// When the folder holds no run, its checkpoint does not fit, or the log or the bus cannot be opened.
@@ -74,7 +74,7 @@ impl Trainer {
             stop: stop.clone(),
         };
         let mut desk = DeskHandle::start(setup, &bus)?;
-        // Offline training, which is the first phase, a resumed run has behind it.
+        // A resumed run has completed its first phase, offline training.
         let phase = if state.iteration > 0 { Phase::Training } else { Phase::Pretraining };
         let progress = Progress {
             phase: phase as i32,
@@ -101,7 +101,7 @@ impl Trainer {
         })
     }
 
-    /// Trains to the end; false if a stop came before it.
+    /// Trains to the end; returns false if a stop is requested first.
     ///
     /// # Errors
     /// When the bus, the disk or the service fails, or learning diverges.
@@ -128,7 +128,7 @@ impl Trainer {
             if self.config.rollout.lag == 0 && !self.is_over(next) {
                 self.open_rollout(next)?;
             }
-            // The last one is saved when the run is concluded.
+            // The last checkpoint is saved when the run is concluded.
             if !self.is_over(next) && next.is_multiple_of(self.config.checkpoint.iterations) {
                 self.save()?;
             }
@@ -136,13 +136,13 @@ impl Trainer {
         Ok(true)
     }
 
-    /// Whether training is over after so many iterations.
+    /// Returns whether training is over after `iteration` iterations.
     fn is_over(&self, iteration: u64) -> bool {
         iteration >= self.config.iterations() || self.learner.is_finished()
     }
 
-    /// Lines 2 to 5, unless there is a checkpoint: waits while the service trains offline; false if a
-    /// stop comes first.
+    /// Runs lines 2 to 5, unless there is a checkpoint: waits while the service trains offline. Returns false
+    /// if a stop is requested first.
     fn begin_scoring(&mut self) -> Result<bool> {
         let iteration = self.state.iteration;
         let file = match iteration {
@@ -174,7 +174,7 @@ impl Trainer {
         Ok(false)
     }
 
-    /// Line 7: the rollout of an iteration, by the policy as old as the lag allows.
+    /// Opens the rollout of an iteration (line 7), with the policy version that the lag prescribes.
     fn open_rollout(&mut self, iteration: u64) -> Result<()> {
         if !self.config.learner.acts() {
             return Ok(());
@@ -184,7 +184,8 @@ impl Trainer {
         self.desk.order(Order::Open(LeaseLedger::open(Source::Training, iteration, version, plans)))
     }
 
-    /// The batch of an iteration, empty for a learner that needs none; none if a stop comes first.
+    /// Returns the batch of an iteration, which is empty for a learner that needs none; `None` if a stop is
+    /// requested first.
     fn collect(&mut self) -> Result<Option<Vec<Encoded>>> {
         if !self.config.learner.acts() {
             return Ok((!self.stop.is_requested()).then(Vec::new));
@@ -197,7 +198,7 @@ impl Trainer {
         Ok(Some(trajectories))
     }
 
-    /// What the open rollout has come to; none if a stop comes first.
+    /// Waits for the result of the open rollout; returns `None` if a stop is requested first.
     fn rolled_out(&mut self) -> Result<Option<RolledOut>> {
         while !self.stop.is_requested() {
             if let Some(rolled_out) = self.desk.rolled_out(LOOK_FOR_STOP)? {
@@ -207,31 +208,35 @@ impl Trainer {
         Ok(None)
     }
 
-    /// Lines 8 to 10: score, update the policy, improve the proximity function. The last two depend
-    /// only on the batch, so they run at the same time.
+    /// Runs lines 8 to 10: scores the batch, updates the policy, improves the proximity function. With
+    /// [`UpdateOrder::ScoreFirst`] the last two run at the same time, because they depend only on the batch;
+    /// with [`UpdateOrder::ImproveFirst`] the improvement comes before the scores.
     fn learn(&mut self, trajectories: &[Encoded], rollout_s: f64) -> Result<()> {
         let iteration = self.state.iteration;
         let begun = Instant::now();
         self.scoring.announce(iteration, trajectories)?;
         let mut reward_update = None;
         let mut improvement = None;
+        let waiting = Instant::now();
         if self.config.reward.order == UpdateOrder::ImproveFirst {
             let under_way = self.scoring.start_improving(iteration)?;
             reward_update = Some(self.scoring.improved(under_way)?);
         }
+        let mut waited_s = waiting.elapsed().as_secs_f64();
         let scores = self.scoring.scores(iteration, trajectories)?;
         if self.config.reward.order == UpdateOrder::ScoreFirst {
             improvement = Some(self.scoring.start_improving(iteration)?);
         }
-        let improved_s = reward_update.as_ref().map_or(0.0, |update| update.seconds);
-        let scoring_s = begun.elapsed().as_secs_f64() - improved_s;
+        let scoring_s = begun.elapsed().as_secs_f64() - waited_s;
         let begun = Instant::now();
         let learning_rate = self.config.policy_learning_rate().at(iteration);
         let metrics = self.improve_policy(trajectories, &scores, learning_rate)?;
         let update_s = begun.elapsed().as_secs_f64();
+        let waiting = Instant::now();
         if let Some(under_way) = improvement {
             reward_update = Some(self.scoring.improved(under_way)?);
         }
+        waited_s += waiting.elapsed().as_secs_f64();
         self.state.iteration += 1;
         self.state.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
         let service = reward_update.as_ref().map_or(0.0, |update| update.processor_s);
@@ -239,13 +244,13 @@ impl Trainer {
         self.seconds.rollout += rollout_s;
         self.seconds.scoring += scoring_s;
         self.seconds.policy_update += update_s;
-        self.seconds.reward_update += reward_update.as_ref().map_or(0.0, |update| update.seconds);
+        self.seconds.reward_update += waited_s;
         let times = Times { rollout_s, scoring_s, update_s };
         let update = self.policy_update(trajectories, &scores, &metrics, learning_rate, times);
         self.record(scores, update, reward_update)
     }
 
-    /// Line 9.
+    /// Updates the policy (line 9).
     fn improve_policy(
         &mut self,
         trajectories: &[Encoded],
@@ -268,7 +273,8 @@ impl Trainer {
         Ok(metrics)
     }
 
-    /// Of the last 100 training episodes; none before the first, or where the task does not tell success.
+    /// Returns the success rate of the last 100 training episodes; `None` before the first, or if the task does
+    /// not tell success.
     pub(crate) fn success_rate(&self) -> Option<f64> {
         let tells = self.config.task.tells_success && self.state.episodes > 0;
         tells.then(|| self.state.success_rate())
@@ -327,7 +333,7 @@ impl Trainer {
         self.tell(Phase::Training, Some(shown), reward_update)
     }
 
-    /// Publishes how the run stands.
+    /// Publishes the run's progress.
     pub(crate) fn tell(
         &mut self,
         phase: Phase,
@@ -345,7 +351,7 @@ impl Trainer {
         self.desk.order(order)
     }
 
-    /// Publishes the policies that may act: the newest, and with lag 1 the one before.
+    /// Publishes the policies that may act: the newest and, with lag 1, the previous one.
     fn publish_weights(&mut self) -> Result<()> {
         let version = self.state.iteration;
         if let Some(previous) = self.state.previous_policy.as_ref().filter(|_| version > 0) {
@@ -354,8 +360,8 @@ impl Trainer {
         self.desk.order(Order::Publish(self.state.policy.weights(version)))
     }
 
-    /// Runs evaluation episodes with the final policy; none if a stop comes before their end. Their bytes are
-    /// in the log alone.
+    /// Runs evaluation episodes with the final policy; returns `None` if a stop is requested first. Their bytes
+    /// are kept in the log only.
     pub(crate) fn evaluate(&mut self) -> Result<Option<Vec<Encoded>>> {
         self.tell(Phase::Evaluating, None, None)?;
         let episodes = self.config.evaluation.episodes;
@@ -371,7 +377,7 @@ impl Trainer {
     }
 }
 
-/// The threads that policy updates compute on.
+/// Creates the threads that policy updates run on.
 fn update_threads(config: &RunConfig) -> Result<rayon::ThreadPool> {
     Ok(rayon::ThreadPoolBuilder::new()
         .num_threads(config.resources.learner_threads)

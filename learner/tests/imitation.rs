@@ -1,5 +1,5 @@
-//! The learners that imitate: each finds the expert's actions in a small world, threads change no bit
-//! of it, and a restored one goes on alike.
+//! The learners that imitate: each finds the expert's actions in a small world, the number of threads changes
+//! no bit of it, and a restored learner continues identically.
 
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
@@ -19,7 +19,7 @@ fn config(task: &str, settings: &[&str]) -> RunConfig {
     run::tasks::configuration(task, None, &settings).unwrap()
 }
 
-/// A corridor of a grid: places 1 to 17 of row 1, goals at both ends. Action 0 goes right, 2 left.
+/// A corridor in a grid: places 1 to 17 of row 1, with goals at both ends. Action 0 goes right, action 2 left.
 struct Corridor;
 
 /// A place and the goal.
@@ -46,7 +46,7 @@ impl Corridor {
         }
     }
 
-    /// An episode of a policy from a place, to the goal or to 30 steps.
+    /// Runs an episode from a place, to the goal or for 30 steps.
     fn episode(from: Place, source: Source, mut act: impl FnMut(Place) -> u8) -> Trajectory {
         let (mut place, mut cells, mut actions) = (from, Self::observation(from), Vec::new());
         while actions.len() < 30 && place.0 != place.1 {
@@ -78,7 +78,7 @@ impl Corridor {
         starts.map(|from| Self::episode(from, Source::Demonstration, Self::expert)).collect()
     }
 
-    /// What somebody gathers who acts at random.
+    /// Returns the episodes of an agent that acts at random.
     fn wandering(draws: &mut Stream, episodes: usize) -> Vec<Encoded> {
         let episode = |_| {
             let goal = if draws.random::<bool>() { 1 } else { 17 };
@@ -88,7 +88,7 @@ impl Corridor {
         (0..episodes).map(episode).map(Encoded::encode).collect()
     }
 
-    /// Share of places where the policy's most probable action is the expert's.
+    /// Returns the share of places where the policy's most probable action is the expert's.
     fn agreement(config: &RunConfig, policy: &PolicyState) -> f64 {
         let places: Vec<Place> = (2..17).flat_map(|place| [(place, 1), (place, 17)]).collect();
         let observations: Vec<u8> =
@@ -100,7 +100,7 @@ impl Corridor {
     }
 }
 
-/// The most probable action of each observation.
+/// Returns the most probable action for each observation.
 fn modes(config: &RunConfig, policy: &PolicyState, observations: &[u8]) -> Vec<Vec<u8>> {
     let spec = config.task.spec();
     let architecture = PolicyArchitecture::from(&config.policy);
@@ -123,7 +123,7 @@ fn schedule(config: &RunConfig, iteration: u64) -> Schedule {
     Schedule { run_seed: 1, iteration, learning_rate }
 }
 
-/// What there is to learn from: demonstrations, and what an agent at random does in twenty episodes.
+/// What there is to learn from: demonstrations, and twenty episodes of an agent that acts at random.
 struct World {
     demonstrations: Vec<Trajectory>,
     wandering: fn(&mut Stream) -> Vec<Encoded>,
@@ -144,7 +144,7 @@ impl World {
         (self.wandering)(&mut stream(1, Purpose::TrainingActions, iteration, 0))
     }
 
-    /// Trains for so many iterations.
+    /// Trains for `iterations` iterations.
     fn train(
         &self,
         config: &RunConfig,
@@ -299,7 +299,7 @@ fn a_soft_actor_critic_sees_a_small_grid_by_the_encoder_of_the_policy() {
     assert!(metrics.value_loss > 0.0 && policy.parameters != before, "{metrics:?}");
 }
 
-/// An expert on a line, who goes to the middle.
+/// Returns the action of an expert that goes to the middle of a line.
 fn expert(place: f32) -> f32 {
     -0.8 * place
 }
@@ -310,7 +310,7 @@ fn point(place: f32) -> Vec<u8> {
     bytes
 }
 
-/// Ten steps on a line, each a fifth of the action's first number.
+/// Returns an episode of ten steps on a line; each step is a fifth of the action's first number.
 fn line(from: f32, source: Source, mut act: impl FnMut(f32) -> f32) -> Trajectory {
     let (mut place, mut values, mut actions) = (from, point(from), Vec::new());
     for _ in 0..10 {
@@ -333,7 +333,7 @@ fn line(from: f32, source: Source, mut act: impl FnMut(f32) -> f32) -> Trajector
     }
 }
 
-/// Ten steps at a time of an agent at random on a line.
+/// Returns twenty episodes of ten steps on a line, of an agent that acts at random.
 fn line_at_random(draws: &mut Stream) -> Vec<Encoded> {
     let episode = |_| {
         let from = draws.random_range(-1.0..1.0);

@@ -15,7 +15,7 @@ fn rollout(lanes: usize) -> LeaseLedger {
     LeaseLedger::open(Source::Training, 3, 3, vec![plan; lanes])
 }
 
-/// The episodes of a lease, each of 10 + lane steps.
+/// Returns the episodes of a lease, each of 10 + lane steps.
 fn run(lease: &Lease) -> Vec<Encoded> {
     let (mut owed, mut episode) = (lease.steps_owed, lease.first_episode);
     let mut trajectories = Vec::new();
@@ -63,7 +63,7 @@ fn who_holds_what_is_known() {
 }
 
 proptest! {
-    /// Actors die after any number of episodes, lose some, publish some twice and late.
+    /// Actors die after any number of episodes, lose some, and publish some twice and late.
     #[test]
     fn deaths_and_losses_change_nothing(
         fates in prop::collection::vec((0usize..4, any::<bool>(), any::<bool>()), 0..40),
@@ -162,7 +162,7 @@ fn an_actor_gets_a_share_and_leaves_some_for_the_others() {
     assert_eq!(rollout.held(), 12);
 }
 
-/// What is no part of a rollout is refused in words, changes nothing, and what came first stays.
+/// A trajectory that is not part of a rollout is refused with a message and changes nothing; what came first is kept.
 #[test]
 fn what_is_no_part_of_the_rollout_is_refused_and_changes_nothing() {
     let mut rollout = rollout(1);

@@ -1,4 +1,4 @@
-//! The policy update as a whole: it solves a bandit, and threads change no bit of it.
+//! The policy update as a whole: it solves a bandit, and the number of threads changes no bit of it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use learner::algorithm::Schedule;
@@ -45,7 +45,7 @@ fn network() -> ActorCritic {
     ActorCritic::new(BANDIT.observation, BANDIT.action, &architecture)
 }
 
-/// A batch drawn from the policy.
+/// Samples a batch from the policy.
 fn batch(network: &ActorCritic, parameters: &[f32], iteration: u64) -> Batch {
     let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
     let prepared = network.prepare(parameters);
@@ -64,7 +64,7 @@ fn batch(network: &ActorCritic, parameters: &[f32], iteration: u64) -> Batch {
     batch
 }
 
-/// Parameters after some updates on so many threads, and the last mean reward.
+/// Trains on `threads` threads; returns the parameters and the last mean reward.
 fn train(threads: usize, iterations: u64) -> (Vec<f32>, f32) {
     train_with(config(), threads, iterations)
 }
@@ -97,7 +97,7 @@ fn no_pass_follows_one_beyond_the_target_divergence() {
         let config = PpoConfig { epochs, target_kl, ..config() };
         train_with(config, 1, 1).0
     };
-    // The second minibatch of the first pass already differs from the policy that acted.
+    // At the second minibatch of the first pass, the policy already differs from the one that acted.
     assert_eq!(after(4, 1e-12), after(1, 0.0));
     assert_eq!(after(4, 1e3), after(4, 0.0));
     assert_ne!(after(4, 1e-12), after(4, 0.0));
@@ -139,7 +139,7 @@ fn threads_change_no_bit() {
     assert_eq!(one, bits(5));
 }
 
-/// Numbers of every size, many of them larger than training ever meets.
+/// Generates numbers of every magnitude, many of them larger than any in training.
 fn number() -> impl Strategy<Value = f32> {
     let wide = (any::<f32>(), -38.0..38.0_f32)
         .prop_map(|(sign, power)| libm::powf(10.0, power).copysign(sign));
@@ -147,7 +147,7 @@ fn number() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    /// Rewards, and ratios through the log-probabilities that acted: whatever they are, an update ends
+    /// Whatever the rewards and the ratios (set through the log-probabilities that acted) are, an update ends
     /// with finite numbers, or is refused with the loss and the minibatch.
     #[test]
     fn no_reward_or_ratio_makes_numbers_that_are_none(
@@ -186,7 +186,7 @@ proptest! {
     }
 }
 
-/// Where only the ratio is beyond all numbers, and clipped, there is nothing to refuse.
+/// If only the ratio overflows, and is clipped, there is nothing to refuse.
 #[test]
 fn a_ratio_beyond_all_numbers_is_clipped() {
     let network = network();

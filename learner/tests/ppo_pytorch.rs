@@ -1,5 +1,5 @@
-//! Whole updates of PPO against PyTorch: discrete, normal and squashed actions, with clipped values and
-//! bootstrapped episodes, and without either.
+//! Whole PPO updates against PyTorch: discrete, normal and squashed actions, with clipped values and
+//! bootstrapped episodes, and without both.
 //!
 //! `ppo_vectors.safetensors` was made by `ppo_vectors.py` beside it with PyTorch 2.5.1, in double
 //! precision.
@@ -85,7 +85,7 @@ impl Case {
     }
 }
 
-/// Eight passes over the batch end at PyTorch's parameters, with its metrics.
+/// Checks that eight passes over the batch end at PyTorch's parameters, with its metrics.
 fn check(name: &'static str, action: ActionSpec, squashed: bool) {
     let case = Case::open(name);
     let observation = ObservationSpec::Vector { len: NUMBERS };

@@ -1,10 +1,11 @@
-"""Makes ppo_vectors.safetensors, against which tests/ppo_pytorch.rs holds PPO's update.
+"""Makes ppo_vectors.safetensors, which tests/ppo_pytorch.rs compares with PPO's update.
 
     pip install torch numpy safetensors && python learner/tests/ppo_vectors.py
 
-Each case is a batch of episodes, some cut by the horizon, a small actor and critic whose parameters are
-one flat tensor in the layout of the crate `networks`, and what whole-batch passes of PPO make of them:
-so ratios and values leave their clip ranges in the later passes. PyTorch computes in double precision.
+Each case has a batch of episodes, some of them cut off by the horizon; a small actor and critic, whose
+parameters are one flat tensor in the layout of the crate `networks`; and the results of PPO passes over
+the whole batch, in the later of which ratios and values leave their clip ranges. PyTorch computes in
+double precision.
 """
 
 import math
@@ -59,7 +60,7 @@ class Squashed(Gaussian):
 
 
 class Model:
-    """Actor, critic, logarithms of deviations, as consecutive stretches of one flat tensor."""
+    """Actor, critic and log standard deviations, as consecutive parts of one flat tensor."""
 
     def __init__(self, kind):
         self.kind = kind
@@ -76,7 +77,7 @@ class Model:
 
 
 def advantages(rewards, values, last_values):
-    """The definition of generalized advantages, episode by episode."""
+    """Computes generalized advantages by their definition, episode by episode."""
     result, start = [], 0
     for steps, last in zip(STEPS, last_values):
         own = torch.cat([values[start : start + steps], last.view(1)])

@@ -1,7 +1,7 @@
-//! What one evaluation and one update of the paper's networks cost on one core.
+//! Cost of one evaluation and one update of the paper's networks on one core.
 //!
-//! `cargo bench -p networks -- --quick`. Budgets: 30 us a row for the forward half over cells, 100 us
-//! with the backward half; a kernel that left the vector registers shows as five times as much.
+//! Run with `cargo bench -p networks -- --quick`. Budgets: 30 us a row for the forward pass over cells, 100 us with
+//! the backward pass. A kernel outside the vector registers takes five times as long.
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
@@ -29,7 +29,7 @@ fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
     }
 }
 
-/// A grid like those of NAVIGATION: what a layer costs depends on how much of it repeats itself.
+/// Draws a grid like those of NAVIGATION: the cost of a layer depends on how repetitive the grid is.
 fn four_rooms(height: usize, width: usize, stream: &mut Stream) -> Vec<u8> {
     let (empty, wall, goal, agent) = (0, 1, 2, 3);
     let is_wall = |at: usize, size: usize| at.is_multiple_of(size / 2);
@@ -47,7 +47,7 @@ fn four_rooms(height: usize, width: usize, stream: &mut Stream) -> Vec<u8> {
     grid
 }
 
-/// Forward and backward of a policy on `rows`, with and without preparation, clipping and Adam.
+/// Benchmarks acting, forward and backward pass on `rows`, and separately preparation, clipping and Adam.
 fn policy(
     criterion: &mut Criterion,
     name: &str,

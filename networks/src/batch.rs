@@ -7,31 +7,31 @@ use crate::encoder::{Indexed, Observations};
 /// Size of a row of a [`Batch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSize {
-    /// Bytes of its observations.
+    /// Bytes of the row's observations.
     pub observation_bytes: usize,
-    /// Numbers that join them.
+    /// Number of extra inputs.
     pub extra_inputs: usize,
 }
 
-/// What a network is evaluated on: rows one after another.
+/// Rows that a network is evaluated on, one after another.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {
-    /// The observations.
+    /// Observations of the rows.
     pub observations: Observations<'a>,
-    /// Each row's numbers that join the observations; empty if the network takes none.
+    /// Extra inputs of each row, which follow its observations; empty if the network takes none.
     pub extra_inputs: &'a [f32],
 }
 
 impl<'a> Batch<'a> {
-    /// Rows of observations without extra inputs.
+    /// Creates a batch of observations without extra inputs.
     pub fn new(observations: &'a [u8]) -> Self {
         Self { observations: Observations::Bytes(observations), extra_inputs: &[] }
     }
 
-    /// How many rows there are.
+    /// Returns the number of rows.
     ///
     /// # Panics
-    /// If they are not whole rows of this size.
+    /// If the batch does not consist of whole rows of this size.
     pub fn rows(&self, size: RowSize) -> usize {
         let RowSize { observation_bytes, extra_inputs } = size;
         let rows = match self.observations {
@@ -46,7 +46,7 @@ impl<'a> Batch<'a> {
         rows
     }
 
-    /// Some of the rows.
+    /// Returns a range of the rows.
     pub(crate) fn slice(self, rows: Range<usize>, size: RowSize) -> Batch<'a> {
         let part = |width: usize| rows.start * width..rows.end * width;
         let observations = match self.observations {

@@ -1,4 +1,4 @@
-//! The ensemble whose mean is the proximity and whose spread is the uncertainty (Section 3.3).
+//! The ensemble. Its mean gives the proximity and its spread the uncertainty (Section 3.3).
 
 use protocol::seed::Stream;
 
@@ -6,15 +6,15 @@ use crate::batch::Batch;
 use crate::loss::sigmoid;
 use crate::network::{Network, Prepared, Workspace};
 
-/// Independently drawn copies of one network with a single output.
+/// Copies of one network with a single output, whose parameters are drawn independently.
 #[derive(Clone, Debug)]
 pub struct Ensemble {
-    /// What every member is.
+    /// Network that all members share.
     pub network: Network,
-    /// The parameters of each member.
+    /// Parameters of each member.
     pub members: Vec<Vec<f32>>,
-    /// Those of each member's prior, if there are priors: the same network, which is never trained, and whose
-    /// output is added to the member's (randomized prior functions, Osband et al., 2018).
+    /// Parameters of each member's prior, or empty without priors. A prior has the same shape, is never trained,
+    /// and adds its output to the member's (randomized prior functions, Osband et al., 2018).
     pub priors: Vec<Vec<f32>>,
     /// How the members' outputs become a proximity.
     pub squashing: Squashing,
@@ -23,13 +23,13 @@ pub struct Ensemble {
 /// The parameters of an ensemble, packed for evaluation.
 #[derive(Clone, Debug)]
 pub struct PreparedEnsemble {
-    /// Of each member.
+    /// Parameters of each member.
     pub members: Vec<Prepared>,
-    /// Of each member's prior, if there are priors.
+    /// Parameters of each member's prior, or empty without priors.
     pub priors: Vec<Prepared>,
 }
 
-/// How outputs of the members of an ensemble become a proximity in [0, 1].
+/// How the outputs of an ensemble's members become a proximity in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Squashing {
     /// Their mean, clamped after averaging.
@@ -41,7 +41,7 @@ pub enum Squashing {
 }
 
 impl Squashing {
-    /// The proximity that a [`Score::mean`] stands for.
+    /// Returns the proximity for a [`Score::mean`].
     pub fn proximity(self, mean: f32) -> f32 {
         match self {
             Squashing::ClampedMean => mean.clamp(0.0, 1.0),
@@ -51,17 +51,17 @@ impl Squashing {
     }
 }
 
-/// What an ensemble says about one row.
+/// Output of an ensemble for one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
-    /// Mean of the members.
+    /// Mean over the members.
     pub mean: f32,
-    /// Standard deviation of the members, over one less than their number.
+    /// Sample standard deviation over the members (divided by their number minus one).
     pub standard_deviation: f32,
 }
 
 impl Score {
-    /// The score of one row, from each member's output. A single member is never uncertain.
+    /// Computes the score of one row from each member's output. The standard deviation of a single member is 0.
     pub fn of(outputs: impl ExactSizeIterator<Item = f32> + Clone) -> Self {
         let count = outputs.len();
         let mean = outputs.clone().map(f64::from).sum::<f64>() / count as f64;
@@ -72,10 +72,10 @@ impl Score {
 }
 
 impl Ensemble {
-    /// Draws one member from each stream; there are no priors.
+    /// Creates an ensemble without priors, drawing one member from each stream.
     ///
     /// # Panics
-    /// If the network has not exactly one output.
+    /// If the network does not have exactly one output.
     pub fn new(
         network: Network,
         streams: impl IntoIterator<Item = Stream>,
@@ -87,10 +87,10 @@ impl Ensemble {
         Self { network, members, priors: Vec::new(), squashing }
     }
 
-    /// Draws a prior for each member, from one stream each, and multiplies its output by `weight`.
+    /// Draws a prior for each member, each from its own stream, and scales the prior's output by `weight`.
     ///
     /// # Panics
-    /// If there are not as many streams as members.
+    /// If the number of streams differs from the number of members.
     #[must_use]
     pub fn with_priors(mut self, streams: impl IntoIterator<Item = Stream>, weight: f32) -> Self {
         let ranges = self.network.parameter_ranges();
@@ -113,7 +113,7 @@ impl Ensemble {
         PreparedEnsemble { members: all(&self.members), priors: all(&self.priors) }
     }
 
-    /// Scores every row of a batch; `outputs` is reused memory, `members x rows` afterwards.
+    /// Scores every row of a batch. `outputs` is reused memory and afterwards holds `members x rows` outputs.
     ///
     /// # Panics
     /// As [`Network::forward`].

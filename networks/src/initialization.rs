@@ -1,4 +1,4 @@
-//! First weights, drawn from the stream handed in.
+//! Initial weights, drawn from a given stream.
 
 use std::f64::consts::PI;
 
@@ -6,17 +6,17 @@ use nalgebra::DMatrix;
 use protocol::seed::Stream;
 use rand::RngExt;
 
-/// How the first weights and biases of a layer are drawn.
+/// How the initial weights and biases of a layer are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Initialization {
-    /// Weights and biases uniform within one over the square root of the fan-in.
+    /// Weights and biases uniform in `±1 / sqrt(fan_in)`.
     FanIn,
-    /// Weights a random orthogonal matrix times the gain, biases zero.
+    /// A random orthogonal matrix times the gain for the weights, zero for the biases.
     Orthogonal(f64),
 }
 
 impl Initialization {
-    /// Draws the parameters of a layer: `fan_in x outputs` weights, row after row, then the biases.
+    /// Draws the parameters of a layer: `fan_in x outputs` weights, row by row, then the biases.
     pub(crate) fn draw(self, fan_in: usize, outputs: usize, stream: &mut Stream) -> Vec<f32> {
         match self {
             Initialization::FanIn => {
@@ -35,13 +35,13 @@ impl Initialization {
     }
 }
 
-/// A matrix whose rows or columns, whichever are fewer, are orthonormal, uniform among those.
+/// Draws a matrix whose rows or columns, whichever are fewer, are orthonormal, uniformly among all such matrices.
 fn orthogonal(rows: usize, columns: usize, stream: &mut Stream) -> DMatrix<f64> {
     let (long, short) = (rows.max(columns), rows.min(columns));
     let decomposition = DMatrix::from_fn(long, short, |_, _| standard_normal(stream)).qr();
     let (mut basis, triangle) = (decomposition.q(), decomposition.r());
     for (index, mut column) in basis.column_iter_mut().enumerate() {
-        // Without this the signs, and so the draw, would depend on how the decomposition works.
+        // Without this the signs, and so the draw, would depend on the implementation of the decomposition.
         if triangle[(index, index)] < 0.0 {
             column.neg_mut();
         }
@@ -49,7 +49,7 @@ fn orthogonal(rows: usize, columns: usize, stream: &mut Stream) -> DMatrix<f64> 
     if rows >= columns { basis } else { basis.transpose() }
 }
 
-/// One draw from the standard normal distribution (Box and Muller).
+/// Draws a number from the standard normal distribution (Box and Muller).
 pub(crate) fn standard_normal(stream: &mut Stream) -> f64 {
     let radius = (-2.0 * libm::log(1.0 - stream.random::<f64>())).sqrt();
     radius * libm::cos(2.0 * PI * stream.random::<f64>())

@@ -1,8 +1,8 @@
-//! Losses on a network's outputs; each gives its part of the loss and of the gradient, so that the
-//! shards of a minibatch add up.
+//! Losses on a network's outputs. Each function returns a loss and writes its gradient, scaled by a weight, so that
+//! the shards of a minibatch add up.
 
-/// The squared error between predictions and targets, times `weight` (Equations 1 and 4 with the
-/// weight one over the number of rows), and its gradient.
+/// Returns the squared error between predictions and targets, times `weight`, and writes its gradient. With a
+/// weight of one over the number of rows this is the loss of Equations 1 and 4.
 ///
 /// # Panics
 /// If the lengths differ.
@@ -23,8 +23,8 @@ pub fn squared_error(
     f64::from(weight) * total
 }
 
-/// The cross entropy between the sigmoid of logits and one label for all, in [0, 1], times `weight`,
-/// and its gradient: a discriminator's loss on the expert's rows with label 1, the agent's with 0.
+/// Returns the cross entropy between the sigmoid of the logits and one `label` in [0, 1], times `weight`, and
+/// writes its gradient. A discriminator's loss has label 1 for the expert's rows and 0 for the agent's.
 ///
 /// # Panics
 /// If the lengths differ.
@@ -38,8 +38,8 @@ pub fn binary_cross_entropy(logits: &[f32], label: f32, weight: f32, gradient: &
     f64::from(weight) * total
 }
 
-/// The loss of pairs of which the first is to be above the second, `-log sigmoid(above - below)`,
-/// times `weight`, and its gradients: the ranking loss of Figure 7.
+/// Returns the loss of pairs whose first output should be above the second, `-log sigmoid(above - below)`, times
+/// `weight`, and writes its gradients: the ranking loss of Figure 7.
 ///
 /// # Panics
 /// If the lengths differ.
@@ -57,12 +57,12 @@ pub fn ranking(
     loss
 }
 
-/// The logistic function: the probability whose log-odds are given.
+/// Computes the logistic function, which turns log-odds into a probability.
 pub fn sigmoid(number: f32) -> f32 {
     (1.0 / (1.0 + libm::exp(-f64::from(number)))) as f32
 }
 
-/// `log(1 + exp(number))`, without overflow.
+/// Computes `log(1 + exp(number))` without overflow.
 pub fn softplus(number: f32) -> f32 {
     let number = f64::from(number);
     (number.max(0.0) + libm::log1p(libm::exp(-number.abs()))) as f32

@@ -1,7 +1,7 @@
-//! A network: an encoder by kind of observation, hidden layers, and linear heads (Appendix G.2).
+//! A network: an encoder for the kind of observation, hidden layers, and linear heads (Appendix G.2).
 //!
-//! The encoder makes features of a row's observations. Extra inputs, such as an action, join them; then
-//! come the hidden layers.
+//! The encoder turns a row's observations into features. Extra inputs, such as an action, are appended to them. The
+//! hidden layers follow.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ pub struct Network {
     encoder: Encoder,
     /// The hidden layers and the heads.
     layers: Stack,
-    /// Where each layer's parameters lie.
+    /// Parameter range of each layer.
     ranges: Vec<Range<usize>>,
 }
 
@@ -34,28 +34,28 @@ pub struct Prepared {
     panels: Vec<Panels>,
 }
 
-/// What a thread needs to evaluate one network. It grows to the largest batch and is then reused; after
+/// Memory of one thread for evaluating a network. It grows to the largest batch and is then reused. After
 /// [`Network::forward`] it holds what [`Network::backward`] needs.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     encoder: EncoderMemory,
-    /// The input of every layer behind the encoder, and the output of the last.
+    /// Input of every layer after the encoder, and output of the last layer.
     values: Vec<DMatrix<f32>>,
     gradients: GradientMemory,
 }
 
 impl Workspace {
-    /// Outputs of the last [`Network::forward`], `outputs x rows`.
+    /// Returns the outputs of the last [`Network::forward`], `outputs x rows`.
     ///
     /// # Panics
-    /// If there was none.
+    /// If there was no evaluation.
     pub fn outputs(&self) -> &DMatrix<f32> {
         self.values.last().expect("a network was evaluated in this workspace")
     }
 }
 
 impl Network {
-    /// Lays the layers out.
+    /// Lays out the network.
     ///
     /// # Panics
     /// If the grid of cells is too small for the convolutions, or there is no convolution.
@@ -76,38 +76,38 @@ impl Network {
         Self { shape, encoder, layers, ranges }
     }
 
-    /// What the network was made of.
+    /// Returns the shape that the network was built from.
     pub fn shape(&self) -> &NetworkShape {
         &self.shape
     }
 
-    /// Size of a row of the batches it is evaluated on.
+    /// Returns the size of a row of the batches that the network is evaluated on.
     pub fn row_size(&self) -> RowSize {
         let NetworkShape { observation, frames, extra_inputs, .. } = &self.shape;
         RowSize { observation_bytes: frames * observation.bytes(), extra_inputs: *extra_inputs }
     }
 
-    /// Outputs of all heads.
+    /// Returns the number of outputs of all heads.
     pub fn outputs(&self) -> usize {
         self.shape.heads.iter().map(|head| head.outputs).sum()
     }
 
-    /// Length of the flat parameters.
+    /// Returns the length of the flat parameters.
     pub fn parameter_count(&self) -> usize {
         self.ranges.last().expect("there is an output layer").end
     }
 
-    /// Where each layer's parameters lie, from the first layer to the last.
+    /// Returns the range of each layer's parameters, from the first layer to the last.
     pub fn parameter_ranges(&self) -> &[Range<usize>] {
         &self.ranges
     }
 
-    /// Length of the encoder's parameters, which come first.
+    /// Returns the length of the encoder's parameters, which come first.
     fn encoder_parameters(&self) -> usize {
         self.parameter_count() - self.layers.parameter_count()
     }
 
-    /// Draws first parameters.
+    /// Draws initial parameters.
     pub fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
         let mut parameters = self.encoder.initial_parameters(stream);
         let (last, hidden) = self.layers.layers().split_last().expect("there is an output layer");
@@ -131,7 +131,7 @@ impl Network {
     /// Packs a version of the parameters for evaluation.
     ///
     /// # Panics
-    /// If there are not [`Network::parameter_count`] of them.
+    /// If their number is not [`Network::parameter_count`].
     pub fn prepare(&self, parameters: &[f32]) -> Prepared {
         let mut prepared = Prepared::default();
         self.prepare_into(parameters, &mut prepared);
@@ -141,7 +141,7 @@ impl Network {
     /// Packs a version of the parameters into the memory of an earlier one.
     ///
     /// # Panics
-    /// If there are not [`Network::parameter_count`] of them.
+    /// If their number is not [`Network::parameter_count`].
     pub fn prepare_into(&self, parameters: &[f32], prepared: &mut Prepared) {
         assert_eq!(parameters.len(), self.parameter_count(), "parameters of this network");
         let (encoder, layers) = parameters.split_at(self.encoder_parameters());
@@ -149,13 +149,13 @@ impl Network {
         self.layers.prepare(layers, &mut prepared.panels);
     }
 
-    /// Finds what repeats itself in observations, for this network and all with the same encoder.
+    /// Finds the distinct windows of observations, for this network and all others with the same encoder.
     pub fn index<'a>(&self, observations: &'a [u8], windows: &'a mut WindowIndex) -> Indexed<'a> {
         self.encoder.index(observations, windows)
     }
 
-    /// Evaluates the network; the outputs are `outputs x rows`. A row's outputs depend on that row and
-    /// the parameters only, bit for bit.
+    /// Evaluates the network and returns its outputs, `outputs x rows`. The bits of a row's outputs depend only on
+    /// that row and the parameters.
     ///
     /// # Panics
     /// If the batch is not made of whole rows, or a cell's class is out of range.
@@ -175,11 +175,11 @@ impl Network {
         workspace.outputs()
     }
 
-    /// Adds to `gradient` the gradient of the parameters, for the gradient of the outputs of the last
-    /// [`Network::forward`] in this workspace, which was on the same batch and parameters.
+    /// Adds the gradient of the parameters to `gradient`, given the gradient of the outputs. The last
+    /// [`Network::forward`] in this workspace must have been on the same batch and parameters.
     ///
     /// # Panics
-    /// If a shape is not that of the forward half.
+    /// If a shape differs from that of the forward pass.
     pub fn backward(
         &self,
         prepared: &Prepared,
@@ -204,13 +204,13 @@ impl Network {
         }
     }
 
-    /// The gradient of the numbers each row consists of, for the gradient of the outputs of the last
-    /// [`Network::forward`] in this workspace, which was with the same parameters: `numbers x rows`.
-    /// They are those of the vectors and then the extra inputs; of a grid the extra inputs alone.
-    /// [`Network::backward`] may come before it or after it.
+    /// Returns the gradient of the inputs of each row, `numbers x rows`, given the gradient of the outputs. The
+    /// last [`Network::forward`] in this workspace must have been with the same parameters. The inputs are the
+    /// numbers of vector observations and the extra inputs; for grids they are the extra inputs only.
+    /// [`Network::backward`] may be called before or after.
     ///
     /// # Panics
-    /// If a shape is not that of the forward half.
+    /// If a shape differs from that of the forward pass.
     pub fn input_gradient<'w>(
         &self,
         prepared: &Prepared,

@@ -1,14 +1,14 @@
-//! Running mean and variance, of observations the policy sees and of returns (Table 2).
+//! Running mean and variance of the policy's observations and of returns (Table 2).
 //!
-//! Batches are merged by Chan's parallel update in double precision, in the order they are given.
+//! Batches are merged by Chan's parallel update in double precision, in the given order.
 
 use protocol::task::floats;
 
-/// What is added to a variance before its root is taken.
+/// Added to a variance before its root is taken.
 const EPSILON: f64 = 1e-8;
 
-/// Numbers whose standard deviation in demonstrations is smaller are not normalized; meters, radians,
-/// or per second.
+/// Numbers with a smaller standard deviation in the demonstrations are not scaled. The unit is that of the number:
+/// meters, radians, or either per second.
 const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 
 /// Mean and variance of a stream of numbers.
@@ -16,9 +16,9 @@ const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 pub struct RunningMoments {
     /// Mean of the numbers so far.
     pub mean: f64,
-    /// Their variance, over their number.
+    /// Population variance of the numbers so far.
     pub variance: f64,
-    /// How many, plus the little weight of the beginning.
+    /// Number of numbers so far, plus a small initial weight.
     pub count: f64,
 }
 
@@ -29,7 +29,7 @@ impl Default for RunningMoments {
 }
 
 impl RunningMoments {
-    /// Takes in a batch.
+    /// Updates the moments with a batch.
     pub fn update(&mut self, batch: impl ExactSizeIterator<Item = f64> + Clone) {
         if batch.len() == 0 {
             return;
@@ -40,7 +40,7 @@ impl RunningMoments {
         self.merge(count, mean, squares);
     }
 
-    /// Takes in so many numbers with this mean and this sum of squared distances from it.
+    /// Merges `count` numbers with the given mean and sum of squared distances from it.
     pub fn merge(&mut self, count: f64, mean: f64, squares: f64) {
         let (distance, total) = (mean - self.mean, self.count + count);
         let between = distance * distance * self.count * count / total;
@@ -49,7 +49,7 @@ impl RunningMoments {
         self.count = total;
     }
 
-    /// The standard deviation, never zero: what returns are divided by.
+    /// Computes the standard deviation, which returns are divided by; it is never zero.
     pub fn standard_deviation(&self) -> f64 {
         (self.variance + EPSILON).sqrt()
     }
@@ -58,26 +58,26 @@ impl RunningMoments {
 /// Normalizes vector observations number by number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunningNormalizer {
-    /// The moments of each number of the observation.
+    /// Moments of each number of the observation.
     pub moments: Vec<RunningMoments>,
 }
 
 impl RunningNormalizer {
-    /// Normalized observations are cut off at this many standard deviations.
+    /// Normalized observations are clipped to this many standard deviations.
     pub const CLIP: f64 = 10.0;
 
-    /// A normalizer of observations of `len` numbers that has seen none.
+    /// Creates a normalizer for observations of `len` numbers that has seen no data.
     pub fn new(len: usize) -> Self {
         Self { moments: vec![RunningMoments::default(); len] }
     }
 
-    /// A normalizer by the moments that observations of `len` numbers have in demonstrations. What
-    /// hardly varies there stays as it is: scaled up, the first one that differs would outweigh all
-    /// others. Where that would be cut off it is centered, so that a difference shows.
+    /// Creates a normalizer from the moments of observations of `len` numbers in demonstrations. A number that
+    /// hardly varies there is not scaled: otherwise the first different value would outweigh all other numbers. If
+    /// such a number would be clipped, it is centered, so that differences remain visible.
     pub fn of_demonstrations(len: usize, observations: &[u8]) -> Self {
         let mut normalizer = Self::new(len);
         normalizer.update(observations);
-        // With the weight of the beginning what is constant far from 0 would seem to vary.
+        // With the initial weight, a number that is constant far from 0 would seem to vary.
         let alone = RunningMoments { count: 0.0, ..RunningMoments::default() };
         let mut own = Self { moments: vec![alone; len] };
         own.update(observations);
@@ -90,13 +90,13 @@ impl RunningNormalizer {
         normalizer
     }
 
-    /// Mean, variance and count of each number, one after another: all there is to keep.
+    /// Returns the mean, variance and count of each number, one after another: the complete state.
     pub fn to_numbers(&self) -> Vec<f64> {
         let numbers = |moments: &RunningMoments| [moments.mean, moments.variance, moments.count];
         self.moments.iter().flat_map(numbers).collect()
     }
 
-    /// What [`RunningNormalizer::to_numbers`] gave.
+    /// Restores a normalizer from the result of [`RunningNormalizer::to_numbers`].
     pub fn from_numbers(numbers: &[f64]) -> Self {
         let moments = |three: &[f64; 3]| {
             let [mean, variance, count] = *three;
@@ -105,10 +105,10 @@ impl RunningNormalizer {
         Self { moments: numbers.as_chunks().0.iter().map(moments).collect() }
     }
 
-    /// Takes in observations, given as their bytes one after another.
+    /// Updates the moments with observations, given as bytes one after another.
     ///
     /// # Panics
-    /// If they are not whole observations.
+    /// If the bytes are not whole observations.
     pub fn update(&mut self, observations: &[u8]) {
         let len = self.moments.len();
         if len == 0 {
@@ -125,11 +125,11 @@ impl RunningNormalizer {
         }
     }
 
-    /// Normalizes observations in place, given as their bytes one after another. A normalizer of
-    /// no numbers leaves them as they are.
+    /// Normalizes observations in place, given as bytes one after another. A normalizer for zero numbers leaves
+    /// them unchanged.
     ///
     /// # Panics
-    /// If they are not whole observations.
+    /// If the bytes are not whole observations.
     pub fn normalize(&self, observations: &mut [u8]) {
         let len = self.moments.len();
         if len == 0 {

@@ -1,46 +1,46 @@
-//! What turns a gradient into new parameters: clipping by the global norm, and Adam.
+//! The optimizer: clipping by the global norm, and Adam.
 
 use protocol::tensors::Tensors;
 
-/// How fast the first moment follows the gradient.
+/// Decay rate of the first moment.
 const BETA_1: f64 = 0.9;
 
-/// How fast the second moment follows the gradient's square.
+/// Decay rate of the second moment.
 const BETA_2: f64 = 0.999;
 
-/// Adam over a flat slice of parameters; moments and step are state to be checkpointed.
+/// Adam over a flat slice of parameters. Its moments and step count are part of checkpoints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Running mean of the gradient.
     pub first_moment: Vec<f32>,
-    /// Running mean of its square.
+    /// Running mean of the squared gradient.
     pub second_moment: Vec<f32>,
-    /// Updates so far.
+    /// Number of updates so far.
     pub step: u64,
-    /// What is added to the root of the second moment.
+    /// Added to the root of the second moment.
     pub epsilon: f64,
-    /// By how much of the learning rate a step shortens the parameters, 0 unless changed (AdamW).
+    /// Weight decay (AdamW), 0 by default: a step multiplies parameters by `1 - learning_rate * weight_decay`.
     pub weight_decay: f64,
 }
 
 impl Adam {
-    /// A fresh optimizer for as many parameters.
+    /// Creates an optimizer for `parameter_count` parameters.
     pub fn new(parameter_count: usize, epsilon: f64) -> Self {
         let [first_moment, second_moment] = [(); 2].map(|()| vec![0.0; parameter_count]);
         Self { first_moment, second_moment, step: 0, epsilon, weight_decay: 0.0 }
     }
 
-    /// Adds its state to arrays, under its name.
+    /// Adds the optimizer's state to `tensors`, under `name`.
     pub fn save(&self, name: &str, tensors: &mut Tensors) {
         tensors.put_f32(&format!("{name}.first_moment"), self.first_moment.iter().copied());
         tensors.put_f32(&format!("{name}.second_moment"), self.second_moment.iter().copied());
         tensors.put_u64(&format!("{name}.step"), [self.step]);
     }
 
-    /// Takes over what [`Adam::save`] added.
+    /// Restores the state that [`Adam::save`] added.
     ///
     /// # Errors
-    /// When an array is missing or of another length.
+    /// When an array is missing or has another length.
     pub fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         let count = self.first_moment.len();
         let moment = |part: &str| tensors.exactly(&format!("{name}.{part}"), count, Tensors::f32);
@@ -50,10 +50,10 @@ impl Adam {
         Ok(())
     }
 
-    /// Takes one step down the gradient.
+    /// Takes one gradient descent step.
     ///
     /// # Panics
-    /// If the lengths are not those of the moments.
+    /// If the lengths differ from those of the moments.
     pub fn update(&mut self, parameters: &mut [f32], gradient: &[f32], learning_rate: f64) {
         assert_eq!(parameters.len(), self.first_moment.len(), "parameters of this optimizer");
         assert_eq!(gradient.len(), self.first_moment.len(), "parameters of this optimizer");
@@ -75,10 +75,10 @@ impl Adam {
     }
 }
 
-/// Scales a gradient so that its norm is at most `largest`, and returns the norm it had.
+/// Scales a gradient so that its norm is at most `largest`, and returns the original norm.
 pub fn clip_global_norm(gradient: &mut [f32], largest: f64) -> f64 {
     let norm = square_sum(gradient).sqrt();
-    // The small number is PyTorch's; it keeps a zero gradient zero.
+    // As in PyTorch, the small number avoids a division by zero.
     let factor = largest / (norm + 1e-6);
     if factor < 1.0 {
         let factor = factor as f32;
@@ -87,7 +87,7 @@ pub fn clip_global_norm(gradient: &mut [f32], largest: f64) -> f64 {
     norm
 }
 
-/// The sum of squares, in sixteen interleaved sums that are then added in order.
+/// Computes the sum of squares in sixteen interleaved sums, which are then added in order.
 fn square_sum(numbers: &[f32]) -> f64 {
     let mut sums = [0.0; 16];
     let (chunks, rest) = numbers.as_chunks::<16>();
@@ -99,8 +99,8 @@ fn square_sum(numbers: &[f32]) -> f64 {
     sums.iter().sum()
 }
 
-/// Adds a shard's gradient to the sum of those before it. Adding shards in a fixed order gives the
-/// same bits whichever threads computed them.
+/// Adds a shard's gradient to the sum of the previous shards. Adding shards in a fixed order gives the same bits
+/// whichever thread computed them.
 ///
 /// # Panics
 /// If the lengths differ.

@@ -1,8 +1,8 @@
-//! Actor and critic for a task (Appendix G.2): what PPO trains and actors sample from.
+//! Actor and critic for a task (Appendix G.2), which PPO trains and actors sample from.
 //!
-//! Over cells, actor and critic are two heads of one network unless they are to share no trunk; over vectors they are two networks. A
-//! continuous policy has one further parameter for each action number, the logarithm of its standard
-//! deviation, which does not depend on the observation; a squashed one has a head for it instead.
+//! Over cells, actor and critic are two heads of one network unless `shared_trunk` is off; over vectors they are
+//! two networks. A continuous policy has one additional parameter for each action component, the logarithm of its
+//! standard deviation, which does not depend on the observation. In a squashed policy the actor outputs it instead.
 
 use nalgebra::DMatrix;
 use protocol::seed::Stream;
@@ -18,12 +18,12 @@ use crate::shape::{Head, NetworkShape, PolicyArchitecture};
 /// A policy and its value function; their parameters are one flat slice kept elsewhere.
 #[derive(Clone, Debug)]
 pub struct ActorCritic {
-    /// One network with both heads, or the actor and the critic.
+    /// One network with both heads, or the actor and then the critic.
     networks: Vec<Network>,
     distribution: Distribution,
-    /// Outputs of the actor's head.
+    /// Number of outputs of the actor's head.
     actor_outputs: usize,
-    /// Logarithms of standard deviations at the end of the parameters.
+    /// Number of logarithms of standard deviations at the end of the parameters.
     log_standard_deviations: usize,
 }
 
@@ -34,7 +34,7 @@ pub struct PreparedPolicy {
     log_standard_deviations: Vec<f32>,
 }
 
-/// What a thread needs to evaluate an [`ActorCritic`]; reused from batch to batch.
+/// Memory of one thread for evaluating an [`ActorCritic`], reused from batch to batch.
 #[derive(Clone, Debug)]
 pub struct PolicyWorkspace {
     networks: [Workspace; 2],
@@ -50,7 +50,7 @@ impl Default for PolicyWorkspace {
     }
 }
 
-/// What an [`ActorCritic`] says about a batch.
+/// Outputs of an [`ActorCritic`] for a batch.
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'w> {
     /// Parameters of the action distribution, `parameter_count x rows` (see [`Distribution`]).
@@ -60,7 +60,7 @@ pub struct Evaluation<'w> {
 }
 
 impl ActorCritic {
-    /// Lays the networks out for a task's observations and actions.
+    /// Lays out the networks for a task's observations and actions.
     pub fn new(
         observation: ObservationSpec,
         action: ActionSpec,
@@ -104,29 +104,29 @@ impl ActorCritic {
         Self { networks, distribution, actor_outputs, log_standard_deviations }
     }
 
-    /// How actions are drawn from the parameters that the actor gives.
+    /// Returns the distribution that actions are drawn from.
     pub fn distribution(&self) -> Distribution {
         self.distribution
     }
 
-    /// The network that has the actor, whose parameters come first, and how many of its outputs are the
-    /// actor's; they are the first ones.
+    /// Returns the network that contains the actor, and the number of its outputs that belong to the actor. The
+    /// actor's outputs come first, and so do this network's parameters.
     pub fn actor(&self) -> (&Network, usize) {
         (&self.networks[0], self.actor_outputs)
     }
 
-    /// Size of a row of the batches it is evaluated on.
+    /// Returns the size of a row of the batches that the policy is evaluated on.
     pub fn row_size(&self) -> RowSize {
         self.networks[0].row_size()
     }
 
-    /// Length of the flat parameters: networks in order, then logarithms of standard deviations.
+    /// Returns the length of the flat parameters: networks in order, then logarithms of standard deviations.
     pub fn parameter_count(&self) -> usize {
         let counts = self.networks.iter().map(Network::parameter_count);
         counts.sum::<usize>() + self.log_standard_deviations
     }
 
-    /// Draws first parameters; standard deviations begin at one.
+    /// Draws initial parameters; state-independent standard deviations start at one.
     pub fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
         let networks = self.networks.iter();
         let mut parameters: Vec<f32> =
@@ -135,10 +135,10 @@ impl ActorCritic {
         parameters
     }
 
-    /// Multiplies what the actor gives by a factor, in the parameters.
+    /// Scales the actor's outputs by a factor, by scaling the parameters of its output layer.
     ///
     /// # Panics
-    /// If there are not [`ActorCritic::parameter_count`] of them.
+    /// If their number is not [`ActorCritic::parameter_count`].
     pub fn scale_actor(&self, parameters: &mut [f32], factor: f32) {
         assert_eq!(parameters.len(), self.parameter_count(), "parameters of this policy");
         let actor = &self.networks[0];
@@ -151,7 +151,7 @@ impl ActorCritic {
     /// Packs a version of the parameters for evaluation.
     ///
     /// # Panics
-    /// If there are not [`ActorCritic::parameter_count`] of them.
+    /// If their number is not [`ActorCritic::parameter_count`].
     pub fn prepare(&self, parameters: &[f32]) -> PreparedPolicy {
         let mut prepared = PreparedPolicy::default();
         self.prepare_into(parameters, &mut prepared);
@@ -161,7 +161,7 @@ impl ActorCritic {
     /// Packs a version of the parameters into the memory of an earlier one.
     ///
     /// # Panics
-    /// If there are not [`ActorCritic::parameter_count`] of them.
+    /// If their number is not [`ActorCritic::parameter_count`].
     pub fn prepare_into(&self, parameters: &[f32], prepared: &mut PreparedPolicy) {
         assert_eq!(parameters.len(), self.parameter_count(), "parameters of this policy");
         prepared.networks.resize_with(self.networks.len(), Prepared::default);
@@ -175,7 +175,7 @@ impl ActorCritic {
         prepared.log_standard_deviations.extend_from_slice(rest);
     }
 
-    /// Action parameters only, `parameter_count x rows`: the half that acting needs.
+    /// Computes only the action parameters, `parameter_count x rows`, which is enough for acting.
     ///
     /// # Panics
     /// As [`Network::forward`].
@@ -200,7 +200,7 @@ impl ActorCritic {
         parameters
     }
 
-    /// Action parameters and values of a batch.
+    /// Computes the action parameters and values of a batch.
     ///
     /// # Panics
     /// As [`Network::forward`].
@@ -216,7 +216,7 @@ impl ActorCritic {
         Evaluation { parameters, values }
     }
 
-    /// Values only, `1 x rows`.
+    /// Computes only the values, `1 x rows`.
     ///
     /// # Panics
     /// As [`Network::forward`].
@@ -233,7 +233,7 @@ impl ActorCritic {
         &workspace.values
     }
 
-    /// Values by the critic, or as the shared network gave them beside the action parameters.
+    /// Computes the values with the critic, or takes them from the outputs of the shared network.
     fn criticize(
         &self,
         prepared: &PreparedPolicy,
@@ -250,12 +250,12 @@ impl ActorCritic {
         values.row_mut(0).copy_from(&source.row(value_row));
     }
 
-    /// Adds to `gradient` the gradient of all parameters, for the gradients of what the last
-    /// [`ActorCritic::forward`] in this workspace gave on the same batch and parameters. Without
-    /// gradients of the values [`ActorCritic::act`] is enough, and the critic has no gradient.
+    /// Adds the gradient of all parameters to `gradient`, given the gradients of the outputs of the last
+    /// [`ActorCritic::forward`] in this workspace, which must have been on the same batch and parameters. Without
+    /// `value_gradients`, a preceding [`ActorCritic::act`] is enough and the critic gets no gradient.
     ///
     /// # Panics
-    /// If a shape is not that of the forward half.
+    /// If a shape differs from that of the forward pass.
     pub fn backward(
         &self,
         prepared: &PreparedPolicy,

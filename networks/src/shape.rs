@@ -1,4 +1,4 @@
-//! What a network looks like, as a configuration states it (paper, Appendix G.2).
+//! Shapes of networks, as a configuration gives them (paper, Appendix G.2).
 
 use protocol::encoder::CellsArchitecture;
 use protocol::policy::{PolicyActivation, PolicyConfig};
@@ -7,20 +7,20 @@ use protocol::task::ObservationSpec;
 use crate::initialization::Initialization;
 use crate::layer::activation::Activation;
 
-/// The policy and its value function.
+/// Architecture of the policy and its value function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PolicyArchitecture {
     /// Encoder of cell observations.
     pub cells: CellsArchitecture,
-    /// Hidden layers over vector observations.
+    /// Sizes of the hidden layers over vector observations.
     pub hidden: Vec<usize>,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     pub activation: Activation,
     /// Whether actor and critic share the encoder of cell observations.
     pub shared_trunk: bool,
     /// Whether continuous actions are squashed, with standard deviations that depend on the observation.
     pub squashed: bool,
-    /// Observations in a row: one, or two for an inverse dynamics model.
+    /// Number of observations in a row: one, or two for an inverse dynamics model.
     pub frames: usize,
 }
 
@@ -39,14 +39,14 @@ impl Default for PolicyArchitecture {
     }
 }
 
-/// A proximity function or a discriminator.
+/// Architecture of a proximity function or a discriminator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RewardArchitecture {
     /// Encoder of cell observations.
     pub cells: CellsArchitecture,
-    /// Hidden layers, behind the encoder or over the vector.
+    /// Sizes of the hidden layers, after the encoder or over the vector.
     pub hidden: Vec<usize>,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     pub activation: Activation,
 }
 
@@ -58,8 +58,8 @@ impl Default for RewardArchitecture {
 }
 
 impl RewardArchitecture {
-    /// The network of this architecture with one output, over so many observations and extra inputs
-    /// of a row.
+    /// Returns the shape of a network of this architecture with one output, over rows of `frames` observations and
+    /// `extra_inputs` further numbers.
     pub fn network_shape(
         &self,
         observation: ObservationSpec,
@@ -79,22 +79,22 @@ impl RewardArchitecture {
     }
 }
 
-/// Everything that determines a network but its parameters.
+/// Everything that determines a network except its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkShape {
-    /// What one observation is.
+    /// Kind and size of one observation.
     pub observation: ObservationSpec,
-    /// How many observations a row holds, one after another: one, or two for a transition.
+    /// Number of consecutive observations in a row: one, or two for a transition.
     pub frames: usize,
-    /// How many further numbers a row has, such as those of an action.
+    /// Number of further inputs in a row, such as those of an action.
     pub extra_inputs: usize,
     /// Encoder of cell observations; unused for vectors.
     pub cells: CellsArchitecture,
-    /// Hidden layers, behind the encoder or over the vector.
+    /// Sizes of the hidden layers, after the encoder or over the vector.
     pub hidden: Vec<usize>,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     pub activation: Activation,
-    /// First weights of the hidden layers. Those of the encoder are always drawn by fan-in.
+    /// Initialization of the hidden layers. The encoder is always initialized by fan-in.
     pub hidden_initialization: Initialization,
     /// The linear outputs, one head after another.
     pub heads: Vec<Head>,
@@ -103,9 +103,9 @@ pub struct NetworkShape {
 /// A linear output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Head {
-    /// How many numbers.
+    /// Number of outputs.
     pub outputs: usize,
-    /// First weights.
+    /// Initialization of the head.
     pub initialization: Initialization,
 }
 

@@ -1,8 +1,7 @@
-//! Evaluation and gradient steps on several threads, for policies, Q-functions and ensembles alike.
+//! Evaluation and gradient steps on several threads, for policies, Q-functions and ensembles.
 //!
-//! A batch is cut into shards of a fixed number of rows. The threads of the rayon pool that the caller
-//! is in take whole shards, and what the shards give is joined in shard order, so the number of threads
-//! never changes a bit.
+//! A batch is split into shards of a fixed number of rows. The threads of the caller's rayon pool process whole
+//! shards, and the results are combined in shard order, so the number of threads never changes a bit.
 
 use std::ops::{AddAssign, Range};
 
@@ -16,12 +15,12 @@ use crate::policy::{ActorCritic, PolicyWorkspace, PreparedPolicy};
 
 /// A network that can be trained by [`ShardedTrainer`].
 pub trait Trainable: Sync {
-    /// One version of its parameters, packed for evaluation.
+    /// One version of the network's parameters, packed for evaluation.
     type Prepared: Default + Send + Sync;
-    /// What a thread needs to evaluate it.
+    /// Memory of one thread for evaluating the network.
     type Workspace: Default + Send;
 
-    /// Size of a row of the batches it is evaluated on.
+    /// Returns the size of a row of the batches that the network is evaluated on.
     fn row_size(&self) -> RowSize;
 
     /// Packs a version of the parameters into the memory of an earlier one.
@@ -54,21 +53,21 @@ impl Trainable for ActorCritic {
     }
 }
 
-/// A shard of a batch, and what it is evaluated with.
+/// A shard of a batch, with what is needed to evaluate it.
 pub struct Shard<'a, N: Trainable> {
     /// The network.
     pub network: &'a N,
-    /// The version of its parameters.
+    /// Version of the network's parameters.
     pub prepared: &'a N::Prepared,
-    /// The rows of the shard.
+    /// Rows of the shard.
     pub batch: Batch<'a>,
-    /// Where they lie in the whole batch.
+    /// Position of these rows in the whole batch.
     pub rows: Range<usize>,
-    /// Memory of the thread that evaluates them.
+    /// Memory for evaluating the shard.
     pub workspace: &'a mut N::Workspace,
 }
 
-/// Results of a network for every row of a batch, in order; `of_shard` gives those of one shard.
+/// Evaluates every row of a batch and returns the results in order; `of_shard` returns those of one shard.
 ///
 /// # Panics
 /// If `shard_rows` is zero.
@@ -88,13 +87,13 @@ pub fn evaluate<N: Trainable, T: Clone + Send>(
     shards.map_init(N::Workspace::default, of_shard).collect::<Vec<_>>().concat()
 }
 
-/// Cuts so many rows into shards.
+/// Splits `rows` rows into shards.
 fn shards(rows: usize, shard_rows: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     let shards = (0..rows.div_ceil(shard_rows)).into_par_iter();
     shards.map(move |index| index * shard_rows..rows.min((index + 1) * shard_rows))
 }
 
-/// What trains the parameters of a network: the optimizer, and memory reused from step to step.
+/// Trainer of a network's parameters: the optimizer, and memory reused from step to step.
 pub struct ShardedTrainer<N: Trainable> {
     optimizer: Adam,
     max_gradient_norm: f64,
@@ -102,25 +101,25 @@ pub struct ShardedTrainer<N: Trainable> {
     memory: Vec<ShardMemory<N::Workspace>>,
 }
 
-/// What the shards with the same number need, minibatch after minibatch.
+/// Memory of one shard, reused from minibatch to minibatch.
 #[derive(Default)]
 struct ShardMemory<W> {
     workspace: W,
     gradient: Vec<f32>,
 }
 
-/// A gradient step that was taken.
+/// Result of a gradient step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<T> {
     /// Sum of the loss terms of all shards.
     pub terms: T,
-    /// Norm of the gradient before it was clipped; finite only if the whole gradient was.
+    /// Norm of the gradient before clipping; finite only if the whole gradient is finite.
     pub gradient_norm: f64,
 }
 
 impl<N: Trainable> ShardedTrainer<N> {
-    /// A trainer of so many parameters, whose gradients are clipped to a norm. An infinite one clips
-    /// none.
+    /// Creates a trainer for `parameter_count` parameters, whose gradients are clipped to `max_gradient_norm`. An
+    /// infinite norm disables clipping.
     pub fn new(parameter_count: usize, adam_epsilon: f64, max_gradient_norm: f64) -> Self {
         ShardedTrainer {
             optimizer: Adam::new(parameter_count, adam_epsilon),
@@ -130,23 +129,23 @@ impl<N: Trainable> ShardedTrainer<N> {
         }
     }
 
-    /// The same, whose steps shorten the parameters by so much of the learning rate.
+    /// Sets the weight decay ([`Adam::weight_decay`]).
     #[must_use]
     pub fn with_weight_decay(mut self, weight_decay: f64) -> Self {
         self.optimizer.weight_decay = weight_decay;
         self
     }
 
-    /// The optimizer.
+    /// Returns the optimizer.
     pub fn optimizer(&self) -> &Adam {
         &self.optimizer
     }
 
-    /// Takes one step down the gradient of a loss that is a sum over shards. `of_shard` adds the
-    /// gradient of one shard to the slice it gets and returns the shard's loss terms.
+    /// Takes one step down the gradient of a loss that is a sum over shards. `of_shard` adds the gradient of one
+    /// shard to the slice it is given and returns the shard's loss terms.
     ///
     /// # Panics
-    /// If the batch or `shard_rows` is empty, or there are not as many parameters as announced.
+    /// If the batch is empty, `shard_rows` is zero, or the number of parameters is not that of the optimizer.
     pub fn step<T: AddAssign + Send>(
         &mut self,
         network: &N,
@@ -186,15 +185,15 @@ impl<N: Trainable> ShardedTrainer<N> {
         Step { terms: terms.expect("a batch has a row"), gradient_norm }
     }
 
-    /// Adds the optimizer's state to arrays, under its name.
+    /// Adds the optimizer's state to `tensors`, under `name`.
     pub fn save(&self, name: &str, tensors: &mut Tensors) {
         self.optimizer.save(name, tensors);
     }
 
-    /// Takes over what [`ShardedTrainer::save`] added.
+    /// Restores the state that [`ShardedTrainer::save`] added.
     ///
     /// # Errors
-    /// When an array is missing or of another length.
+    /// When an array is missing or has another length.
     pub fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         self.optimizer.restore(name, tensors)
     }

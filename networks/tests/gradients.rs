@@ -1,7 +1,7 @@
-//! Back-propagation, distributions and losses against finite differences.
+//! Checks back-propagation, distributions and losses against finite differences.
 //!
-//! Networks compute in single precision, so the differences do too: a relative error of a percent of
-//! a layer's gradient is their noise, while a wrong term in a derivative shows as tens of percent.
+//! Networks compute in single precision, and so do the differences. Their noise is a relative error of one percent
+//! of a layer's gradient, while a wrong term in a derivative causes an error of tens of percent.
 use nalgebra::DMatrix;
 use networks::{
     Activation, ActorCritic, Batch, Distribution, Head, Initialization, Network, NetworkShape,
@@ -34,7 +34,7 @@ fn observations(spec: ObservationSpec, frames: usize, stream: &mut Stream) -> Ve
     }
 }
 
-/// Cells that are mostly empty, so that many windows see the same.
+/// Draws cells that are mostly empty, so that many windows are equal.
 fn cells(count: usize, classes: usize, stream: &mut Stream) -> Vec<u8> {
     let mut cell = || match stream.random_range(0..4) {
         0 => stream.random_range(0..classes as u8),
@@ -43,7 +43,7 @@ fn cells(count: usize, classes: usize, stream: &mut Stream) -> Vec<u8> {
     (0..count).map(|_| cell()).collect()
 }
 
-/// The derivatives of `loss` with respect to each of `numbers`, above and below its place.
+/// Computes the one-sided derivatives of `loss` with respect to each of `numbers`, from above and from below.
 fn differences(numbers: &[f32], step: f32, mut loss: impl FnMut(&[f32]) -> f64) -> Vec<[f64; 2]> {
     let mut moved = numbers.to_vec();
     let here = loss(numbers);
@@ -59,8 +59,8 @@ fn differences(numbers: &[f32], step: f32, mut loss: impl FnMut(&[f32]) -> f64) 
         .collect()
 }
 
-/// Compares a gradient with differences. Where a rectifier or a maximum switches within the step the
-/// two sides differ and nothing can be said; that must be rare.
+/// Compares a gradient with differences. Where a rectifier or a maximum switches within the step, the two one-sided
+/// derivatives differ and are skipped; that must be rare.
 fn assert_close(what: &str, found: &[f32], differences: &[[f64; 2]], tolerance: f64) {
     let center = |[above, below]: [f64; 2]| 0.5 * (above + below);
     let norm = differences.iter().map(|pair| center(*pair) * center(*pair)).sum::<f64>().sqrt();
@@ -142,8 +142,8 @@ fn cells_networks() {
     check_network(NetworkShape { cells, ..shape(observation) });
 }
 
-/// Checks the gradient of a random linear function of the outputs with respect to the numbers of the
-/// rows, and that it leaves the gradient of the parameters as it is.
+/// Checks the gradient of a random linear function of the outputs with respect to the inputs of the rows, and that
+/// computing it leaves the gradient of the parameters unchanged.
 fn check_inputs(shape: NetworkShape) {
     let mut stream = random();
     let vector = matches!(shape.observation, ObservationSpec::Vector { .. });
@@ -277,7 +277,7 @@ fn distributions() {
         for _ in 0..20 {
             let sampled = distribution.sample(&parameters, &mut stream, &mut bytes);
             assert_eq!(sampled, distribution.log_probability(&parameters, &bytes));
-            // The standard deviation's bounded logarithm bends sharply.
+            // The clamped logarithm of the standard deviation has a kink.
             let step = if squashed { 1e-3 } else { 5e-3 };
             let expected = differences(&parameters, step, |parameters| {
                 let log_probability = distribution.log_probability(parameters, &bytes);

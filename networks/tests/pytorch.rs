@@ -1,7 +1,7 @@
-//! Networks, losses, gradients, clipping and Adam against PyTorch.
+//! Checks networks, losses, gradients, clipping and Adam against PyTorch.
 //!
-//! `pytorch_vectors.safetensors` was made by `pytorch_vectors.py` beside it with PyTorch 2.5.1: for each
-//! case parameters, a batch, what PyTorch computes from them, and the parameters after five steps.
+//! `pytorch_vectors.safetensors` was made by `pytorch_vectors.py` with PyTorch 2.5.1. For each case it has
+//! parameters, a batch, PyTorch's results for them, and the parameters after five steps.
 use nalgebra::DMatrix;
 use networks::{
     ActorCritic, Adam, Batch, Network, PolicyArchitecture, PolicyWorkspace, RewardArchitecture,
@@ -51,7 +51,7 @@ impl Case {
         }
     }
 
-    /// Takes five clipped steps of Adam along `gradient`, which gives the loss too.
+    /// Takes five clipped steps of Adam; `gradient` writes the gradient and returns the loss.
     fn train(&self, mut gradient: impl FnMut(&[f32], &mut [f32]) -> f32) {
         let mut parameters = self.numbers("parameters");
         let mut adam = Adam::new(parameters.len(), 1e-5);

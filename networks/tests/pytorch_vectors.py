@@ -1,9 +1,9 @@
-"""Makes pytorch_vectors.safetensors, against which tests/pytorch.rs holds the networks.
+"""Generates pytorch_vectors.safetensors, which networks/tests/pytorch.rs compares the networks with.
 
     pip install torch numpy safetensors && python networks/tests/pytorch_vectors.py
 
-Each case has one flat parameter tensor in the layout of the crate; PyTorch's layers read views of it,
-so gradients and optimizer steps come out in that layout too.
+Each case has one flat parameter tensor in the layout of the crate. PyTorch's layers read views of it,
+so gradients and optimizer steps have that layout, too.
 """
 
 import math
@@ -19,7 +19,7 @@ NUMBERS, HIDDEN, ACTION_NUMBERS = 7, [20, 18], 3
 
 
 class Flat:
-    """Hands out consecutive stretches of a flat tensor."""
+    """Hands out consecutive slices of a flat tensor."""
 
     def __init__(self, parameters):
         self.parameters, self.at = parameters, 0

@@ -1,5 +1,4 @@
-//! The same row gives the same bits in any batch, and a training step gives the same on any number of
-//! threads.
+//! A row has the same bits in any batch, and a training step has the same bits on any number of threads.
 use nalgebra::DMatrix;
 use networks::{
     ActorCritic, Batch, Network, PolicyArchitecture, RewardArchitecture, Shard, ShardedTrainer,
@@ -21,7 +20,7 @@ fn observations(spec: ObservationSpec, rows: usize) -> Vec<u8> {
     let mut stream = random();
     match spec {
         ObservationSpec::Cells { height, width, classes } => {
-            // Mostly empty, and the second half of the rows is the first.
+            // Mostly empty cells; the second half of the rows repeats the first.
             let mut cell = || match stream.random_range(0..8) {
                 0 => stream.random_range(0..classes as u8),
                 _ => 0,
@@ -58,7 +57,7 @@ fn a_rows_bits_do_not_depend_on_its_batch() {
     }
 }
 
-/// What two steps on 48 rows, in shards of eight, make of the parameters, and the norms of their gradients.
+/// Takes two steps on 48 rows, in shards of eight, and returns the parameters and the norms of the gradients.
 fn trained(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> (Vec<u32>, [u64; 2]) {
     let mut parameters = policy.initial_parameters(&mut random());
     let bytes = observations(spec, 48);
@@ -70,7 +69,7 @@ fn trained(policy: &ActorCritic, spec: ObservationSpec, threads: usize) -> (Vec<
         network.backward(prepared, batch, workspace, &of_parameters, Some(&of_values), gradient);
         0.0
     };
-    // So large an epsilon keeps Adam's first steps from being the gradient's signs alone.
+    // With so large an epsilon, Adam's first steps depend on more than the signs of the gradient.
     let mut trainer = ShardedTrainer::new(parameters.len(), 1.0, f64::INFINITY);
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let threads = threads.expect("threads");

@@ -1,4 +1,4 @@
-//! What the configuration foresees of networks, against the networks themselves.
+//! Compares the network sizes that the configuration predicts with the networks themselves.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use networks::{
@@ -20,7 +20,7 @@ fn action_numbers(task: &Task) -> usize {
     }
 }
 
-/// A member of the ensemble, as the proximity service makes it.
+/// Creates a member of the ensemble, as the proximity service does.
 fn member(config: &RunConfig) -> Network {
     let (frames, extra_inputs) = match config.reward.input {
         RewardInput::State => (1, 0),

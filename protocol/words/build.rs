@@ -1,5 +1,5 @@
-//! Tells the crate what it is built from: the commit, whether files differ from it, the compiler and
-//! what it may use of the processor. `src/build.rs` says what becomes of it.
+//! Tells the crate what it is built from: the commit, whether files differ from it, the compiler and the processor
+//! features it may use. `src/build.rs` uses this.
 //!
 //! Nothing here can fail: outside a checkout, or without git, the commit is unknown.
 #![allow(clippy::print_stdout, reason = "so a build script speaks to cargo")]
@@ -8,7 +8,7 @@ use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What decides results besides configuration and seed, as seen from the checkout's root.
+/// Paths that affect results besides configuration and seed, relative to the checkout's root.
 const DECIDING: [&str; 23] = [
     ".cargo",
     "Cargo.lock",
@@ -38,8 +38,7 @@ const DECIDING: [&str; 23] = [
 fn main() {
     let root = Path::new(&variable("CARGO_MANIFEST_DIR")).join("../..");
     println!("cargo::rerun-if-changed=build.rs");
-    // A build for development is not made anew with every edit and every commit: it counts as
-    // changed, always.
+    // A development build does not run this script again after every edit and commit, so it always counts as changed.
     let is_release = variable("PROFILE") == "release";
     if is_release {
         watch(&root);
@@ -53,12 +52,12 @@ fn main() {
     tell("TARGET_FEATURES", &variable("CARGO_CFG_TARGET_FEATURE"));
 }
 
-/// Has the script run again when the checkout goes to another commit, or a deciding file changes.
+/// Makes cargo run the script again when the checkout moves to another commit or a deciding file changes.
 fn watch(root: &Path) {
     let mut paths: Vec<PathBuf> = DECIDING.iter().map(|path| root.join(path)).collect();
     let branch = git(root, &["symbolic-ref", "--quiet", "HEAD"]);
     for name in ["HEAD", "logs/HEAD", "packed-refs"].into_iter().chain(branch.as_deref()) {
-        // Asked for, because the folder of a worktree is elsewhere.
+        // Git is asked for the path, because a worktree keeps these files elsewhere.
         paths.extend(git(root, &["rev-parse", "--git-path", name]).map(|path| root.join(path)));
     }
     for path in paths.into_iter().filter(|path| path.exists()) {
@@ -66,14 +65,14 @@ fn watch(root: &Path) {
     }
 }
 
-/// The newest commit that changed a deciding file; none if these files are not those of a checkout.
+/// Returns the newest commit that changed a deciding file; `None` if these files are not part of a checkout.
 fn commit(root: &Path) -> Option<String> {
     git(root, &["ls-files", "--error-unmatch", "protocol/words/build.rs"])?;
     let commit = git(root, &[&["rev-list", "-1", "HEAD", "--"], &DECIDING[..]].concat())?;
     Some(commit).filter(|commit| !commit.is_empty())
 }
 
-/// Whether a deciding file differs from the commit, or is in none.
+/// Returns whether a deciding file differs from the commit or is untracked.
 fn has_changes(root: &Path) -> bool {
     let status = ["--no-optional-locks", "status", "--porcelain", "--"];
     git(root, &[&status, &DECIDING[..]].concat()).is_none_or(|changes| !changes.is_empty())
@@ -83,7 +82,7 @@ fn git(root: &Path, arguments: &[&str]) -> Option<String> {
     said(Command::new("git").arg("-C").arg(root).args(arguments))
 }
 
-/// What a program says, if it can be started and succeeds.
+/// Returns the output of a program, if it starts and succeeds.
 fn said(program: &mut Command) -> Option<String> {
     let output = program.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())

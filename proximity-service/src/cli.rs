@@ -1,4 +1,4 @@
-//! The command line of `goalward-proximity-service`. People type `goalward`, which starts it.
+//! The command line of `goalward-proximity-service`. Users run `goalward`, which starts it.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -85,7 +85,7 @@ enum Command {
 }
 
 impl Command {
-    /// A service writes a log file; what `goalward` starts for one piece of work speaks to its user.
+    /// Returns the form of diagnostics: the service writes a log, one-off commands address the user.
     fn diagnostics(&self) -> Diagnostics {
         match self {
             Command::Serve { .. } => Diagnostics::of_service(),
@@ -124,7 +124,7 @@ fn rescore(
     model: Option<RunFolder>,
     out: &Path,
 ) -> Result<()> {
-    // A line for each episode. What is there from before stays until they are all known.
+    // One line per episode. An existing file is replaced only when all lines are known.
     let mut lines = Vec::new();
     let comparison = crate::rescore::rescore(folder, log, config, model.as_ref(), &mut lines)?;
     durable::write(out, lines).with_context(|| out.display().to_string())?;
@@ -146,7 +146,7 @@ fn input() -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Prints a result for `goalward`, as JSON.
+/// Prints a result as JSON, for `goalward` to read.
 fn print(result: &impl Serialize) -> Result<()> {
     Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(result)?)?)
 }

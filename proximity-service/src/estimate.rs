@@ -1,4 +1,4 @@
-//! What a trained reward model of a run says of any observations, for `goalward report` and `goalward page`
+//! Estimates of a run's trained reward model for given observations, for `goalward report` and `goalward page`
 //! (Figures 4d and 10).
 
 use anyhow::{Context, Result};
@@ -12,20 +12,20 @@ use serde::Serialize;
 use crate::model;
 use crate::rescore::restore;
 
-/// What a model says of observations, one number for each, as it is printed.
+/// A model's estimates, one number per observation, as printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PrintedEstimates {
-    /// Proximity.
+    /// Proximity of each observation.
     pub proximity: Vec<f32>,
-    /// Standard deviation of the ensemble.
+    /// Standard deviation of the ensemble for each observation.
     pub uncertainty: Vec<f32>,
 }
 
-/// Asks the model in a checkpoint of a run, in the newest where none is named, about whole observations, one
-/// after another.
+/// Queries the model in a checkpoint of a run, by default the newest, about a sequence of whole observations.
 ///
 /// # Errors
-/// When there is no checkpoint, or the bytes are not observations of the run's task.
+/// When there is no checkpoint, the bytes are not observations of the run's task, or the model cannot score single
+/// observations.
 pub fn estimate(
     folder: &RunFolder,
     checkpoint: Option<u64>,
@@ -39,18 +39,18 @@ pub fn estimate(
     Ok(PrintedEstimates { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
 }
 
-/// What a model says of an episode, as it is printed.
+/// A model's score of an episode, as printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PrintedScore {
-    /// One for each step (Eq. 5).
+    /// Reward of each step (Eq. 5).
     pub rewards: Vec<f32>,
-    /// One for each observation; of transitions, and of discriminators that see actions, one for each step.
+    /// Proximity of each observation; of each step for transitions, and for discriminators that see actions.
     pub proximity: Vec<f32>,
-    /// As many, standard deviations of the ensemble.
+    /// Standard deviation of the ensemble for each proximity.
     pub uncertainty: Vec<f32>,
 }
 
-/// What an encoded episode would have earned under `config` from the model in the newest checkpoint of a run.
+/// Scores an encoded episode under `config` with the model in the newest checkpoint of the run `trained`.
 ///
 /// # Errors
 /// When there is no checkpoint, or the bytes are not an episode of the task.

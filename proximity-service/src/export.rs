@@ -1,4 +1,4 @@
-//! The reward model of a run as a file that programs without Goalward read.
+//! Exports the reward model of a run to a file for programs without Goalward.
 
 use std::path::Path;
 
@@ -10,12 +10,11 @@ use run::metadata;
 use crate::model;
 use crate::rescore::restore;
 
-/// Writes the ensemble in a run's checkpoint after so many iterations, or else in its newest, to `out`.
-/// Gives after how many iterations that is.
+/// Writes the ensemble in a run's checkpoint, by default the newest, to `out`. Returns the iteration of the
+/// checkpoint.
 ///
 /// # Errors
-/// When there is no such checkpoint that holds, its reward model has no ensemble, or the file cannot be
-/// written.
+/// When there is no such intact checkpoint, its reward model has no ensemble, or the file cannot be written.
 pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
     let config = folder.config()?;
     let mut model = model::of_run(folder, &config)?;

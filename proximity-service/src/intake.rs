@@ -1,5 +1,5 @@
-//! The batch of an iteration, put together from what actors publish and what the learner sends again.
-//! Bytes are what the key they came under says, or they are as good as missing.
+//! Assembles the batch of an iteration from trajectories that actors publish and that the learner sends again.
+//! Bytes that do not match the key they came under count as missing.
 
 use std::collections::BTreeMap;
 
@@ -9,17 +9,17 @@ use protocol::messages::{Batch, Missing};
 use protocol::task::Spec;
 use protocol::trajectory::{Encoded, TrajectoryKey};
 
-/// Trajectories received, and the batch made of some of them.
+/// Received trajectories, and the batch assembled from some of them.
 pub(crate) struct Intake {
     spec: Spec,
-    /// Encoded trajectories received and not yet part of a batch.
+    /// Encoded trajectories that were received and are not yet part of a batch.
     received: BTreeMap<TrajectoryKey, Bytes>,
     batch: Vec<Encoded>,
     iteration: Option<u64>,
 }
 
 impl Intake {
-    /// Before the first trajectory of a task.
+    /// Creates an empty intake for a task.
     pub(crate) fn new(spec: Spec) -> Intake {
         Intake { spec, received: BTreeMap::new(), batch: Vec::new(), iteration: None }
     }
@@ -29,21 +29,21 @@ impl Intake {
         self.received.insert(key, bytes);
     }
 
-    /// Bytes of all trajectories that wait for a batch.
+    /// Returns the number of bytes of all trajectories that wait for a batch.
     pub(crate) fn received_bytes(&self) -> usize {
         self.received.values().map(Bytes::len).sum()
     }
 
-    /// Forgets the batch.
+    /// Drops the batch.
     pub(crate) fn begin_anew(&mut self) {
         self.batch.clear();
         self.iteration = None;
     }
 
-    /// Puts a batch together; says what is missing.
+    /// Assembles a batch and returns what is missing.
     ///
     /// # Errors
-    /// When something supplied is no trajectory of the task, or none of the batch.
+    /// When something supplied is not a trajectory of the task, or not part of the batch.
     pub(crate) fn take(&mut self, batch: Batch) -> Result<Missing> {
         for bytes in batch.supplied {
             let Encoded { key, bytes, .. } = Encoded::decode(bytes, &self.spec)?;
@@ -75,7 +75,7 @@ impl Intake {
         Ok(Missing::default())
     }
 
-    /// Drops what was received of lanes' pasts: the batch, and copies of episodes that were run twice.
+    /// Drops what was received up to each lane's last episode in the batch, copies of repeated episodes included.
     fn forget_past(&mut self) {
         let newest: BTreeMap<u64, u64> =
             self.batch.iter().map(|encoded| (encoded.key.lane, encoded.key.episode)).collect();
@@ -85,10 +85,10 @@ impl Intake {
         self.received.retain(|key, _| is_new(key));
     }
 
-    /// The batch of an iteration.
+    /// Returns the batch of an iteration.
     ///
     /// # Errors
-    /// When it is not the present one.
+    /// When the current batch is that of another iteration, or there is none.
     pub(crate) fn batch(&self, iteration: u64) -> Result<&[Encoded]> {
         match self.iteration {
             Some(found) if found == iteration => Ok(&self.batch),

@@ -1,7 +1,8 @@
-//! The proximity service: learns the reward and answers for it, to the learner and to any tool.
+//! The proximity service learns the reward and answers requests of the learner and queries of any tool.
 //!
-//! [`run()`] is the process, [`service`] its one loop, [`model`] what it learns; [`rescore`] takes a
-//! model through a log, [`estimate`](mod@estimate) asks a trained one, [`export`](mod@export) hands it out.
+//! [`run()`] is the process, [`service`] its main loop, and [`model`] has the reward models. [`rescore`] scores a
+//! log with another model, [`estimate`](mod@estimate) queries a trained one, and [`export`](mod@export) writes one
+//! to a file.
 
 pub mod cli;
 pub mod estimate;
@@ -23,14 +24,13 @@ use run::process::Stop;
 
 use crate::service::Service;
 
-/// Serves a run until the learner is gone and a stop is requested.
+/// Serves a run until a stop is requested and the learner is gone.
 ///
 /// # Errors
-/// When the folder holds no run, its demonstrations cannot be read, the bus fails, or the model
-/// diverges.
+/// When the folder holds no run, its demonstrations cannot be read, or the bus fails.
 pub fn run(folder: &RunFolder, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
-    // It is on the bus before it has read its demonstrations, which may take long: who waits sees it.
+    // The service joins the bus before it reads its demonstrations, so that waiting processes see it.
     let bus = Bus::open(&BusAddress::of_run(folder.path())?, SERVICE_NAME)?;
     let model = model::of_run(folder, &config)?;
     Service::open(folder, &config, bus, model)?.serve(stop)

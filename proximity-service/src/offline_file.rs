@@ -1,6 +1,6 @@
-//! The file that offline training goes on from after a stop or a death. It is of use to this service
-//! alone, so it holds its own hash and the hash of what training began with: a file that is damaged, or
-//! of other beginnings, is as good as none.
+//! The file from which offline training resumes after a stop or a crash. Only this service uses it, so it holds its
+//! own hash and the hash of the model that training began with. A file that is damaged or has another beginning is
+//! ignored.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -9,22 +9,22 @@ use anyhow::{Context, Result};
 use protocol::durable;
 use protocol::tensors::Tensors;
 
-/// Training that a death may cost.
+/// Interval between saves: the most training that a crash can cost.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
 
-/// Name of the array that holds the hash of all others.
+/// Name of the array with the hash of all other arrays.
 const HASH: &str = "sha256";
 
-/// Name of the array that holds the hash of what training began with.
+/// Name of the array with the hash of the model that training began with.
 const BEGINNING: &str = "beginning";
 
-/// What the names of the model's arrays begin with.
+/// Name prefix of the model's arrays.
 const MODEL: &str = "model.";
 
-/// Name of the array that holds the processor time that training has taken, in seconds.
+/// Name of the array with the processor time spent on training, in seconds.
 const SPENT: &str = "spent_s";
 
-/// Where offline training is kept while it is under way.
+/// File that offline training is saved to while it is under way.
 pub(crate) struct OfflineFile {
     path: PathBuf,
     beginning: String,
@@ -33,12 +33,12 @@ pub(crate) struct OfflineFile {
 }
 
 impl OfflineFile {
-    /// The file at `path` for training that begins with a fresh model.
+    /// Creates the handle of the file at `path`, for training that begins with the model `fresh`.
     pub(crate) fn new(path: PathBuf, fresh: &Tensors) -> OfflineFile {
         OfflineFile { path, beginning: fresh.sha256(), spent_s: 0.0, saved: Instant::now() }
     }
 
-    /// The model as it was kept, if it was. The processor time that it has taken by then counts from here on.
+    /// Loads the saved model, if there is a valid one, and resumes counting its processor time.
     pub(crate) fn load(&mut self) -> Option<Tensors> {
         self.spent_s = 0.0;
         if !self.path.exists() {
@@ -50,7 +50,7 @@ impl OfflineFile {
                 Some(tensors)
             }
             Err(error) => {
-                tracing::warn!("offline training begins anew: {error:#}");
+                tracing::warn!("offline training starts over: {error:#}");
                 None
             }
         }
@@ -76,18 +76,18 @@ impl OfflineFile {
         Ok((tensors.all(MODEL), spent[0]))
     }
 
-    /// Adds to the processor time that training has taken; gives all of it, that of earlier processes, too.
+    /// Adds to the processor time of training. Returns the total, including that of earlier processes.
     pub(crate) fn spend(&mut self, processor_s: f64) -> f64 {
         self.spent_s += processor_s;
         self.spent_s
     }
 
-    /// Whether it is time to keep it again.
+    /// Returns whether the model is due to be saved again.
     pub(crate) fn is_due(&self) -> bool {
         self.saved.elapsed() >= SAVE_EVERY
     }
 
-    /// Keeps the model as it is. One that cannot be kept costs time after a death, nothing else.
+    /// Saves the model. A failure is only logged: it costs time after a crash, nothing else.
     pub(crate) fn save(&mut self, model: Tensors) {
         self.saved = Instant::now();
         if let Err(error) = self.write(model) {

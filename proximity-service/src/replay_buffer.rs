@@ -1,4 +1,4 @@
-//! The newest rows of the agent, negative examples of the online update (Eq. 4).
+//! Replay buffer of the agent's newest rows, the negative examples of the online update (Eq. 4).
 
 use std::collections::VecDeque;
 
@@ -11,40 +11,40 @@ pub struct ReplayBuffer {
 }
 
 impl ReplayBuffer {
-    /// An empty buffer for `capacity` rows of `row_bytes` each.
+    /// Creates an empty buffer for `capacity` rows of `row_bytes` each.
     pub fn new(capacity: usize, row_bytes: usize) -> ReplayBuffer {
         let bytes = VecDeque::with_capacity(capacity * row_bytes);
         ReplayBuffer { bytes, row_bytes, capacity }
     }
 
-    /// Rows held.
+    /// Returns the number of rows held.
     pub fn len(&self) -> usize {
         self.bytes.len() / self.row_bytes
     }
 
-    /// Whether none is held.
+    /// Returns whether the buffer is empty.
     pub fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// Takes in rows, one after another; the oldest make room.
+    /// Appends rows, given one after another; the oldest rows are dropped to make room.
     pub fn push(&mut self, rows: &[u8]) {
         assert_eq!(rows.len() % self.row_bytes, 0, "whole rows");
         let room = self.capacity * self.row_bytes;
         let newest = &rows[rows.len().saturating_sub(room)..];
-        // Before they come: a buffer that has grown beyond its room stays so large.
+        // Drains first: a buffer that has grown beyond its capacity would keep the larger allocation.
         let excess = (self.bytes.len() + newest.len()).saturating_sub(room);
         self.bytes.drain(..excess);
         self.bytes.extend(newest);
     }
 
-    /// The row at `position`, 0 being the oldest, appended to `rows`.
+    /// Appends the row at `position` to `rows`; position 0 is the oldest row.
     pub fn append_to(&self, position: usize, rows: &mut Vec<u8>) {
         let start = position * self.row_bytes;
         rows.extend(self.bytes.range(start..start + self.row_bytes));
     }
 
-    /// Every row, oldest first.
+    /// Returns all rows, oldest first.
     pub fn to_bytes(&self) -> Vec<u8> {
         self.bytes.iter().copied().collect()
     }

@@ -1,6 +1,6 @@
-//! `goalward replay --with`: the rewards that the episodes of a log would have earned from another
-//! reward model. The model goes through the recorded batches as it would have in a run, learning
-//! from each, or is the trained one of another run and stays as it is.
+//! `goalward replay --with`: the rewards that the episodes of a log would have earned from another reward model.
+//! The model processes the recorded batches as in a run, learning from each, or it is the trained model of another
+//! run and stays fixed.
 
 use std::collections::HashMap;
 use std::io::Write;
@@ -19,50 +19,51 @@ use serde::Serialize;
 
 use crate::model::{self, RewardModel};
 
-/// Points of the curves, if there are as many episodes.
+/// Maximum number of points of a curve.
 const POINTS: usize = 60;
 
-/// An episode and its two returns: undiscounted sums of rewards.
+/// Two returns of an episode, the undiscounted sums of its rewards, and its outcome.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Returns {
-    /// Of the rewards that were learned from.
+    /// Return from the recorded rewards.
     pub recorded: f64,
-    /// Of the other ones.
+    /// Return from the other reward model.
     pub other: f64,
     /// Whether the episode reached its goal.
     pub success: bool,
 }
 
-/// How returns differ, as it is printed.
+/// Comparison of the returns, as printed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Comparison {
     /// Episodes scored again.
     pub episodes: u64,
-    /// Mean returns of those that reached the goal: recorded, other.
+    /// Mean returns of episodes that reached the goal: recorded, other.
     pub reached: Option<[f64; 2]>,
-    /// Mean returns of those that did not.
+    /// Mean returns of episodes that did not.
     pub missed: Option<[f64; 2]>,
-    /// Correlation of both returns over all episodes.
+    /// Correlation of the two returns over all episodes.
     pub correlation: Option<f64>,
-    /// Share of pairs of a successful and a failed episode that the returns order rightly.
+    /// Share of pairs of a successful and a failed episode in which the successful one has the larger return (ties
+    /// count as half): recorded, other.
     pub ordered: Option<[f64; 2]>,
-    /// The mean returns as they went, over equal numbers of episodes.
+    /// Mean returns over the course of the log, for groups of equally many episodes.
     pub curve: Vec<Point>,
 }
 
-/// Mean returns of some episodes that followed one another.
+/// Mean returns of consecutive episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// How many there were with the last of them.
+    /// Number of episodes up to and including this group.
     pub episodes: u64,
-    /// Of those that reached the goal: recorded, other.
+    /// Mean returns of episodes that reached the goal: recorded, other.
     pub reached: Option<[f64; 2]>,
-    /// Of those that did not.
+    /// Mean returns of episodes that did not.
     pub missed: Option<[f64; 2]>,
 }
 
-/// Scores the batches of a run's log, in `log`, again under `config`, or by the trained model of
-/// another run, and writes one line per episode.
+/// Scores the batches of the run's log at `log` again under `config`, or with the trained model of another run, and
+/// writes one line per episode.
 ///
 /// # Errors
 /// When the log cannot be read, has no updates, or lacks a score; when the model cannot be made or diverges.
@@ -109,8 +110,7 @@ pub fn rescore(
     Ok(comparison(&returns))
 }
 
-/// Makes a model the one in a run's checkpoint after so many iterations, or else in its newest; after how
-/// many that is.
+/// Restores a model from a run's checkpoint, by default the newest. Returns the iteration of the checkpoint.
 pub(crate) fn restore(
     model: &mut dyn RewardModel,
     run: &RunFolder,
@@ -120,7 +120,7 @@ pub(crate) fn restore(
     let tensors = found.load(PROXIMITY_FILE)?;
     let restored = model.restore(&tensors).map_err(anyhow::Error::msg);
     restored.with_context(|| run.path().display().to_string())?;
-    // A model that learns nothing is its demonstrations.
+    // A model that learns nothing consists only of its demonstrations.
     let learns = model.save() != Tensors::default();
     ensure!(
         learns || model.sha256() == model::of_run(run, &run.config()?)?.sha256(),
@@ -130,7 +130,7 @@ pub(crate) fn restore(
     Ok(found.iteration)
 }
 
-/// What the service would do in an iteration.
+/// Scores and improves as the service would in an iteration; a model that `stays` is not improved.
 fn score(
     model: &mut dyn RewardModel,
     iteration: u64,
@@ -165,7 +165,7 @@ fn write_line(lines: &mut impl Write, encoded: &Encoded, returns: &Returns) -> R
     Ok(())
 }
 
-/// Mean returns of the episodes that reached the goal, or of those that did not.
+/// Returns the mean returns of the episodes that reached the goal, or of those that did not.
 fn means(returns: &[Returns], success: bool) -> Option<[f64; 2]> {
     let chosen: Vec<_> = returns.iter().filter(|pair| pair.success == success).collect();
     let mean = |of: fn(&Returns) -> f64| {
@@ -196,7 +196,7 @@ fn comparison(returns: &[Returns]) -> Comparison {
     }
 }
 
-/// Pearson's correlation; none where one side does not vary.
+/// Computes Pearson's correlation; `None` if one side does not vary.
 fn correlation(returns: &[Returns]) -> Option<f64> {
     let count = returns.len() as f64;
     let mean = |of: fn(&Returns) -> f64| returns.iter().map(of).sum::<f64>() / count;
@@ -210,8 +210,8 @@ fn correlation(returns: &[Returns]) -> Option<f64> {
     (scale > 0.0).then(|| both / scale)
 }
 
-/// Share of pairs of a successful and a failed episode in which the former has the larger return;
-/// none where there is no such pair.
+/// Computes the share of pairs of a successful and a failed episode in which the former has the larger return,
+/// counting ties as half; `None` if there is no such pair.
 fn ordered(returns: &[Returns], of: impl Fn(&Returns) -> f64) -> Option<f64> {
     let mut sorted: Vec<_> = returns.iter().map(|pair| (of(pair), pair.success)).collect();
     sorted.sort_by(|one, other| one.0.total_cmp(&other.0));

@@ -1,14 +1,14 @@
-//! The reward made from proximity and uncertainty: Eq. 5 and its ablations; and from a discriminator.
+//! Computes rewards from proximity and uncertainty (Eq. 5 and its ablations), and from discriminators.
 
 use networks::{Score as RowScore, softplus};
 use run::config::{RewardConfig, RewardForm};
 
-/// Rewards of one episode, one per step (Eq. 5).
+/// Computes the rewards of one episode, one per step (Eq. 5).
 ///
-/// `proximity` and `uncertainty` have one number per observation, so one more than there are steps.
-/// With `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6),
-/// with `form = airl` the logarithm of its odds; without `final_bonus` the last step earns no extra
-/// proximity ("No Final").
+/// `proximity` and `uncertainty` have one number per observation, so one more than there are steps. With
+/// `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6), and with
+/// `form = airl` the log-odds of that proximity. Without `final_bonus` the last step earns no additional proximity
+/// ("No Final").
 pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) -> Vec<f32> {
     assert_eq!(proximity.len(), uncertainty.len(), "one uncertainty per proximity");
     let steps = proximity.len() - 1;
@@ -27,13 +27,13 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
     (0..steps).map(reward).collect()
 }
 
-/// Rewards of a model with a row for each step: a discriminator's of its mean logit, temporal distance as it is;
-/// less the penalty for the standard deviation of the members. There is no final bonus, which is proximity's.
+/// Computes the rewards of a model with one row per step: from the mean logit of a discriminator or the temporal
+/// distance, minus the penalty for the standard deviation. Only proximity has a final bonus.
 pub fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     let penalty = config.uncertainty as f32;
     let reward = |row: &RowScore| {
         let own = match config.form {
-            // The logarithms of D and of 1 - D differ by the logit.
+            // For a discriminator, log D - log(1 - D) is the logit.
             RewardForm::Airl | RewardForm::Difference => row.mean,
             RewardForm::Gail => softplus(row.mean),
             RewardForm::Absolute => unreachable!("a configuration has it for proximity only"),
@@ -43,7 +43,7 @@ pub fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     rows.iter().map(reward).collect()
 }
 
-/// The logarithm of the odds of a probability, finite also for 0 and 1.
+/// Computes the log-odds of a probability, finite also for 0 and 1.
 fn log_odds(probability: f32) -> f32 {
     const LEAST: f32 = 1e-20;
     libm::logf(probability + LEAST) - libm::logf(1.0 - probability + LEAST)
@@ -56,8 +56,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Eq. 5 without the penalty telescopes: the undiscounted sum of rewards is Eq. 3 with a
-        /// discount of 1, the final proximity and the whole increase of proximity.
+        /// Checks that Eq. 5 without the penalty telescopes: the undiscounted sum of rewards is Eq. 3 with a
+        /// discount of 1, the final proximity plus the total increase in proximity.
         #[test]
         fn rewards_telescope_to_the_objective(
             proximity in prop::collection::vec(0.0f32..1.0, 2..60),
@@ -69,7 +69,7 @@ mod tests {
             prop_assert!((sum - (last + last - first)).abs() < 1e-4);
         }
 
-        /// Eq. 3 for any discount: the final proximity comes with the last step's discount.
+        /// Checks Eq. 3 for any discount: the final proximity has the discount of the last step.
         #[test]
         fn discounted_rewards_are_the_discounted_objective(
             proximity in prop::collection::vec(0.0f32..1.0, 2..60),

@@ -1,7 +1,7 @@
-//! The one loop of the service: take trajectories in, answer requests in the order they come.
+//! The main loop of the service: receives trajectories and answers requests in the order they come.
 //!
-//! Whatever a request changes is remembered with its iteration, so that a request repeated after a
-//! lost answer changes nothing more. What cannot be used is refused or dropped; the service goes on.
+//! The result of a request that changes something is remembered with its iteration, so a request repeated after a
+//! lost answer changes nothing further. Invalid input is refused or dropped, and the service continues.
 
 use std::path::Path;
 use std::time::Duration;
@@ -26,23 +26,23 @@ use crate::intake::Intake;
 use crate::model::{RewardModel, Slice};
 use crate::offline_file::OfflineFile;
 
-/// Messages taken from a port before the service looks at the other.
+/// Maximum number of trajectories taken from the bus at a time.
 const TAKEN_AT_ONCE: usize = 1024;
 
-/// Longest sleep.
+/// Longest wait for a notification.
 const TICK: Duration = Duration::from_millis(200);
 
-/// How long offline training goes on between two looks at requests.
+/// Duration of a slice of offline training, after which requests are served.
 const SLICE: Duration = Duration::from_millis(100);
 
-/// Most bytes of trajectories kept that no batch has asked for yet. What is dropped beyond them the
-/// learner sends again.
+/// Maximum number of bytes of trajectories kept that no batch has asked for yet. Trajectories beyond it are
+/// dropped, and the learner sends them again.
 const MOST_RECEIVED_BYTES: usize = 256 << 20;
 
-/// Most observations in one query: each is expanded in every layer of every member.
+/// Maximum number of observations in one query, each of which passes through every layer of every member.
 const MOST_QUERIED: usize = 4096;
 
-/// The service of a run.
+/// The proximity service of a run.
 pub struct Service {
     spec: Spec,
     model: Box<dyn RewardModel>,
@@ -59,15 +59,15 @@ pub struct Service {
     requests: Server,
 }
 
-/// Offline training is done once, however often the learner begins afresh.
+/// State of offline training. Its result is kept, so that a learner that starts again does not repeat it.
 enum OfflineTraining {
-    /// Nobody has asked for it.
+    /// Not requested yet.
     Idle,
-    /// It goes on while nobody asks for anything else.
+    /// Under way, in slices between requests.
     UnderWay(Pretraining),
-    /// Its losses, and the model behind it.
+    /// Finished: the losses, and the trained model.
     Done(RewardUpdate, Tensors),
-    /// It came to no end.
+    /// The model diverged.
     Diverged(Final),
 }
 
@@ -103,7 +103,7 @@ impl Service {
     /// Serves until a stop is requested and the learner, which may still save, is gone.
     ///
     /// # Errors
-    /// When the bus fails, or the model diverges.
+    /// When the bus fails.
     pub fn serve(&mut self, stop: &Stop) -> Result<()> {
         while !(stop.is_requested() && self.learner_is_gone()?) {
             let trains =
@@ -129,7 +129,7 @@ impl Service {
         Ok(())
     }
 
-    /// A slice of offline training.
+    /// Runs a slice of offline training.
     fn train_offline(&mut self, time: Duration) {
         self.offline = match self.model.pretrain(time) {
             Ok(Slice::Done(update)) => {
@@ -155,7 +155,7 @@ impl Service {
         Ok(!self.bus.alive()?.iter().any(|name| name.starts_with("learner")))
     }
 
-    /// Keeps what actors publish until a batch asks for it.
+    /// Receives trajectories from actors and keeps them until a batch asks for them.
     fn take_trajectories(&mut self) -> Result<()> {
         let mut kept = self.intake.received_bytes();
         for _ in 0..TAKEN_AT_ONCE {
@@ -261,7 +261,7 @@ fn restore(model: &mut dyn RewardModel, tensors: &Tensors) -> Result<()> {
     model.restore(tensors).map_err(|message| anyhow!(message))
 }
 
-/// Refuses a score that nothing can be learned from.
+/// Refuses a score with numbers that are not finite.
 fn expect_finite(score: &Score) -> Result<(), Final> {
     let Score { iteration, lane, episode, rewards, proximity, uncertainty, .. } = score;
     if [rewards, proximity, uncertainty].into_iter().flatten().all(|number| number.is_finite()) {
@@ -273,7 +273,7 @@ fn expect_finite(score: &Score) -> Result<(), Final> {
     )))
 }
 
-/// The answer to a request that cannot be served.
+/// Converts an error into the answer to a request that cannot be served.
 fn refusal(error: &anyhow::Error) -> Answer {
     tracing::error!("refused: {error:#}");
     let message = format!("{error:#}");

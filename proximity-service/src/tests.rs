@@ -1,4 +1,4 @@
-//! What the tests of this crate share: a configuration, and a corridor to be close to the end of.
+//! Tests of learned models, and shared fixtures: a configuration, and a corridor with the goal at its end.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use run::learning_rate::LearningRate;
 
 use crate::model::{Discriminator, GoalProximity, Learned, Objective, Ranking, RewardModel, Slice};
 
-/// The paper's reward over small networks.
+/// Returns the paper's reward with small networks.
 pub(crate) fn config() -> RewardConfig {
     RewardConfig {
         model: Model::named("proximity").unwrap(),
@@ -48,14 +48,14 @@ pub(crate) fn config() -> RewardConfig {
     }
 }
 
-/// A corridor: the observation is a place and a row, and the goal is place 1. An action is 0 or 1.
+/// A corridor: an observation is a place and a row, and the goal is at place 1. An action is 0 or 1.
 pub(crate) const CORRIDOR: Spec = Spec {
     observation: ObservationSpec::Vector { len: 2 },
     action: ActionSpec::Discrete { count: 2 },
     horizon_steps: 10,
 };
 
-/// A walk of ten steps from place 0 to place 1 in a row.
+/// Returns a walk of ten steps from place 0 to place 1 in a row.
 pub(crate) fn walk(row: f32, source: Source) -> Trajectory {
     let mut values = vec![0; 11 * 8];
     write_floats((0..11).flat_map(|step| [step as f32 / 10.0, row]), &mut values);
@@ -75,14 +75,14 @@ pub(crate) fn walk(row: f32, source: Source) -> Trajectory {
     }
 }
 
-/// The walk from place 1 to place 0.
+/// Returns the walk from place 1 to place 0.
 pub(crate) fn walk_back(row: f32, source: Source) -> Trajectory {
     let forth = walk(row, source);
     let back: Vec<u8> = forth.values.chunks_exact(8).rev().flatten().copied().collect();
     Trajectory { values: back.into(), ..forth }
 }
 
-/// A model that was shown a walk in row 0.
+/// Creates a model with one demonstration, a walk in row 0.
 pub(crate) fn learned<O: Objective>(config: &RewardConfig, threads: usize) -> Learned<O> {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let rate = LearningRate { first: config.learning_rate, iterations: Some(100) };
@@ -97,8 +97,8 @@ pub(crate) fn pretrained(model: &mut impl RewardModel) -> RewardUpdate {
     }
 }
 
-/// Whether two models of the same objective learn the same bits, one of them on three threads and
-/// from a checkpoint of the other's.
+/// Checks that two models of the same objective learn the same bits when one of them runs on three threads and
+/// starts from the other's checkpoint.
 pub(crate) fn assert_reproducible<O: Objective>(config: &RewardConfig) {
     let batch = [Encoded::encode(walk(1.0, Source::Training))];
     let mut one: Learned<O> = learned(config, 1);
@@ -141,7 +141,7 @@ fn offline_training_fits_the_labels_and_is_sure_only_where_it_was_shown() {
     assert!(never_shown > 3.0 * shown, "shown {shown}, never shown {never_shown}");
 }
 
-/// Proximity of a place that only the agent visits, before and after eighty updates; the model.
+/// Returns the proximity of a place that only the agent visits, before and after eighty updates, and the model.
 fn visited(agent_weight: f64) -> ([f32; 2], Learned<GoalProximity>) {
     let mut model: Learned<GoalProximity> = learned(&RewardConfig { agent_weight, ..config() }, 2);
     pretrained(&mut model);
@@ -190,7 +190,7 @@ fn nothing_of_the_agent_is_kept_that_nobody_learns_from() {
     let update = model.improve(0, &batch).unwrap();
     assert_eq!((update.gradient_steps, update.experience), (0, 0));
     assert!(model.save().u8("experience").unwrap().is_empty());
-    // Older builds wrote it down.
+    // Checkpoints of older builds contain the agent's rows.
     let mut older = self::model(1);
     older.improve(0, &batch).unwrap();
     model.restore(&older.save()).unwrap();
@@ -211,7 +211,7 @@ fn of_a_batch_that_is_larger_than_the_buffer_the_last_lanes_stay() {
     assert_eq!(kept, batch[1].trajectory.observations());
 }
 
-/// `reward.samples` and `reward.batch` mean the same for every model: whole batches of what there is.
+/// Checks that `reward.samples` and `reward.batch` mean the same for every model: full batches of its rows.
 #[test]
 fn every_model_trains_on_what_rows_there_are() {
     fn steps<O: Objective>(samples: usize) -> u64 {
@@ -264,7 +264,7 @@ fn proximity_with_actions_depends_on_the_action_and_needs_one() {
     assert!(message.contains("single states") && message.contains("states and actions"));
 }
 
-/// Where a row of the last observation had no action, that alone said that an episode was over.
+/// If the last observation had a row without an action, that alone would mark the end of an episode.
 #[test]
 fn with_actions_the_end_of_an_episode_changes_no_proximity() {
     let config = RewardConfig { input: RewardInput::StateAction, batch: 10, ..config() };
@@ -299,7 +299,7 @@ fn a_foreign_checkpoint_is_refused_with_the_array_that_differs() {
     assert_eq!(message, expected);
 }
 
-/// Offline training in slices of one step, and from what was saved after each seventh.
+/// Trains offline in slices of one step, and restores the model from its saved state after every seventh step.
 #[test]
 fn slices_of_offline_training_change_no_bit() {
     let expected = pretrained(&mut model(1));

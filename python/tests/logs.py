@@ -1,4 +1,4 @@
-"""Logs of a run as Goalward lays them out, written with the public MCAP package."""
+"""Writes logs of runs in Goalward's format with the public MCAP package."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -20,7 +20,7 @@ CONFIG = 'method = "goal-proximity"\nseed = 3\n[ppo]\nclip = 0.2\n'
 
 
 def trajectory(iteration: int, lane: int, episode: int, steps: int, **changes: Any) -> Any:
-    """An episode of the task `reach` whose observations are the walk of the seed `episode`."""
+    """Make an episode of the task `reach` whose observations are the walk with the seed `episode`."""
     values = {
         "task": REACH.name,
         "iteration": iteration,
@@ -41,7 +41,7 @@ def trajectory(iteration: int, lane: int, episode: int, steps: int, **changes: A
 def write(
     path: Path, messages: Iterable[tuple[str, Any]], task: Task = REACH, seed: int = 3, since: int = 0
 ) -> None:
-    """Write a file of a log with these topics and messages, a nanosecond apart."""
+    """Write a log file with these topics and messages, a nanosecond apart from `since` on."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=2048)

@@ -1,4 +1,4 @@
-"""The command line: what it prints, what it leaves, and its exit status."""
+"""Tests of the command line: what it prints, which files it leaves, and its exit status."""
 
 import sys
 from pathlib import Path
@@ -68,7 +68,7 @@ def test_info_says_what_a_file_holds(
     ("words", "expected"),
     [
         (["--keys", "angle"], "episode 0: keys: expected `angle`, found states (3)"),
-        (["--success", "won"], "episode 0: success: expected `all` or one of the keys that may tell"),
+        (["--success", "won"], "episode 0: success: expected `all` or a success key"),
         (["--format", "lerobot"], "info.json: expected what LeRobot writes there"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Files of demonstrations: what is written is read again, and what Goalward would refuse is not written."""
+"""Tests of demonstration files: they are read as written, and what Goalward would refuse is not written."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,6 @@
-"""Goalward's tasks as environments of Gymnasium, stepped by the program itself.
+"""Tests of Goalward's tasks as Gymnasium environments, stepped by the program itself.
 
-They need `goalward-actor` in PATH or where GOALWARD_ACTOR says.
+They need `goalward-actor` in PATH, or its path in GOALWARD_ACTOR.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def own(environment: gymnasium.Env[Any, Any]) -> Environment:
 
 
 def play(environment: gymnasium.Env[Any, Any], seed: int) -> list[bytes]:
-    """Act with a random policy of its own seed for an episode."""
+    """Act in an episode with random actions, drawn with the same seed; return what was seen."""
     observation, _ = environment.reset(seed=seed)
     rng, seen, ended = np.random.default_rng(seed), [observation.tobytes()], False
     space = environment.action_space
@@ -60,7 +60,7 @@ def play(environment: gymnasium.Env[Any, Any], seed: int) -> list[bytes]:
 
 def test_gymnasium_finds_nothing_wrong(environment: gymnasium.Env[Any, Any]) -> None:
     with warnings.catch_warnings():
-        # Observations have no bounds, which it remarks on.
+        # It warns that observations have no bounds.
         warnings.simplefilter("ignore", UserWarning)
         check_env(own(environment), skip_render_check=True)
 
@@ -118,7 +118,7 @@ def test_an_interrupt_leaves_no_answer_for_the_next_request() -> None:
 def test_a_forked_process_does_not_keep_it_open() -> None:
     environment = Environment("navigation")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads are not needed in it
+        warnings.simplefilter("ignore", DeprecationWarning)  # the child needs no other threads
         forked = os.fork()
     if forked == 0:
         time.sleep(60)

@@ -1,4 +1,4 @@
-"""Trajectories of a log in other formats, read back with the real packages and with our own importers."""
+"""Tests of a log's trajectories in other formats, read back with the real packages and our own importers."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""LeRobot data sets of both layouts, written with pyarrow as their documentation has them."""
+"""Tests of LeRobot data sets in both layouts, written with pyarrow as LeRobot documents them."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ FEATURES = {
 
 
 def frames(episode: int, success: bool) -> pyarrow.Table:
-    """An episode of five frames that reaches the goal at its end, or does not."""
+    """Make an episode of five frames that reaches the goal at its end, or does not."""
     states = walk(4, episode)
     fixed = pyarrow.FixedSizeListArray.from_arrays
     return pyarrow.table(
@@ -52,7 +52,7 @@ def frames(episode: int, success: bool) -> pyarrow.Table:
 
 
 def stored(folder: Path, version: str, **changes: Any) -> Path:
-    """A data set of four episodes, of which the third does not reach the goal."""
+    """Write a data set of four episodes, of which the third does not reach the goal."""
     features = {**FEATURES, **changes.get("features", {})}
     path = V30 if version == "v3.0" else V21
     info = {"codebase_version": version, "fps": 10, "features": features, "data_path": path}

@@ -1,4 +1,4 @@
-"""Logs of runs: each thing once, in order, as far as the files can be read."""
+"""Tests of logs of runs: each record counts once, in order, as far as the files can be read."""
 
 import warnings
 from pathlib import Path
@@ -19,7 +19,7 @@ UPDATES = "log/updates-00000.mcap"
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """Two iterations of two lanes; the second iteration was recorded twice, in another file."""
+    """Write two iterations of two lanes; the second iteration is recorded again in another file."""
     goal = {"ending": schema.GOAL_REACHED, "success": True, "steps_to_goal": 2}
     scored = schema.Score(lane=1, rewards=[0.5, 0.25], proximity=[0.1, 0.2, 0.3], uncertainty=[0, 0, 1])
     before = [
@@ -46,7 +46,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def sit(run: Path, number: int, batches: list[int], updates: list[int]) -> None:
-    """Record iterations as one sitting of a run does; its first update trains the reward model offline."""
+    """Record iterations as a run does between restarts; the first reward update is offline training."""
     recorded, learned = [], [("/proximity/update", schema.RewardUpdate())]
     for iteration in batches:
         recorded += [

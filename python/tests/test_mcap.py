@@ -1,4 +1,4 @@
-"""Recordings of robots in MCAP: JSON, protobuf and CDR of ROS 2, in files and in folders of bags."""
+"""Tests of robot recordings in MCAP: JSON, protobuf and CDR of ROS 2, in files and in folders of bags."""
 
 import json
 from collections.abc import Callable
@@ -23,7 +23,7 @@ POSE = "geometry/Pose pose\n================\nMSG: geometry/Pose\nfloat64 x\nflo
 
 
 def moments(seed: int) -> list[Moment]:
-    """A goal, three joint states that each follow by a second, and success after the last of them."""
+    """Make a goal, three joint states, each followed by a new goal, and success after the last of them."""
     states = walk(2, seed)
     heard: list[Moment] = [(GOAL, 0, {"pose": {"x": float(states[0, 2]), "y": 9.0}})]
     for number, state in enumerate(states):

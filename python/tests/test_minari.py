@@ -1,4 +1,4 @@
-"""Minari data sets, made and stored by the real package."""
+"""Tests of Minari data sets, made and stored by the real package."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Policies act in the spaces that they were trained in, and in no others."""
+"""Tests that policies act in the spaces that they were trained in, and in no others."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from goalward.policy import Policy
 
 
 class Session:
-    """Stands for onnxruntime's: choice 2 for every row."""
+    """Replaces onnxruntime's session: returns choice 2 for every row."""
 
     def get_outputs(self) -> list[SimpleNamespace]:
         return [SimpleNamespace(name="action")]

@@ -1,4 +1,4 @@
-"""Files that are there as a whole or not at all, also when writing them fails half way."""
+"""Tests that files are written completely or not at all, even if writing fails half way."""
 
 from pathlib import Path
 

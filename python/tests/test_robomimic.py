@@ -1,4 +1,4 @@
-"""robomimic data sets, written with h5py as its documentation lays them out."""
+"""Tests of robomimic data sets, written with h5py as robomimic documents them."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from goalward.demonstrations import load
 
 
 def stored(path: Path, demonstrations: list[tuple[Any, list[float]]], *, following: bool = True) -> Path:
-    """A file of demonstrations: the states of each, one more than rewards, and its rewards."""
+    """Write a file of demonstrations, each with its states and its rewards, one fewer than states."""
     with h5py.File(path, "w") as file:
         data = file.create_group("data")
         for number, (states, rewards) in enumerate(demonstrations):

@@ -1,4 +1,4 @@
-"""What is taken of a recording: its keys, the part up to the goal, and labels that match the task's."""
+"""Tests of what is taken from a recording: its keys, the part up to the goal, and the check of labels."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def recording(success: ArrayLike | None = None, steps: int = 5) -> Recording:
 
 
 def lengths(selection: Selection, *recordings: Recording) -> list[int | None]:
-    """Steps of each episode; None for one that is left out."""
+    """Return the number of steps of each episode; None for one that is left out."""
     episodes = selection.episodes(recordings)
     return [None if episode is None else len(np.asarray(episode.observations)) - 1 for episode in episodes]
 
@@ -91,13 +91,13 @@ def test_differing_labels_can_be_ignored() -> None:
 @pytest.mark.parametrize(
     ("success", "steps"),
     [
-        ([0, 0, 0, 1, 1, 0], 3),  # of observations
-        ([0, 0, 0, 1, 1], 4),  # of steps
-        ([True], 5),  # of the episode
+        ([0, 0, 0, 1, 1, 0], 3),  # one value for each observation
+        ([0, 0, 0, 1, 1], 4),  # one value for each step
+        ([True], 5),  # one value for the episode
         (True, 5),
         ([0, 0, 0, 0, 0], None),
         ([False], None),
-        ([1, 0, 0, 0, 0, 1], None),  # there was no step to the goal
+        ([1, 0, 0, 0, 0, 1], None),  # it begins at the goal
     ],
 )
 def test_an_episode_ends_at_its_first_success(success: ArrayLike, steps: int | None) -> None:
@@ -112,14 +112,12 @@ def test_the_key_of_the_format_tells_success() -> None:
 def test_success_has_to_be_told() -> None:
     words = refusal(Selection(REACH, None, None), recording([0, 0, 0, 0, 1]))
     assert words.startswith("success: expected `all`")
-    assert words.endswith("found neither; keys that may tell: success")
+    assert words.endswith("found neither; possible success keys: success")
 
 
 def test_a_signal_that_is_not_there_is_refused() -> None:
     words = refusal(Selection(REACH, None, "won"), recording([True]))
-    assert (
-        words == "episode 7: success: expected `all` or one of the keys that may tell (success), found `won`"
-    )
+    assert words == "episode 7: success: expected `all` or a success key (success), found `won`"
 
 
 def test_a_signal_of_other_numbers_is_refused() -> None:

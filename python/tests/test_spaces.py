@@ -1,4 +1,4 @@
-"""Actions of Gymnasium as bytes, and back: what is encoded is decoded."""
+"""Tests of Gymnasium actions as bytes: what is encoded is decoded to the same action."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Data sets in plain tables: NumPy archives and CSV files."""
+"""Tests of data sets in plain tables: NumPy archives and CSV files."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tasks: read from TOML and JSON, and refused where Goalward would refuse them."""
+"""Tests of tasks: they are read from TOML and JSON, and refused if Goalward would refuse them."""
 
 import json
 from pathlib import Path

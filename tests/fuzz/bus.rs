@@ -1,4 +1,4 @@
-//! What comes over the bus: trajectories, and the messages beside them.
+//! Input from the bus: trajectories and other messages.
 
 use std::time::Instant;
 
@@ -16,7 +16,7 @@ use crate::{Memory, Reader, fuzz, whole};
 use protocol::task::Spec;
 use system_tests::{TASKS, spec};
 
-/// A repeated message of two bytes takes a hundred in memory, and its list grows by doubling.
+/// A repeated message of two bytes takes a hundred bytes in memory, and its vector grows by doubling.
 const OF_MESSAGES: Memory = Memory { bytes: 16 << 10, per_byte: 400 };
 
 fn rollout() -> LeaseLedger {
@@ -24,7 +24,7 @@ fn rollout() -> LeaseLedger {
     LeaseLedger::open(Source::Training, 3, 3, vec![plan; 4])
 }
 
-/// What learner and service do with a trajectory.
+/// Uses a trajectory as learner and service do.
 fn learn_from(encoded: Encoded, spec: &Spec) {
     let trajectory = &encoded.trajectory;
     let steps = trajectory.steps as usize;
@@ -61,7 +61,7 @@ fn trajectories() {
     fuzz(whole::trajectories(), &Reader { memory: OF_MESSAGES, read: &read });
 }
 
-/// What the learner does with a question for leases.
+/// Answers a lease request as the learner does.
 fn answer(request: &LeaseRequest) {
     let mut rollout = rollout();
     for lease in &request.finished {
@@ -73,7 +73,7 @@ fn answer(request: &LeaseRequest) {
     assert!(possible.is_none_or(|seconds| seconds.environment.is_finite()));
 }
 
-/// Whether bytes are a message; they may be several kinds at once, for fields have no names.
+/// Decodes bytes as a message. They may be valid for several kinds, because encoded fields have no names.
 fn is<M: Message + Default>(bytes: &[u8]) -> Result<M, String> {
     M::decode(bytes).map_err(|error| error.to_string())
 }

@@ -1,4 +1,4 @@
-//! Checkpoint files: weights, the learner's state, the service's.
+//! Checkpoint files: weights, the learner's state, the service's state.
 
 use std::cell::RefCell;
 
@@ -12,14 +12,14 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::{Memory, Reader, fuzz, whole};
 
-/// The header of a file is JSON, which takes more in memory than in the file.
+/// A file's header is JSON, which takes more memory than its length in the file.
 const OF_FILES: Memory = Memory { bytes: 256 << 10, per_byte: 64 };
 
 fn one_thread() -> ThreadPool {
     ThreadPoolBuilder::new().num_threads(1).build().unwrap()
 }
 
-/// The bytes that a file of these arrays has.
+/// Returns the bytes of a file with these arrays.
 fn file(tensors: &Tensors) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("some.safetensors");
@@ -56,7 +56,7 @@ fn state_of_the_learner() {
         let tensors = Tensors::from_file(bytes)?;
         state.restore(&tensors)?;
         learner.restore(&tensors)?;
-        // What the next iteration does with it.
+        // Use it as the next iteration does.
         state.plans(state.iteration, config.rollout.lane_steps);
         state.count(&batch);
         assert!((0.0..=1.0).contains(&state.success_rate()));

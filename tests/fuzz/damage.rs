@@ -1,9 +1,9 @@
-//! What is done to inputs: whole ones damaged a little, or bytes that were never any.
+//! Makes fuzz inputs: slightly damaged valid inputs, or random bytes.
 
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 
-/// Numbers that arithmetic stumbles over, as integers of any width.
+/// Numbers that break careless arithmetic, as integers of any width.
 const EXTREMES: [u64; 10] = [
     0,
     1,
@@ -17,7 +17,7 @@ const EXTREMES: [u64; 10] = [
     0xffff_ffff_ffff_ffff,
 ];
 
-/// Words that stand where a number was, in a text.
+/// Words that replace a number in a text.
 const WORDS: [&str; 14] = [
     "0",
     "-1",
@@ -35,22 +35,22 @@ const WORDS: [&str; 14] = [
     "{}",
 ];
 
-/// One thing done to an input.
+/// One change to an input.
 #[derive(Clone, Debug)]
 enum Damage {
-    /// A bit is another one.
+    /// Flips a bit.
     Flip(Index, u32),
-    /// The end is missing.
+    /// Cuts off the end.
     Cut(Index),
-    /// Some bytes are an extreme number, little-endian, of 1, 2, 4 or 8 bytes.
+    /// Overwrites 1, 2, 4 or 8 bytes with an extreme number, little-endian.
     Extreme(Index, u32, u64),
-    /// A number of a text is another word.
+    /// Replaces a number in a text with a word.
     Word(Index, &'static str),
-    /// A part is there again elsewhere.
+    /// Inserts a copy of a part elsewhere.
     Splice(Index, usize, Index),
-    /// A part is missing.
+    /// Removes a part.
     Erase(Index, usize),
-    /// Something stands between.
+    /// Inserts bytes.
     Insert(Index, Vec<u8>),
 }
 
@@ -105,7 +105,7 @@ impl Damage {
     }
 }
 
-/// Puts a word in the place of a number, if the input has any.
+/// Replaces a number with a word, if the input has a number.
 fn replace_number(bytes: &mut Vec<u8>, which: &Index, word: &str) {
     let is_digit = |at: usize| bytes.get(at).is_some_and(u8::is_ascii_digit);
     let begins = |at: &usize| is_digit(*at) && (*at == 0 || !is_digit(*at - 1));
@@ -118,8 +118,7 @@ fn replace_number(bytes: &mut Vec<u8>, which: &Index, word: &str) {
     bytes.splice(start..end, word.bytes());
 }
 
-/// Inputs made from whole ones: mostly damaged in up to four places, now and then left whole, now
-/// and then bytes of no origin.
+/// Generates inputs from valid ones: nine in ten with zero to four changes, the others random bytes.
 pub(crate) fn inputs(whole: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
     let damaged =
         (select(whole), prop::collection::vec(damage(), 0..5)).prop_map(|(mut bytes, damages)| {

@@ -1,4 +1,4 @@
-//! MCAP files: read, looked at, sealed again, taken as demonstrations.
+//! MCAP files: read, summarized, repaired, used as demonstrations.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,15 +10,15 @@ use tempfile::TempDir;
 
 use crate::{Memory, Reader, fuzz, whole};
 
-/// What a chunk may have, and what its messages take beside it.
+/// The memory that a chunk and its decoded messages may take.
 const OF_CHUNKS: Memory = Memory { bytes: 256 << 20, per_byte: 1_000 };
 
-/// A folder in memory, so that thousands of files cost little.
+/// Creates a folder in memory, so that thousands of files are cheap.
 fn scratch() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// A sealed file of demonstrations, and one that its writer left.
+/// Makes a sealed file of demonstrations, and one that its writer never sealed.
 fn files() -> Vec<Vec<u8>> {
     let folder = scratch();
     let metadata = Metadata::new(Kind::Demonstrations, "fetch-push", 1).with("setting", "{}");
@@ -40,7 +40,7 @@ fn files() -> Vec<Vec<u8>> {
     vec![write("sealed.mcap", true), write("left.mcap", false)]
 }
 
-/// Puts bytes where a reader finds them.
+/// Writes bytes to a file for a reader.
 fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     let path = folder.join(name);
     fs::write(&path, bytes).unwrap();
@@ -76,7 +76,7 @@ fn files_are_demonstrations() {
         }
         Ok(())
     };
-    // A file that its writer left is no whole file of demonstrations.
+    // An unsealed file is not accepted as demonstrations.
     fuzz(files().drain(..1).collect(), &Reader { memory: OF_CHUNKS, read: &read });
 }
 
@@ -89,7 +89,7 @@ fn files_are_repaired() {
         let Some(sealed) = repair.sealed else {
             return Err("nothing to seal".to_owned());
         };
-        // A chunk without a checksum may hold messages that are none; they are kept as they are.
+        // A chunk without a checksum may hold invalid messages; they are kept as they are.
         let info = info(&sealed).map_err(|error| error.to_string())?;
         assert!(info.is_some_and(|info| !info.ending.lost()), "what is sealed again is whole");
         Ok(())

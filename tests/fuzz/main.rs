@@ -1,10 +1,9 @@
-//! Readers of foreign bytes: whatever they are given, they give a value or one clear line. They do
-//! not panic, do not hang, and take memory in proportion to what they are given.
+//! Readers of foreign bytes: for any input they return a value or one clear line. They do not panic or hang, and
+//! their memory is proportional to the input.
 //!
-//! Method: each reader gets thousands of inputs, whole ones damaged a little and bytes of no origin
-//! (`damage.rs`), drawn from a fixed stream, so that a failure comes again. What it allocates is
-//! counted on its thread, and what it accepts is used as the processes would use it.
-//! `GOALWARD_FUZZ_CASES` is the number of inputs per reader.
+//! Method: each reader gets thousands of inputs, slightly damaged valid ones and random bytes (`damage.rs`), drawn
+//! from a fixed random stream, so that failures are reproducible. The allocations of its thread are counted, and
+//! what it accepts is used as the processes would use it. `GOALWARD_FUZZ_CASES` is the number of inputs per reader.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod bus;
@@ -19,19 +18,19 @@ use std::time::{Duration, Instant};
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
-/// Inputs per reader where nothing else is asked for.
+/// Default number of inputs per reader.
 const CASES: u32 = 10_000;
 
-/// One in so many inputs at least is accepted, and one refused.
+/// At least one in this many inputs must be accepted, and one refused.
 const LEAST_SHARE: u32 = 50;
 
-/// Longest time for one input. An input is a few kilobytes; only a hang takes so long.
+/// Longest time for one input. Inputs are a few kilobytes, so only a hang takes this long.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Longest line about an input that is refused, characters.
+/// Longest error line for a refused input, characters.
 const LONGEST_LINE: usize = 1_000;
 
-/// Memory that a reader may have at once, as a line over the input's length.
+/// Most memory that a reader may hold at once, as a linear function of the input's length.
 #[derive(Clone, Copy, Debug)]
 struct Memory {
     bytes: u64,
@@ -41,7 +40,7 @@ struct Memory {
 /// A reader under test.
 struct Reader<'a> {
     memory: Memory,
-    /// Reads an input and uses what it has read; else the line for the user.
+    /// Reads an input and uses the result; returns the line for the user if it refuses the input.
     read: &'a dyn Fn(&[u8]) -> Result<(), String>,
 }
 
@@ -52,7 +51,7 @@ fn cases() -> u32 {
     }
 }
 
-/// Gives a reader inputs made from whole ones, which it must accept.
+/// Feeds a reader with inputs made from valid ones; it must accept the valid ones themselves.
 fn fuzz(whole: Vec<Vec<u8>>, reader: &Reader<'_>) {
     for bytes in &whole {
         (reader.read)(bytes).expect("a whole input is accepted");
@@ -73,14 +72,14 @@ fn fuzz(whole: Vec<Vec<u8>>, reader: &Reader<'_>) {
     if let Err(failure) = tried {
         panic!("{failure}");
     }
-    // Else the inputs would be too tame, or too wild, to reach what lies behind the first check.
+    // Otherwise the inputs would be too tame, or too wild to get past the first check.
     let (accepted, refused) = (accepted.get(), cases() - accepted.get());
     let least = cases() / LEAST_SHARE;
     assert!(accepted >= least && refused >= least, "{accepted} accepted, {refused} refused");
 }
 
 impl Reader<'_> {
-    /// Whether the input was accepted; fails when the reader does not keep its promises.
+    /// Returns whether the input was accepted; fails if the reader exceeds its limits.
     fn survives(&self, bytes: &[u8]) -> Result<bool, TestCaseError> {
         let begun = Instant::now();
         let mut outcome = Ok(());

@@ -1,4 +1,4 @@
-//! Texts: configurations, settings, summaries, where a bus is.
+//! Texts: configurations, settings, summaries, and the file that says where a bus is.
 
 use std::cell::Cell;
 use std::fs;
@@ -15,10 +15,10 @@ use run::time_to_success::TimeToSuccess;
 use crate::{Memory, Reader, fuzz, whole};
 use system_tests::TASKS;
 
-/// A configuration is read into a tree first, and a tree of tables within tables is large.
+/// A configuration is first parsed into a tree, and a tree of nested tables is large.
 const OF_TEXTS: Memory = Memory { bytes: 512 << 10, per_byte: 2_000 };
 
-/// What `goalward` asks a configuration before anything runs.
+/// Uses a configuration as `goalward` does before a run starts.
 fn use_configuration(config: &RunConfig) {
     let again = RunConfig::from_text(&config.to_text(), "itself").unwrap();
     assert!(again.same_result_as(config));
@@ -97,7 +97,7 @@ fn summary() -> Summary {
     }
 }
 
-/// Reads a file of a run after its bytes are put there.
+/// Makes a reader that writes its input to a file of a run folder and then reads it.
 fn of_run<T>(
     name: &'static str,
     read: impl Fn(&RunFolder) -> Result<T, String>,

@@ -1,4 +1,4 @@
-//! Whole inputs, as our own processes make them, kept small.
+//! Small valid inputs, as our own processes make them.
 
 use bytes::Bytes;
 use prost::Message;
@@ -14,17 +14,17 @@ use protocol::weights::Weights;
 use run::config::RunConfig;
 use system_tests::{SMALL, SMALL_PHYSICS, TASKS, spec};
 
-/// Steps of the trajectories.
+/// Steps of each trajectory.
 const STEPS: usize = 3;
 
-/// The configuration of a small run.
+/// Returns the configuration of a small run.
 pub(crate) fn config(task: &str) -> RunConfig {
     let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS[..] };
     let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
     run::tasks::configuration(task, None, &settings).unwrap()
 }
 
-/// A trajectory that its task takes.
+/// Returns a valid trajectory of a task.
 pub(crate) fn trajectory(task: &str, source: Source) -> Trajectory {
     let spec = spec(task);
     let zeros = |count: usize| Bytes::from(vec![0; count]);
@@ -63,14 +63,14 @@ pub(crate) fn trajectory(task: &str, source: Source) -> Trajectory {
     }
 }
 
-/// Encoded trajectories of every task and source.
+/// Returns encoded trajectories of every task and source.
 pub(crate) fn trajectories() -> Vec<Vec<u8>> {
     let sources = [Source::Training, Source::Evaluation, Source::Demonstration];
     let of_task = |task| sources.map(|source| trajectory(task, source).encode_to_vec());
     TASKS.into_iter().flat_map(of_task).collect()
 }
 
-/// A lease of the rollout that the trajectories are of.
+/// Returns a lease of the rollout that the trajectories belong to.
 pub(crate) fn lease() -> Lease {
     Lease {
         source: Source::Training as i32,
@@ -83,7 +83,7 @@ pub(crate) fn lease() -> Lease {
     }
 }
 
-/// Encoded messages of the bus and of the log, other than trajectories.
+/// Returns encoded messages of the bus and of the log, other than trajectories.
 pub(crate) fn messages() -> Vec<Vec<u8>> {
     let key = TrajectoryKey { lane: 1, episode: 2, hash: 3 };
     let update = PolicyUpdate { consumed: vec![key; 3], ..PolicyUpdate::default() };

@@ -1,11 +1,10 @@
-//! What the system tests share: a run of the real programs in a folder of its own.
+//! The harness of the system tests: a run of the real programs in a folder of its own.
 //!
-//! Method: the programs are the shipped `main.rs` of every process, built by cargo as binaries of
-//! this package and linked into the test's folder under the names users know, because `goalward`
-//! looks for its siblings beside itself. Nothing is started in-process and nothing is imitated. A
-//! run is made small by its configuration alone ([`SMALL`]). What a test starts it also ends: when
-//! a [`TestRun`] goes, its processes are killed by their ids and its shared memory is removed; the
-//! folder stays, and is named, if the test failed.
+//! Method: the programs are the shipped `main.rs` of every process. Cargo builds them as binaries of this package,
+//! and they are linked into the test's folder under their usual names, because `goalward` looks for the other
+//! programs beside itself. Nothing runs in-process and nothing is mocked. Only its configuration makes a run small
+//! ([`SMALL`]). When a [`TestRun`] is dropped, its processes are killed by their IDs and its shared memory is
+//! removed. If the test failed, its folder is kept and its path printed.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod namespace;
@@ -35,10 +34,10 @@ pub use summary::{Evaluation, Hashes, Log, Summary};
 /// The tasks that come with the programs.
 pub const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
 
-/// The interpreter for tests of Python; none where `GOALWARD_PYTHON=none` leaves them out.
+/// The interpreter for tests of Python; `None` if `GOALWARD_PYTHON=none` skips them.
 ///
 /// # Panics
-/// If it is not set, so that nobody leaves them out unawares.
+/// If `GOALWARD_PYTHON` is not set, so that nobody skips them unawares.
 pub fn python() -> Option<String> {
     let named = std::env::var("GOALWARD_PYTHON").ok().filter(|python| !python.is_empty());
     let python = named.expect(
@@ -48,7 +47,7 @@ pub fn python() -> Option<String> {
     (python != "none").then_some(python)
 }
 
-/// The shapes of one of them.
+/// The shapes of a built-in task.
 pub fn spec(task: &str) -> Spec {
     environments::create(task, &Setting::default()).unwrap().spec()
 }
@@ -62,7 +61,7 @@ pub const LANES: u64 = 4;
 /// Iterations between two checkpoints of a run with [`SMALL`].
 pub const CHECKPOINT_ITERATIONS: u64 = 4;
 
-/// Settings that make a run last seconds and still have everything a long one has.
+/// Settings with which a run takes seconds and still has every part of a long one.
 pub const SMALL: [&str; 18] = [
     "steps=8000",
     "rollout.lanes=4",
@@ -84,7 +83,7 @@ pub const SMALL: [&str; 18] = [
     "resources.actors=2",
 ];
 
-/// What [`SMALL`] is for the physics tasks, but 8 iterations long.
+/// The counterpart of [`SMALL`] for the physics tasks, with 8 iterations.
 pub const SMALL_PHYSICS: [&str; 16] = [
     "steps=3200",
     "rollout.lanes=4",
@@ -104,7 +103,7 @@ pub const SMALL_PHYSICS: [&str; 16] = [
     "resources.actors=2",
 ];
 
-/// The settings that a method reads: others are refused.
+/// Keeps the settings that a method reads, because others are refused.
 pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
     let unread: &[&str] = match method {
         "bc" => &["ppo.", "reward.", "rollout.lane_steps"],
@@ -118,22 +117,22 @@ pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
     small.iter().copied().filter(is_read).collect()
 }
 
-/// Nothing a test waits for takes as long on the slowest machine.
+/// Longer than anything that a test waits for takes on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(240);
 
-/// How often something waited for is looked at.
+/// Interval at which awaited conditions are polled.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Where cargo has put the programs; made by [`programs!`].
+/// Paths of the programs that cargo has built; made by [`programs!`].
 #[derive(Clone, Copy, Debug)]
 pub struct Programs {
-    /// Each program's name for users, and its file.
+    /// Each program's usual name, and its file.
     pub files: [(&'static str, &'static str); 5],
-    /// A folder for tests, on the file system of the programs.
+    /// A folder for tests, on the same file system as the programs.
     pub scratch: &'static str,
 }
 
-/// The programs under test. A macro, because only a test knows where cargo has put them.
+/// Returns the programs under test. A macro, because only a test knows where cargo has put them.
 #[macro_export]
 macro_rules! programs {
     () => {
@@ -157,7 +156,7 @@ pub struct TestRun {
 }
 
 impl TestRun {
-    /// Lays out the folder; no run is in it yet.
+    /// Creates the folder; it has no run yet.
     pub fn new(programs: Programs) -> TestRun {
         fs::create_dir_all(programs.scratch).unwrap();
         let home = tempfile::Builder::new().prefix("run-").tempdir_in(programs.scratch).unwrap();
@@ -169,17 +168,17 @@ impl TestRun {
         TestRun { home }
     }
 
-    /// A path in the test's folder, beside the run.
+    /// Returns a path in the test's folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.home.join(name)
     }
 
-    /// The run's folder; it need not exist.
+    /// Returns the run's folder, which need not exist.
     pub fn folder(&self) -> RunFolder {
         RunFolder::new(self.path("run"))
     }
 
-    /// One of the programs, to be started in the test's folder.
+    /// Returns a command that starts one of the programs in the test's folder.
     pub fn program(&self, name: &str) -> Command {
         self.command(self.path("bin").join(name))
     }
@@ -195,15 +194,14 @@ impl TestRun {
         self.train_task("navigation", &SMALL, settings)
     }
 
-    /// Runs `goalward` to its end: whether it went well, and what it said on both its outputs.
+    /// Runs `goalward` to its end; returns whether it succeeded, and what it printed on both outputs.
     pub fn goalward(&self, arguments: &[&str]) -> (bool, String) {
         let output = self.program("goalward").args(arguments).output().expect("goalward is there");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         (output.status.success(), text(&output.stdout) + &text(&output.stderr))
     }
 
-    /// Starts `goalward train` on a new run of a task with `small`, as far as its method reads it, and
-    /// then `settings`.
+    /// Starts `goalward train` on a new run of a task with `settings`, after those of `small` that its method reads.
     pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
         command.args(["train", task, "--no-page"]);
@@ -215,7 +213,7 @@ impl TestRun {
         self.start(command)
     }
 
-    /// Starts `goalward train navigation` on a new run that lets actors of other machines in.
+    /// Starts `goalward train navigation` on a new run that accepts actors of other machines.
     pub fn train_listening(&self, address: &str, audit: f64, settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
         command.args(["train", "navigation", "--no-page", "--listen", address]);
@@ -239,7 +237,7 @@ impl TestRun {
     }
 
     fn start(&self, goalward: Command) -> Training<'_> {
-        // Without a signal, writing beyond the limit of `Process::limit_files` is an error.
+        // With SIGXFSZ ignored, writing beyond the limit of `Process::limit_files` is an error, not a death.
         let mut command = self.command("sh");
         command.args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"]);
         command.arg(goalward.get_program()).args(goalward.get_args());
@@ -257,7 +255,7 @@ impl TestRun {
         fs::read_to_string(self.path("goalward.err")).unwrap_or_default()
     }
 
-    /// What the finished run says of itself.
+    /// Reads the summary of the finished run.
     pub fn summary(&self) -> Summary {
         let file = self.folder().summary_file();
         let text = fs::read_to_string(&file)
@@ -265,32 +263,32 @@ impl TestRun {
         serde_json::from_str(&text).unwrap()
     }
 
-    /// The living processes of the run, the supervisor not among them.
+    /// The live processes of the run, without the supervisor.
     pub fn processes(&self) -> Vec<Process> {
         let mut processes = self.all_processes();
         processes.retain(|process| process.serves(self));
         processes
     }
 
-    /// All living processes of the test's programs, those of other runs and supervisors among them.
+    /// All live processes of the test's programs, including supervisors and those of other runs.
     pub fn all_processes(&self) -> Vec<Process> {
         process::living(&self.path("bin"))
     }
 
-    /// The living process of the run with this name: learner, proximity-service, actor-0 and so on.
+    /// Waits for the live process of the run with this name: learner, proximity-service, actor-0 and so on.
     pub fn process(&self, name: &str) -> Process {
         let found = || self.processes().into_iter().find(|process| process.name == name);
         await_some(&format!("process {name}"), PATIENCE, found)
     }
 
-    /// Folders of machines that have joined a run from the test's folder.
+    /// Folders of the hosts that have joined a run from the test's folder.
     pub fn joined_folders(&self) -> Vec<PathBuf> {
         let entries = fs::read_dir(&self.home).into_iter().flatten().flatten();
         let is_one = |name: &OsStr| name.as_encoded_bytes().starts_with(b"goalward-join-");
         entries.filter(|entry| is_one(&entry.file_name())).map(|entry| entry.path()).collect()
     }
 
-    /// Names of what the run has in shared memory.
+    /// Names of the run's objects in shared memory, and the path of its bus folder if it exists.
     pub fn shared_memory(&self) -> Vec<String> {
         let Some(address) = BusAddress::if_started(self.folder().path()).unwrap() else {
             return Vec::new();
@@ -302,8 +300,7 @@ impl TestRun {
         objects.chain(root.map(|root| root.display().to_string())).collect()
     }
 
-    /// Every file of the test's folder but the programs, with its bytes: to see that nothing was
-    /// touched.
+    /// Reads every file of the test's folder except the programs, to check that nothing was changed.
     pub fn contents(&self) -> Vec<(PathBuf, Vec<u8>)> {
         let mut files = Vec::new();
         let mut folders = vec![self.home.clone()];
@@ -322,7 +319,7 @@ impl TestRun {
         files
     }
 
-    /// The last words of everything the run has printed.
+    /// The last lines of everything that the run has printed.
     fn words(&self) -> String {
         let outputs = fs::read_dir(self.folder().output()).into_iter().flatten().flatten();
         let files = [self.path("goalward.out"), self.path("goalward.err")];
@@ -359,7 +356,7 @@ impl Drop for TestRun {
     }
 }
 
-/// A `goalward train` that has been started.
+/// A `goalward train` process that has been started.
 #[derive(Debug)]
 pub struct Training<'a> {
     run: &'a TestRun,
@@ -367,8 +364,8 @@ pub struct Training<'a> {
 }
 
 impl Training<'_> {
-    /// Waits until the checkpoint after `iteration` iterations is there. The run must still be
-    /// going on then: what a test does next happens in its middle.
+    /// Waits until the checkpoint after `iteration` iterations exists. The run must not have ended by then, so that
+    /// what the test does next happens in the middle of the run.
     pub fn await_checkpoint(&mut self, iteration: u64) {
         let folder = self.run.folder().checkpoint_folder(iteration);
         let deadline = Instant::now() + PATIENCE;
@@ -381,7 +378,7 @@ impl Training<'_> {
         self.expect_going_on("a moment in the middle of the run");
     }
 
-    /// The run must not have ended before that.
+    /// Fails if the run has ended before `what`.
     pub fn expect_going_on(&mut self, what: &str) {
         let ended = self.supervisor.try_wait().unwrap();
         let is_over = ended.is_some() || self.run.folder().summary_file().exists();
@@ -398,7 +395,7 @@ impl Training<'_> {
         process::send(self.supervisor.id(), signal);
     }
 
-    /// Waits for the supervisor's end; gives its exit code, none if a signal has ended it.
+    /// Waits for the supervisor to end; returns its exit code, or `None` if a signal ended it.
     pub fn end(mut self) -> Option<i32> {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -410,7 +407,7 @@ impl Training<'_> {
         }
     }
 
-    /// Waits for the end of a run that is to finish.
+    /// Waits for the end of a run that must finish; returns its summary.
     pub fn finish(self) -> Summary {
         let run = self.run;
         let code = self.end();
@@ -419,7 +416,7 @@ impl Training<'_> {
     }
 }
 
-/// Looks until there is something; fails, naming what was expected, after `patience`.
+/// Polls `look` until it returns something; after `patience` it fails and names what was expected.
 pub fn await_some<T>(what: &str, patience: Duration, mut look: impl FnMut() -> Option<T>) -> T {
     let deadline = Instant::now() + patience;
     loop {

@@ -1,14 +1,14 @@
-//! A network of other machines, where the test may make one: a namespace, joined to this machine by a cable that
-//! can be pulled.
+//! Stands in for another machine on the network, where the system allows it: a network namespace joined to this
+//! machine by a virtual cable that can be pulled.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Networks that this process has made.
+/// Number of namespaces that this process has made.
 static MADE: AtomicU8 = AtomicU8::new(0);
 
-/// A network namespace of Linux; it is gone when this is.
+/// A Linux network namespace; it is deleted on drop.
 #[derive(Debug)]
 pub struct Namespace {
     name: String,
@@ -16,11 +16,11 @@ pub struct Namespace {
 }
 
 impl Namespace {
-    /// Makes one; none where this process may not, or there is no `ip` (Debian and Ubuntu: iproute2).
+    /// Makes one; `None` if this process is not allowed to, or there is no `ip` (Debian and Ubuntu: iproute2).
     pub fn new() -> Option<Namespace> {
         let number = MADE.fetch_add(1, Ordering::Relaxed);
         let name = format!("gw{}-{number}", std::process::id());
-        // Addresses for measurements between networks (RFC 2544): 64 networks of four for each process.
+        // Addresses reserved for benchmarks (RFC 2544): 64 networks of four addresses for each process.
         let of =
             |last: u8| Ipv4Addr::new(198, 18, std::process::id() as u8, (number % 64) * 4 + last);
         ip(&["netns", "add", &name])?;
@@ -39,12 +39,12 @@ impl Namespace {
         ip(&["-n", name, "link", "set", far, "up"])
     }
 
-    /// The end of the cable at this machine.
+    /// The name of the cable's end at this machine.
     fn near(&self) -> String {
         format!("{}h", self.name)
     }
 
-    /// The address of this machine as the other ones see it.
+    /// The address of this machine as seen from the namespace.
     pub fn here(&self) -> IpAddr {
         self.here
     }
@@ -55,8 +55,8 @@ impl Namespace {
         ip(&["link", "set", &near, if is_cut { "down" } else { "up" }]).unwrap();
     }
 
-    /// The same command on another machine; what becomes of its input and outputs is to be said again, and
-    /// what it is not to have of our environment.
+    /// Returns the same command, run inside the namespace. Its standard input is null; redirections of its outputs
+    /// and removed environment variables must be set again.
     pub fn enter(&self, command: &Command) -> Command {
         let mut entered = Command::new("ip");
         entered.args(["netns", "exec", &self.name]).arg(command.get_program());
@@ -71,12 +71,12 @@ impl Namespace {
 
 impl Drop for Namespace {
     fn drop(&mut self) {
-        // The cable goes with it.
+        // This removes the cable, too.
         ip(&["netns", "delete", &self.name]);
     }
 }
 
-/// Runs `ip`, if it does what is asked.
+/// Runs `ip`; `None` if it fails.
 fn ip(arguments: &[&str]) -> Option<()> {
     let quiet =
         Command::new("ip").args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).status();

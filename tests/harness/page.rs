@@ -1,4 +1,4 @@
-//! A live page that listens, and questions to it, written as the bytes that a browser would send.
+//! A live page, and requests to it, written as the bytes that a browser would send.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -8,17 +8,17 @@ use serde_json::Value;
 
 use crate::{PATIENCE, TestRun};
 
-/// A page that listens.
+/// A running page server.
 #[derive(Debug)]
 pub struct Page {
-    /// None for one that somebody else has started.
+    /// `None` if somebody else has started it.
     server: Option<Child>,
     address: String,
     query: String,
 }
 
 impl Page {
-    /// Starts one over folders in a test's folder.
+    /// Starts a page from the test's folder, with these arguments.
     pub fn over(run: &TestRun, arguments: &[&str]) -> Page {
         let mut command = run.program("goalward");
         command.arg("page").args(arguments).args(["--port", "0"]).stdout(Stdio::piped());
@@ -30,32 +30,32 @@ impl Page {
         Page { server: Some(server), address: address.to_owned(), query: query.to_owned() }
     }
 
-    /// The one at an address, which somebody else has started.
+    /// Returns the page at an address, which somebody else has started.
     pub fn at(address: &str) -> Page {
         Page { server: None, address: address.to_owned(), query: String::new() }
     }
 
-    /// Whether anybody listens.
+    /// Whether the page accepts connections.
     pub fn is_there(&self) -> bool {
         TcpStream::connect(&self.address).is_ok()
     }
 
-    /// Where a browser finds it.
+    /// The host and port of the page.
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// What its address has behind the question mark.
+    /// The query string of the page's address.
     pub fn query(&self) -> &str {
         &self.query
     }
 
-    /// The bytes of a question as a browser sends it.
+    /// Returns an HTTP request as a browser sends it.
     pub fn question(&self, method: &str, path: &str, host: &str) -> String {
         format!("{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\n\r\n")
     }
 
-    /// Sends a question.
+    /// Sends a request; returns the stream of the response.
     pub fn send(&self, question: &str) -> TcpStream {
         let port = self.address.rsplit_once(':').unwrap().1;
         let mut stream = TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
@@ -64,7 +64,7 @@ impl Page {
         stream
     }
 
-    /// Status and body of an answer.
+    /// Sends a request; returns the response's status and body.
     pub fn answer(&self, question: &str) -> (u16, String) {
         let mut text = String::new();
         self.send(question).read_to_string(&mut text).unwrap();
@@ -72,12 +72,12 @@ impl Page {
         (head.split(' ').nth(1).unwrap().parse().unwrap(), body.to_owned())
     }
 
-    /// The same to a question of the page itself.
+    /// Sends a GET request with the page's own address as host; returns the response's status and body.
     pub fn get(&self, path: &str) -> (u16, String) {
         self.answer(&self.question("GET", path, &self.address))
     }
 
-    /// The bytes of an answer that is all well.
+    /// Sends a GET request that must succeed; returns the body's bytes.
     pub fn bytes(&self, path: &str) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.send(&self.question("GET", path, &self.address)).read_to_end(&mut bytes).unwrap();
@@ -87,14 +87,14 @@ impl Page {
         bytes.split_off(body + end.len())
     }
 
-    /// An answer of the page to itself.
+    /// Sends a GET request that must succeed; returns the body as JSON.
     pub fn json(&self, path: &str) -> Value {
         let (status, body) = self.get(path);
         assert_eq!(status, 200, "{path}: {body}");
         serde_json::from_str(&body).unwrap()
     }
 
-    /// The line of a refusal.
+    /// Sends a request that must be refused with a status; returns the error line.
     pub fn refusal(&self, expected: u16, question: &str) -> String {
         let (status, body) = self.answer(question);
         assert_eq!(status, expected, "{question}: {body}");

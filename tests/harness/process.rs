@@ -1,4 +1,4 @@
-//! The processes of a test, found in `/proc` by the program they run, and signals to them.
+//! The processes of a test, found in `/proc` by the program that they run, and signals to them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
 use crate::{TestRun, await_some};
 
-/// For the system to carry a signal out.
+/// How long the system may take to deliver a signal.
 const A_MOMENT: Duration = Duration::from_secs(10);
 
 /// A signal.
@@ -17,22 +17,22 @@ const A_MOMENT: Duration = Duration::from_secs(10);
 pub enum Signal {
     /// Ends a process at once.
     Kill,
-    /// What Ctrl-C sends.
+    /// Interrupts a process, as Ctrl-C does.
     Interrupt,
-    /// A polite end.
+    /// Asks a process to end.
     Terminate,
-    /// The end of the terminal.
+    /// Tells a process that its terminal has closed.
     Hangup,
-    /// Holds a process.
+    /// Stops a process until it is continued.
     Stop,
-    /// Lets a held process go on.
+    /// Continues a stopped process.
     Continue,
 }
 
 /// A living process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Process {
-    /// Its number.
+    /// Its process ID.
     pub id: u32,
     /// Its name in the run: learner, proximity-service, actor-0 and so on.
     pub name: String,
@@ -45,21 +45,20 @@ impl Process {
         send(self.id, signal);
     }
 
-    /// The numbers of the processes that it started and that still live.
+    /// Returns the process IDs of its children that are still alive.
     pub fn children(&self) -> Vec<u32> {
         let parent = self.id.to_string();
         let is_child = |id: &u32| fields(*id).is_some_and(|fields| fields[1] == parent);
         numbers().filter(is_child).collect()
     }
 
-    /// Lets no file that it writes grow beyond so many bytes, if it still lives: it then finds the
-    /// disk full.
+    /// Limits the files that it writes to this many bytes, if it is still alive, which looks to it like a full disk.
     pub fn limit_files(&self, bytes: Option<u64>) {
         let limit = Rlimit { current: bytes, maximum: None };
         prlimit(Pid::from_raw(self.id as i32), Resource::Fsize, limit).ok();
     }
 
-    /// Whether it was started for the test's run, by a supervisor or by hand.
+    /// Whether it was started for the test's run, by a supervisor or by hand; `goalward` itself does not count.
     pub fn serves(&self, run: &TestRun) -> bool {
         let own = self.after("--run");
         self.name != "goalward" && own.is_some_and(|own| Path::new(own) == run.folder().path())
@@ -71,18 +70,18 @@ impl Process {
     }
 }
 
-/// The living processes whose program lies in `folder`.
+/// Returns the live processes whose program is in `folder`.
 pub(crate) fn living(folder: &Path) -> Vec<Process> {
     numbers().filter_map(|id| read(folder, id)).collect()
 }
 
-/// The numbers of all processes.
+/// Returns the process IDs of all processes.
 fn numbers() -> impl Iterator<Item = u32> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
 }
 
-/// Reads a process; none if it is gone, or of another program.
+/// Reads a process; `None` if it is gone, or its program is not in `folder`.
 fn read(folder: &Path, id: u32) -> Option<Process> {
     let line = fs::read(format!("/proc/{id}/cmdline")).ok()?;
     let parts = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
@@ -98,7 +97,7 @@ fn read(folder: &Path, id: u32) -> Option<Process> {
     Some(process)
 }
 
-/// Sends a signal to a process, which may be gone. A process that is held stands still afterwards.
+/// Sends a signal to a process, which may be gone. After [`Signal::Stop`] it returns once the process has stopped.
 pub fn send(id: u32, signal: Signal) {
     let name = match signal {
         Signal::Kill => "KILL",
@@ -108,7 +107,7 @@ pub fn send(id: u32, signal: Signal) {
         Signal::Stop => "STOP",
         Signal::Continue => "CONT",
     };
-    // The shell's own `kill`, which is there even where the program is not.
+    // The shell's built-in `kill`, because the program may not be installed.
     let line = format!("kill -{name} {id}");
     Command::new("sh").args(["-c", &line]).output().ok();
     if signal == Signal::Stop {
@@ -116,13 +115,13 @@ pub fn send(id: u32, signal: Signal) {
     }
 }
 
-/// Whether a process is held, or gone.
+/// Whether a process is stopped or gone.
 fn stands_still(id: u32) -> bool {
     fields(id).is_none_or(|fields| ["T", "Z", "X"].contains(&fields[0].as_str()))
 }
 
-/// What `stat` says of a process behind its name, which ends with the last bracket: state, parent and so
-/// on; none if it is gone.
+/// Returns the fields of a process's `stat` after its name, which ends with the last bracket: state, parent and so
+/// on; `None` if it is gone.
 fn fields(id: u32) -> Option<Vec<String>> {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
     let (_, rest) = stat.rsplit_once(") ")?;

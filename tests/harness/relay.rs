@@ -1,4 +1,4 @@
-//! A link between two machines that a test can make slow, lossy, or cut: a relay of TCP connections.
+//! A link between two machines that a test can slow down, make lossy, or cut: a relay of TCP connections.
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -7,19 +7,19 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-/// Pieces under way in one direction of a connection.
+/// Most pieces in flight in one direction of a connection.
 const UNDER_WAY: usize = 1024;
 
-/// Longest piece, bytes.
+/// Largest piece, bytes.
 const PIECE: usize = 16 << 10;
 
-/// How often it is looked whether the link is cut.
+/// How often a cut link is checked.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
-/// How long TCP takes at least to send again what was lost.
+/// Delay of a lost piece: the least time after which TCP retransmits.
 const SENT_AGAIN: Duration = Duration::from_millis(200);
 
-/// One piece of so many is lost on a lossy link.
+/// On a lossy link, one in this many pieces is lost.
 const LOST_ONE_OF: u64 = 100;
 
 /// A link to one address.
@@ -38,7 +38,7 @@ struct Link {
 }
 
 impl Relay {
-    /// A link without faults from `here` to `target`, which need not be there yet.
+    /// Starts a link without faults from `here` to `target`, which need not be listening yet.
     pub fn new(here: IpAddr, target: &str) -> Relay {
         let listener = TcpListener::bind((here, 0)).unwrap();
         let address = listener.local_addr().unwrap();
@@ -46,7 +46,7 @@ impl Relay {
         let shared = Arc::clone(&link);
         start(move || {
             for near in listener.incoming().flatten() {
-                // Nobody there: hanging up says so.
+                // If nobody listens there, dropping the connection tells the client.
                 let Ok(far) = TcpStream::connect(&target) else { continue };
                 carry(near.try_clone().unwrap(), far.try_clone().unwrap(), &shared);
                 carry(far, near, &shared);
@@ -55,29 +55,29 @@ impl Relay {
         Relay { address, link }
     }
 
-    /// Where it is.
+    /// The address that clients connect to.
     pub fn address(&self) -> String {
         self.address.to_string()
     }
 
-    /// How long everything takes from now on, one way.
+    /// Sets the one-way delay.
     pub fn delay(&self, delay: Duration) {
         self.link.delay_us.store(delay.as_micros() as u64, Ordering::Relaxed);
     }
 
-    /// Whether a hundredth of everything is lost, and sent again, from now on.
+    /// Sets whether one per cent of the pieces is lost and retransmitted.
     pub fn lose(&self, is_lossy: bool) {
         self.link.is_lossy.store(is_lossy, Ordering::Relaxed);
     }
 
-    /// Whether nothing comes through from now on, though nobody hangs up.
+    /// Sets whether the link is cut: nothing comes through, but connections stay open.
     pub fn cut(&self, is_cut: bool) {
         self.link.is_cut.store(is_cut, Ordering::Relaxed);
     }
 }
 
 impl Link {
-    /// When a piece that is sent now arrives.
+    /// Returns when a piece that is sent now arrives.
     fn due(&self) -> Instant {
         let number = self.pieces.fetch_add(1, Ordering::Relaxed);
         let delay = Duration::from_micros(self.delay_us.load(Ordering::Relaxed));

@@ -1,4 +1,4 @@
-//! `summary.json` as DESIGN describes it, read by a reader that is not the one of `goalward`.
+//! `summary.json`, read independently of `goalward`'s own reader.
 
 use serde::Deserialize;
 
@@ -21,9 +21,9 @@ pub struct Summary {
     pub episodes: u64,
     /// Iterations finished.
     pub iterations: u64,
-    /// Of the last 100 training episodes, in [0, 1]; none where nothing tells success.
+    /// Success rate of the last 100 training episodes, in [0, 1]; `None` if the task does not tell success.
     pub success_rate: Option<f64>,
-    /// Episodes after training.
+    /// Evaluation episodes after training.
     pub evaluation: Evaluation,
     /// Wall time of training.
     pub wall_s: f64,
@@ -31,45 +31,45 @@ pub struct Summary {
     pub processor_s: f64,
     /// Environment steps per second of wall time.
     pub steps_per_s: f64,
-    /// Of the policy's weights.
+    /// SHA-256 of the policy's weights.
     pub policy_sha256: String,
-    /// Of the reward model's weights.
+    /// SHA-256 of the reward model's weights.
     pub proximity_sha256: String,
     /// The recorded files.
     pub log: Log,
 }
 
-/// Episodes after training.
+/// Evaluation episodes after training.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Evaluation {
-    /// How many.
+    /// Number of episodes.
     pub episodes: u64,
-    /// In [0, 1]; none where nothing tells success.
+    /// Success rate in [0, 1]; `None` if the task does not tell success.
     pub success_rate: Option<f64>,
 }
 
 /// The recorded files.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Log {
-    /// How many.
+    /// Number of files.
     pub files: u64,
-    /// Trajectories in them, those of the evaluation included.
+    /// Trajectories in them, including those of the evaluation.
     pub trajectories: u64,
-    /// Their size.
+    /// Total size of the files.
     pub bytes: u64,
 }
 
-/// The two hashes that say what was learned.
+/// The two hashes that identify what was learned.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hashes {
-    /// Of the policy's weights.
+    /// SHA-256 of the policy's weights.
     pub policy: String,
-    /// Of the reward model's weights.
+    /// SHA-256 of the reward model's weights.
     pub proximity: String,
 }
 
 impl Summary {
-    /// What was learned.
+    /// The hashes of the final weights.
     pub fn hashes(&self) -> Hashes {
         Hashes { policy: self.policy_sha256.clone(), proximity: self.proximity_sha256.clone() }
     }

@@ -1,4 +1,4 @@
-//! Which file of a crate names which, as far as its paths tell: `crate::a::b`, `super::a`, and groups of them.
+//! Finds which files of a crate name each other, judging by their paths: `crate::a::b`, `super::a`, and groups of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,8 +7,8 @@ use super::source::{Source, sources};
 /// A module's path within its crate.
 type Module = Vec<String>;
 
-/// Pairs of files that name each other, a module and one inside it left out: a module knows what it is
-/// made of, and what it is made of knows it.
+/// Lists pairs of files that name each other, except a module and one inside it: a module may know its parts, and its
+/// parts may know it.
 pub(crate) fn circles() -> Vec<String> {
     let sources = sources();
     let mut crates: BTreeMap<&str, BTreeMap<Module, &Source>> = BTreeMap::new();
@@ -32,7 +32,7 @@ pub(crate) fn circles() -> Vec<String> {
     circles
 }
 
-/// `a/b.rs` and `a/b/mod.rs` are `a::b`.
+/// Returns the module of a file: `a/b.rs` and `a/b/mod.rs` are `a::b`.
 fn module(file: &str) -> Module {
     let mut parts: Module = file.trim_end_matches(".rs").split('/').map(str::to_owned).collect();
     parts.pop_if(|last| ["mod", "lib", "main"].contains(&last.as_str()));
@@ -56,7 +56,7 @@ fn named_by(own: &Module, source: &Source, files: &BTreeMap<Module, &Source>) ->
     named
 }
 
-/// The paths that begin here; several where there is a group in braces.
+/// Returns the paths that begin here; several for a group in braces.
 fn paths(code: &str) -> Vec<Vec<String>> {
     let is_of_path = |letter: char| letter.is_alphanumeric() || "_:".contains(letter);
     let end = code.find(|letter| !is_of_path(letter)).unwrap_or(code.len());
@@ -85,7 +85,7 @@ fn paths(code: &str) -> Vec<Vec<String>> {
     all
 }
 
-/// The file that a path leads to, from `own`.
+/// Resolves a path in the module `own` to the module of the file that it leads to.
 fn resolved(own: &Module, path: &[String], files: &BTreeMap<Module, &Source>) -> Module {
     let mut place = if path[0] == "crate" { Vec::new() } else { own.clone() };
     for part in path.iter().filter(|part| !["crate", "self"].contains(&part.as_str())) {

@@ -1,9 +1,8 @@
-//! The rules of the house (DESIGN, section 5) as a test: what must not be where, and how long.
+//! Tests the rules for source files that ARCHITECTURE.md lists: dependencies, forbidden functions, lengths, names.
 //!
-//! Method: the workspace's files are read as text, with comments and quoted texts blanked out where
-//! code is meant; crate edges come from `cargo metadata`. Every rule gathers all its breaches, with
-//! file and line, before it fails. A rule that cannot be kept somewhere is changed here, with its
-//! reason, and not worked around there.
+//! Method: the workspace's files are read as text; where only code matters, comments and string literals are blanked
+//! out. Crate edges come from `cargo metadata`. Every rule collects all its breaches, with file and line, before it
+//! fails. If a rule cannot be kept somewhere, it is changed here, with the reason, and not worked around there.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod imports;
@@ -16,13 +15,13 @@ use std::process::Command;
 use serde_json::Value;
 use source::{Source, files, root, sources};
 
-/// Most lines of a source file.
+/// A source file must have fewer lines than this.
 const FILE_LINES: usize = 500;
 
-/// Most lines of a function.
+/// A function must have fewer lines than this.
 const FUNCTION_LINES: usize = 70;
 
-/// Crates of ours, with those of ours they may name. No process names another: they meet on the bus.
+/// Our crates, with those of our crates that they may depend on. No process depends on another: they meet on the bus.
 const EDGES: [(&str, &[&str]); 16] = [
     ("protocol", &[]),
     ("bus", &["protocol"]),
@@ -70,8 +69,8 @@ const EDGES: [(&str, &[&str]); 16] = [
     ),
 ];
 
-/// What carries the bus, keeps the log, moves solids and reaches other machines: each with the one crate that
-/// has it.
+/// Libraries for the bus, the log, physics and connections between machines, each with the one crate that may depend
+/// on it.
 const BEHIND: [(&str, &str); 6] = [
     ("iceoryx2", "bus"),
     ("iceoryx2-log", "bus"),
@@ -81,7 +80,7 @@ const BEHIND: [(&str, &str); 6] = [
     ("tonic", "gateway"),
 ];
 
-/// Words that mean a clock, a thread, a file, the outside world, or randomness of one's own.
+/// Words that mean a clock, a thread, a file, the outside world, or a private source of randomness.
 const IMPURE: [&str; 20] = [
     "std::time",
     "Instant",
@@ -111,19 +110,19 @@ const SYSTEM_MATHEMATICS: [&str; 13] = [
     "atan2",
 ];
 
-/// Words in file names that say nothing.
+/// Meaningless words in file names.
 const EMPTY_NAMES: [&str; 9] =
     ["util", "utils", "utility", "helper", "helpers", "manager", "misc", "common", "stuff"];
 
-/// Folders of a run, which ARCHITECTURE.md names as they are seen from the run's own folder.
+/// Folders of a run, which ARCHITECTURE.md names relative to the run's own folder.
 const OF_A_RUN: [&str; 4] = ["checkpoints/", "log/", "output/", "runs/"];
 
-/// Fails with all breaches of a rule, if there are any.
+/// Fails with all breaches of a rule if there are any.
 fn keep(rule: &str, breaches: Vec<String>) {
     assert!(breaches.is_empty(), "{rule}:\n  {}", breaches.join("\n  "));
 }
 
-/// Places of words in the code of files, as `path:line: words`.
+/// Finds words in the code of files; returns `path:line: words` for each place.
 fn places<'a>(
     sources: impl Iterator<Item = &'a Source>,
     words: impl IntoIterator<Item = &'a str> + Clone,
@@ -230,7 +229,7 @@ fn nothing_is_unsafe() {
     keep("every crate takes the workspace's lints, which forbid unsafe code", breaches);
 }
 
-/// The crates of the workspace, as `cargo metadata` has them.
+/// Returns the crates of the workspace, as `cargo metadata` describes them.
 fn packages() -> Vec<Value> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
@@ -242,7 +241,7 @@ fn packages() -> Vec<Value> {
     serde_json::from_value(metadata["packages"].take()).unwrap()
 }
 
-/// What a crate is built from; what only its tests need is left out.
+/// Returns a crate's normal dependencies, without those for tests and build scripts.
 fn dependencies(package: &Value) -> Vec<String> {
     let all = package["dependencies"].as_array().unwrap().iter();
     let built = all.filter(|dependency| dependency["kind"].is_null());
@@ -300,7 +299,7 @@ fn names_say_something() {
     keep("no file is called a helper, a manager or a collection of utilities", breaches);
 }
 
-/// What a document has in backticks.
+/// Returns the parts of a document in backticks.
 fn quoted(text: &str) -> impl Iterator<Item = &str> {
     text.lines().flat_map(|line| line.split('`').skip(1).step_by(2))
 }

@@ -1,36 +1,36 @@
-//! Rust source as the rules of the house see it: without comments and texts, function by function.
+//! Rust source as the rules see it: without comments and string literals, function by function.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders with nothing of ours in them.
+/// Folders with no files of ours.
 const NOT_OURS: [&str; 5] = ["node_modules", "target", "runs", "demonstrations", "__pycache__"];
 
 /// A source file.
 pub(crate) struct Source {
     /// Its path from the workspace's root.
     pub(crate) path: String,
-    /// As written.
+    /// The file's text as written.
     pub(crate) text: String,
-    /// Comments, texts and characters blanked out; lines are where they were.
+    /// The text with comments, string and character literals blanked out; line numbers are unchanged.
     pub(crate) code: String,
 }
 
-/// A function of a file.
+/// A function in a file.
 pub(crate) struct Function {
     pub(crate) name: String,
-    /// Line it begins at, from 1.
+    /// Line of its `fn`, from 1.
     pub(crate) line: usize,
-    /// Lines from its name to its closing brace.
+    /// Lines from its `fn` to its closing brace.
     pub(crate) lines: usize,
 }
 
-/// The root of the workspace.
+/// Returns the root of the workspace.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
 }
 
-/// Every file of the workspace, hidden folders and builds left out; paths from the root, sorted.
+/// Lists every file of the workspace except in hidden folders and [`NOT_OURS`], by its path from the root, sorted.
 pub(crate) fn files() -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut folders = vec![root().to_owned()];
@@ -49,7 +49,7 @@ pub(crate) fn files() -> Vec<PathBuf> {
     files
 }
 
-/// Every Rust file of the workspace.
+/// Reads every Rust file of the workspace.
 pub(crate) fn sources() -> Vec<Source> {
     let is_rust = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "rs");
     let read = |path: PathBuf| {
@@ -60,18 +60,18 @@ pub(crate) fn sources() -> Vec<Source> {
 }
 
 impl Source {
-    /// Whether the file is below this folder.
+    /// Returns whether the file is in this folder.
     pub(crate) fn is_in(&self, folder: &str) -> bool {
         self.path.starts_with(folder)
     }
 
-    /// Lines, from 1, whose code has this word or these words, which may have `::` between them.
+    /// Returns the lines, from 1, whose code has this word, or these words joined by `::`.
     pub(crate) fn lines_with(&self, words: &str) -> Vec<usize> {
         let lines = self.code.lines().zip(1..);
         lines.filter(|(line, _)| has_words(line, words)).map(|(_, number)| number).collect()
     }
 
-    /// Every function with a body.
+    /// Returns every function with a body.
     pub(crate) fn functions(&self) -> Vec<Function> {
         let starts = self.code.match_indices("fn ").map(|(at, _)| at);
         let starts = starts.filter(|&at| !self.code[..at].ends_with(is_of_word));
@@ -113,7 +113,7 @@ fn has_words(line: &str, words: &str) -> bool {
     })
 }
 
-/// Blanks out comments, texts and characters.
+/// Blanks out comments, string and character literals.
 fn code_of(text: &str) -> String {
     let mut code = String::with_capacity(text.len());
     let mut rest = text;
@@ -131,7 +131,7 @@ fn code_of(text: &str) -> String {
     code
 }
 
-/// How many bytes of a comment, text or character `rest` begins with.
+/// Returns the length in bytes of the comment, string or character literal that `rest` begins with; 0 for code.
 fn not_code(rest: &str, within_word: bool) -> usize {
     let through = |end: &str, from: usize| {
         rest[from..].find(end).map_or(rest.len(), |at| from + at + end.len())
@@ -166,7 +166,7 @@ fn quoted(rest: &str, quote: u8) -> usize {
     (at + 1).min(bytes.len())
 }
 
-/// A character in quotes; none if the quote begins a lifetime.
+/// Returns the length of a character literal; 0 if the quote begins a lifetime.
 fn character(rest: &str) -> usize {
     let mut letters = rest.char_indices().skip(1);
     match (letters.next(), letters.next()) {

@@ -1,7 +1,7 @@
-"""Holds the environments of a Goalward actor, which talks to it over descriptor 0.
+"""Holds the environments of a Goalward actor and talks to it over file descriptor 0.
 
 A frame is a little-endian length, a kind and a body; `actor/src/frame.rs` has the other half.
-Nothing is installed for this file: the actor hands its text to the interpreter.
+This file needs no installation: the actor passes its text to the interpreter.
 """
 
 import contextlib
@@ -24,19 +24,19 @@ import types
 import zlib
 from importlib import metadata
 
-SPACES = "goalward_spaces"  # the module that is handed over beside this text
+SPACES = "goalward_spaces"  # the module whose text is passed together with this one
 
 HELLO, TURN, FAILED, EXPERT, PICTURE = 1, 2, 3, 4, 5
 RESET, REBUILD, STEP = 0, 1, 2
 TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
 
-LARGEST = 400  # most pixels of a picture's side
+LARGEST = 400  # maximum pixels of a picture's side
 
 PACKAGES = ("gymnasium", "numpy", "gymnasium-robotics", "mujoco", "minigrid", "box2d-py", "box2d", "pygame")
 
 
 def take_link():
-    """The socket on descriptor 0. Whatever the environment prints goes to standard error."""
+    """Returns the socket on descriptor 0. What the environment prints goes to standard error from here on."""
     link = socket.socket(fileno=os.dup(0))
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
@@ -54,7 +54,7 @@ def take_link():
 
 
 def receive(link, count):
-    """Exactly so many bytes; none at the end of the link."""
+    """Reads exactly `count` bytes; returns None at the end of the link."""
     data = bytearray(count)
     view, done = memoryview(data), 0
     while done < count:
@@ -70,7 +70,7 @@ def send(link, kind, body):
 
 
 def imported(reference):
-    """What `module:name` names."""
+    """Imports and returns what `module:name` names."""
     module, _, name = reference.partition(":")
     if not name:
         raise sys.modules[SPACES].Refused(f"expected module:function, found {reference}")
@@ -81,14 +81,14 @@ def imported(reference):
 
 
 def loaded(name, text):
-    """A module of this text."""
+    """Makes a module from its text."""
     module = sys.modules[name] = types.ModuleType(name)
     exec(compile(text, f"{name}.py", "exec"), module.__dict__)
     return module
 
 
 def maker(reference, kwargs, render, refused):
-    """What makes the environment that `gym:ID`, `gym:module:ID` or `python:module:function` names."""
+    """Returns what makes the environment `gym:ID`, `gym:module:ID` or `python:module:function`."""
     import gymnasium
 
     kind, _, name = reference.partition(":")
@@ -103,7 +103,7 @@ def maker(reference, kwargs, render, refused):
         if render:
             try:
                 return make(**{"render_mode": "rgb_array", **kwargs})
-            except Exception as error:  # it may have no such mode, or none at all
+            except Exception as error:  # it may not have this mode, or any
                 print(f"made without pictures: {type(error).__name__}: {error}", file=sys.stderr)
         return make(**kwargs)
 
@@ -111,11 +111,11 @@ def maker(reference, kwargs, render, refused):
 
 
 def teller(rule):
-    """What tells success of (observation, reward, terminated, info); none where nothing does."""
+    """Returns what tells success of (observation, reward, terminated, info); None for the rule `none`."""
     if rule == "none":
         return None
     if rule in ("is_success", "success"):
-        # What is told at the end alone is so far no success.
+        # An environment may report success only at the end; until then there is none.
         return lambda seen, reward, terminated, info: info[rule] if terminated else info.get(rule, False)
     if rule == "terminated":
         return lambda seen, reward, terminated, info: terminated
@@ -160,9 +160,9 @@ class Environments:
         self.spare = first
 
     def find_success(self, rule):
-        """Which rule tells success, and what it is; by default what one step of chance says of it."""
+        """Returns the rule that tells success, and its function; `auto` is determined by one random step."""
         if rule == "auto":
-            environment = self.make()  # one that has been acted in might not begin like a new one
+            environment = self.make()  # a used environment might not start like a new one
             environment.reset(seed=0)
             environment.action_space.seed(0)
             info = environment.step(environment.action_space.sample())[4]
@@ -178,13 +178,13 @@ class Environments:
         return made
 
     def close(self):
-        """Lets every environment give back what it holds, such as a process of its own."""
+        """Closes every environment, so that it releases what it holds, such as a process of its own."""
         for environment in filter(None, [*self.slots.values(), self.spare]):
             with contextlib.suppress(Exception):
                 environment.close()
 
     def reset(self, slot, seed, rebuild, out):
-        """Begins an episode and writes its first observation; reward and flags."""
+        """Begins an episode and writes its first observation; returns reward and flags."""
         if rebuild and slot in self.slots:
             self.slots.pop(slot).close()
         if slot not in self.slots:
@@ -198,7 +198,7 @@ class Environments:
         return 0.0, 0
 
     def step(self, slot, action, out):
-        """Takes a step and writes the observation it leads to; reward and flags."""
+        """Takes a step and writes the observation it leads to; returns reward and flags."""
         result = self.slots[slot].step(action)
         if len(result) != 5:
             raise ValueError(f"step: expected 5 values, found {len(result)}")
@@ -215,7 +215,7 @@ class Environments:
         return reward, flags
 
     def answers(self, count):
-        """So many answers, and the observations in them, which are to be written."""
+        """Returns a buffer of `count` answers, and views of the observations in it to write to."""
         if count not in self.buffers:
             row = self.observations.row()
             layout = [
@@ -230,13 +230,13 @@ class Environments:
         return self.buffers[count]
 
     def expert_action(self, slot):
-        """The bytes of the action that the expert takes; it is made anew for every episode."""
+        """Returns the bytes of the expert's action; every episode has an expert of its own."""
         if slot not in self.acting:
             self.acting[slot] = self.expert(self.slots[slot])
         return self.actions.encode(self.acting[slot](self.seen[slot]))
 
     def picture(self, slot):
-        """What the environment renders, as a PNG file; empty where that is no picture."""
+        """Returns what the environment renders, as a PNG file; empty if that is not a picture."""
         np, seen = self.np, None
         if self.renders:
             with contextlib.suppress(NotImplementedError):
@@ -248,9 +248,9 @@ class Environments:
 
 
 def png(np, pixels):
-    """Pixels of three colors as a file."""
+    """Encodes RGB pixels as a PNG file."""
     height, width, _ = pixels.shape
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each begins with its filter: none
+    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each begins with its filter, 0 for none
     rows[:, 1:] = pixels.reshape(height, 3 * width)
 
     def chunk(kind, body):
@@ -262,7 +262,7 @@ def png(np, pixels):
 
 
 def time_limit(environment):
-    """The longest episode; none where neither a wrapper nor the environment itself says."""
+    """Returns the longest episode; None if neither a wrapper nor the environment itself has a limit."""
     if environment.spec is not None and environment.spec.max_episode_steps:
         return environment.spec.max_episode_steps
     limit = getattr(environment.unwrapped, "max_steps", None)
@@ -274,7 +274,7 @@ def time_limit(environment):
 
 
 def versions(modules=()):
-    """Of Python, of packages that environments rest on, and of those that have these modules."""
+    """Returns versions of Python, of packages that environments use, and of the packages of these modules."""
     found = {"python": ".".join(str(number) for number in sys.version_info[:3])}
     packages = metadata.packages_distributions() if modules else {}
     own = (packages.get(module.partition(".")[0], ()) for module in modules)
@@ -287,14 +287,14 @@ def versions(modules=()):
 
 
 def modules_of(reference, rule, environment):
-    """Names of the modules of what makes an environment, of what tells its success, and of its class."""
+    """Names the modules of an environment's maker, of its success function and of its class."""
     named = [reference.partition(":")[2]] if reference.startswith("python:") else []
     named += [rule] if ":" in rule else []
     return [name.partition(":")[0] for name in named] + [type(environment.unwrapped).__module__]
 
 
 def sources(modules):
-    """SHA-256 of the file of each of these modules that has one."""
+    """Returns SHA-256 of the source file of each of these modules that has one."""
     found = {}
     for module in modules:
         path = source_file(module)
@@ -305,7 +305,7 @@ def sources(modules):
 
 
 def source_file(module):
-    """The file of a module; none where there is none, or an installed package has it, which has a version."""
+    """Returns a module's source file; None without one, or in an installed package, which has a version."""
     try:
         path = inspect.getsourcefile(sys.modules[module])
     except (KeyError, TypeError):
@@ -317,7 +317,7 @@ def source_file(module):
 
 
 def advice():
-    """What to install, where packages are there that are known not to go together."""
+    """Returns what to install, if packages are installed that are known to be incompatible."""
     found = versions()
     robotics, mujoco = found.get("gymnasium-robotics"), found.get("mujoco")
     if "gymnasium_robotics" not in sys.modules or robotics is None or mujoco is None:
@@ -328,7 +328,7 @@ def advice():
 
 
 def turn(environments, body):
-    """Resets and steps the slots of a turn, in their order; the answers, one after another."""
+    """Resets and steps the slots of a turn, in order; returns the answers, concatenated."""
     np = environments.np
     requests = np.frombuffer(body, dtype=np.uint8).reshape(-1, 16 + environments.actions.bytes)
     actions = environments.actions.decode(np.ascontiguousarray(requests[:, 16:]))
@@ -350,7 +350,7 @@ def turn(environments, body):
 
 
 class Failed(Exception):
-    """What an environment raised, and where."""
+    """An error that an environment raised, and where."""
 
     def __init__(self, slot, during, error):
         super().__init__(slot, during, error)
@@ -367,7 +367,7 @@ def failure(slot, during, error):
 
 
 def answered(environments, kind, body):
-    """The body of the answer to a frame."""
+    """Returns the body of the answer to a frame."""
     if kind == TURN:
         return turn(environments, body)
     slot = struct.unpack("<H", body)[0]
@@ -393,7 +393,7 @@ def main():
 
 
 def serve(link, environments):
-    """Answers frames until the link ends; 1 after one that cannot be answered."""
+    """Answers frames until the link ends; returns 0 then, or 1 after a frame that cannot be answered."""
     while (head := receive(link, 5)) is not None:
         length, kind = struct.unpack("<IB", head)
         body = receive(link, length)

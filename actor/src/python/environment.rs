@@ -1,4 +1,4 @@
-//! An environment of Python as the actor sees it: a slot of the process that holds it.
+//! A Python environment as the actor sees it: a slot of the process that holds it.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,10 +18,10 @@ use xxhash_rust::xxh3::Xxh3;
 use super::link::Link;
 use crate::frame::{Answer, Hello, Request};
 
-/// The key of a setting that has the environment render pictures.
+/// The key of a setting that makes the environment render pictures.
 pub const RENDER: &str = "render";
 
-/// What an environment of Python is made with.
+/// The setting of a Python environment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PythonSetting {
@@ -30,32 +30,32 @@ pub struct PythonSetting {
     /// Keyword arguments.
     #[serde(default)]
     pub kwargs: Table,
-    /// What tells success: `is_success` or `success` of a step's info, `terminated`, `reward` above 0 where
-    /// it terminates, `module:function`, `none`, or `auto`, which is found out.
+    /// What tells success: `is_success` or `success` of a step's info; `terminated`; `reward`, that is, a reward above
+    /// 0 at termination; `module:function`; `none`; or `auto`, which is determined by a trial step.
     #[serde(default = "auto")]
     pub success: String,
-    /// Whether every episode has an environment of its own, because one leaves traces in the next.
+    /// Whether every episode gets a new environment, because one episode affects the next.
     #[serde(default)]
     pub rebuild: bool,
-    /// What each number of a continuous action is multiplied with before it is clipped to [-1, 1] and acts;
-    /// empty leaves actions as they are.
+    /// Factors that multiply the numbers of a continuous action before they are clipped to [-1, 1]; if empty,
+    /// actions are only clipped.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub action_scale: Vec<f64>,
-    /// `module:function` that demonstrates: called with the environment when an episode has begun, it gives
-    /// what makes actions of observations. Empty where nobody does.
+    /// `module:function` of an expert: called with the environment when an episode has begun, it returns a
+    /// function from observations to actions. Empty if there is no expert.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub expert: String,
-    /// Longest episode; 0 takes the environment's own.
+    /// Longest episode, in steps; 0 takes the environment's own limit.
     #[serde(default)]
     pub horizon_steps: u32,
-    /// Whether it renders pictures of its states.
+    /// Whether the environment renders pictures of its states.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub render: bool,
     /// Versions of Python and its packages that the task was described with.
     #[serde(default)]
     pub versions: BTreeMap<String, String>,
-    /// SHA-256 of the files of the user's own modules that the task was described with; none of those that
-    /// installed packages have.
+    /// SHA-256 of the files of the user's own modules that the task was described with. Modules of installed
+    /// packages are left out.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sources: BTreeMap<String, String>,
 }
@@ -64,8 +64,8 @@ fn auto() -> String {
     "auto".to_owned()
 }
 
-/// The processes at work, by what they were started with: environments of one setting share one, which
-/// stays when an actor has no lane for a while.
+/// The running processes, by the options they were started with. Environments with the same options share a
+/// process, which stays when an actor has no lane for a while.
 static LINKS: Mutex<Vec<(String, Arc<Mutex<Link>>)>> = Mutex::new(Vec::new());
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -73,7 +73,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl PythonSetting {
-    /// What a process is started with.
+    /// Returns the options that a process is started with, as JSON.
     pub(super) fn options(&self) -> String {
         let PythonSetting { make, kwargs, success, expert, render, .. } = self;
         json!({
@@ -92,8 +92,8 @@ impl PythonSetting {
         versions: &BTreeMap<String, String>,
         sources: &BTreeMap<String, String>,
     ) -> Result<(), EnvironmentError> {
-        // The environment of demonstrations may rest on other packages than the agent's, and have its class
-        // in another module.
+        // The environment of the demonstrations may use other packages than the agent's, and have its class in
+        // another module.
         for (package, expected) in &self.versions {
             let Some(found) = versions.get(package) else { continue };
             let key = format!("versions.{package}");
@@ -108,7 +108,7 @@ impl PythonSetting {
     }
 }
 
-/// A setting as a file of demonstrations has it: without hashes of modules, for states stay what they are
+/// Returns a setting as a demonstrations file records it: without hashes of modules, because states stay valid
 /// when a module is changed later.
 pub(crate) fn as_recorded(setting: &Setting) -> Setting {
     let mut recorded = setting.clone();
@@ -118,7 +118,7 @@ pub(crate) fn as_recorded(setting: &Setting) -> Setting {
     recorded
 }
 
-/// The process for a setting, started if there is none.
+/// Returns the process for a setting; starts it if there is none.
 fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
     let (make, options) = (&setting.make, setting.options());
     let mut links = locked(&LINKS);
@@ -137,20 +137,20 @@ fn link(setting: &PythonSetting) -> Result<Arc<Mutex<Link>>, EnvironmentError> {
     Ok(link)
 }
 
-/// Ends the processes that no environment needs any more, once they have closed their own.
+/// Ends the processes that no environment needs any more, after they have closed their own environments.
 pub fn close() {
     locked(&LINKS).clear();
 }
 
-/// Makes an environment of Python.
+/// Makes a Python environment.
 ///
 /// # Errors
-/// When there is no Python, no such environment, or it has spaces that no task can have.
+/// When there is no Python or no such environment, or when no task can have its spaces.
 pub fn make(setting: &Setting) -> Result<Box<dyn Environment>, EnvironmentError> {
     Ok(Box::new(Slot::new(setting.read()?)?))
 }
 
-/// A slot of a process of Python.
+/// A slot of a Python process.
 pub(super) struct Slot {
     link: Arc<Mutex<Link>>,
     number: u16,
@@ -161,17 +161,17 @@ pub(super) struct Slot {
     steps: u32,
     success: bool,
     is_running: bool,
-    /// Of everything that the episode gave.
+    /// Hash of everything that the episode has returned.
     state: Xxh3,
 }
 
 impl Slot {
-    /// A slot of the process for a setting.
+    /// Takes a slot of the process for a setting.
     pub(super) fn new(setting: PythonSetting) -> Result<Slot, EnvironmentError> {
         Slot::of(link(&setting)?, setting)
     }
 
-    /// A slot of a process of its own.
+    /// Takes a slot of a process that nothing else uses.
     pub(super) fn on(link: Link, setting: PythonSetting) -> Result<Slot, EnvironmentError> {
         Slot::of(Arc::new(Mutex::new(link)), setting)
     }
@@ -207,7 +207,7 @@ impl Slot {
         })
     }
 
-    /// Takes in what the episode gave, and writes the observation.
+    /// Takes in and checks what the episode returned, and writes the observation.
     fn take(&mut self, answer: &Answer, observation: &mut [u8]) -> Result<(), EnvironmentError> {
         observation.copy_from_slice(&answer.observation);
         self.state.update(&answer.reward.to_le_bytes());

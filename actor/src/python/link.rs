@@ -1,4 +1,4 @@
-//! The process of Python that holds an actor's environments: its start, its turns and its end.
+//! The Python process that holds an actor's environments: its start, its turns and its end.
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
@@ -13,35 +13,35 @@ use environments::EnvironmentError;
 
 use crate::frame::{self, Answer, Failure, Hello, Kind, Request};
 
-/// The text of the process.
+/// The source text of the process.
 const CHILD: &str = include_str!("child.py");
 
-/// The text of the module that it converts observations and actions by.
+/// The source text of the module that converts observations and actions.
 const SPACES: &str = include_str!("spaces.py");
 
-/// Names the interpreter.
+/// Environment variable that names the interpreter.
 const INTERPRETER: &str = "GOALWARD_PYTHON";
 
-/// How long an answer may take: a reset of a large scene, or the import of many packages.
+/// How long an answer may take, for example the reset of a large scene or the import of many packages.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// How long a process that has closed its end may take to be gone.
+/// How long a process that has closed its end of the link may take to exit.
 const FAREWELL: Duration = Duration::from_secs(5);
 
 /// How long a process may take to close its environments.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// What has every process give the same: texts have the same hashes, so that sets of them are in one order, and
-/// fused multiplication and addition of the system's mathematics library is switched off, which not every
-/// processor has.
+/// Makes all processes give the same results. Strings get the same hashes, so that sets of strings have the
+/// same order. The fused multiply-add variants of the system's mathematics library are switched off, because
+/// not every processor has them.
 const SAME_EVERYWHERE: [(&str, &str); 2] =
     [("PYTHONHASHSEED", "0"), ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4")];
 
-/// A process of Python, and what its slots have been asked.
+/// A Python process, and the requests to its slots.
 pub(super) struct Link {
     python: Python,
     hello: Hello,
-    /// Slots that nobody holds any more.
+    /// Slots that nobody holds.
     free: Vec<u16>,
     slots: u16,
     /// Requests that have not been sent.
@@ -50,19 +50,19 @@ pub(super) struct Link {
     answers: BTreeMap<u16, Answer>,
 }
 
-/// A process of Python and its end of the link.
+/// A Python process and the actor's end of the link.
 struct Python {
     child: Child,
     stream: UnixStream,
-    /// The slot whose environment has failed, and its words: the process ends with it.
+    /// The slot whose environment has failed, and its message; the process ends with it.
     raised: Option<(u16, String)>,
     /// Whether it has failed, or is gone.
     has_ended: bool,
 }
 
 impl Link {
-    /// Starts a process with these options, JSON, and waits until it says what the environment is. It is
-    /// killed when it does not answer within [`PATIENCE`].
+    /// Starts a process with these options, in JSON, and waits until it describes the environment. The process
+    /// is killed if it does not answer within [`PATIENCE`].
     ///
     /// # Errors
     /// When there is no such interpreter, or the environment cannot be made.
@@ -81,17 +81,17 @@ impl Link {
         })
     }
 
-    /// What the environment is.
+    /// Returns the description of the environment.
     pub(super) fn hello(&self) -> &Hello {
         &self.hello
     }
 
-    /// Whether the process has failed, or is gone.
+    /// Returns whether the process has failed or is gone.
     pub(super) fn has_ended(&self) -> bool {
         self.python.has_ended
     }
 
-    /// A slot that nobody holds.
+    /// Takes a slot that nobody holds.
     pub(super) fn take_slot(&mut self) -> u16 {
         self.free.pop().unwrap_or_else(|| {
             self.slots += 1;
@@ -99,37 +99,39 @@ impl Link {
         })
     }
 
-    /// Gives a slot back; its environment stays for the next one, who is to hear nothing of this one.
+    /// Gives a slot back. Its environment stays for the next holder, who must not receive an answer to this one.
     pub(super) fn give_back(&mut self, slot: u16) {
         if self.announced.contains(&slot) && self.turn().is_err() {
-            // Whoever asks next is told why.
+            // The next request reports the error.
             return;
         }
         self.answers.remove(&slot);
         self.free.push(slot);
     }
 
-    /// Notes what a slot is to do in the next turn.
+    /// Notes a slot's request for the next turn.
     pub(super) fn announce(&mut self, slot: u16, request: Request<'_>) {
         frame::append(slot, request, self.hello.action.bytes(), &mut self.pending);
         self.announced.push(slot);
     }
 
-    /// Whether a slot has been announced, or has its answer already.
+    /// Returns whether a slot has been announced or already has its answer.
     pub(super) fn is_announced(&self, slot: u16) -> bool {
         self.announced.contains(&slot) || self.answers.contains_key(&slot)
     }
 
-    /// What a slot did; takes a turn if it has not been taken.
+    /// Returns a slot's answer; takes a turn if the slot has not had it yet.
     ///
     /// # Errors
-    /// When the environment has failed, or the process is gone or silent. An environment beside the one that
-    /// failed has raised nothing.
+    /// When the environment has failed, or the process is gone or silent. If another environment of the process
+    /// raised the error, this is [`EnvironmentError::Other`].
     pub(super) fn answer(&mut self, slot: u16) -> Result<Answer, EnvironmentError> {
         if !self.answers.contains_key(&slot) {
             self.turn().map_err(|error| match (&self.python.raised, error) {
                 (Some((raised, _)), EnvironmentError::Raised(words)) if *raised != slot => {
-                    EnvironmentError::Other(format!("beside an environment that failed: {words}"))
+                    EnvironmentError::Other(format!(
+                        "in the same process as an environment that failed: {words}"
+                    ))
                 }
                 (_, error) => error,
             })?;
@@ -138,17 +140,17 @@ impl Link {
         answer.ok_or_else(|| EnvironmentError::Other(format!("slot {slot}: no answer of Python")))
     }
 
-    /// The action that the expert of a slot takes.
+    /// Returns the action that the expert of a slot takes.
     ///
     /// # Errors
     /// As [`Link::answer`].
     pub(super) fn expert_action(&mut self, slot: u16) -> Result<Vec<u8>, EnvironmentError> {
-        // A process that is gone is noticed by whoever reads.
+        // If the process is gone, the read that follows reports it.
         frame::write(&mut self.python.stream, Kind::Expert, &slot.to_le_bytes()).ok();
         self.python.receive(Kind::Expert)
     }
 
-    /// A picture of the state of a slot, a PNG file; empty where the environment renders none.
+    /// Returns a picture of a slot's state as a PNG file; empty if the environment renders none.
     ///
     /// # Errors
     /// As [`Link::answer`].
@@ -164,7 +166,7 @@ impl Link {
         let body = std::mem::take(&mut self.pending);
         self.announced.clear();
         if frame::write(&mut self.python.stream, Kind::Turn, &body).is_err() {
-            // It has said why before it closed its end, or it has been killed.
+            // The process said why before it closed its end, or it was killed.
             return self.python.receive(Kind::Turn).map(drop);
         }
         let body = self.python.receive(Kind::Turn)?;
@@ -178,7 +180,7 @@ impl Python {
         let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
         let (stream, other) = UnixStream::pair().map_err(other_error)?;
         stream.set_read_timeout(Some(PATIENCE)).map_err(other_error)?;
-        // Standard output is the actor's own.
+        // Standard output is reserved for the actor itself.
         let mut command = Command::new(&interpreter);
         command
             .args(["-c", CHILD, SPACES, options])
@@ -206,7 +208,7 @@ impl Python {
         }
     }
 
-    /// Why an environment failed, with the traceback on standard error.
+    /// Returns why an environment failed; logs the traceback unless it failed at the start.
     fn failed(&mut self, body: &[u8]) -> EnvironmentError {
         let Failure { slot, during, error, traceback } = match serde_json::from_slice(body) {
             Ok(failure) => failure,
@@ -223,7 +225,7 @@ impl Python {
         EnvironmentError::Raised(words)
     }
 
-    /// Why nothing comes any more.
+    /// Returns why nothing arrives any more; kills the process if it has not answered in time.
     fn gone(&mut self, error: &io::Error) -> String {
         if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
             self.child.kill().ok();
@@ -237,7 +239,7 @@ impl Python {
         }
     }
 
-    /// How it ended; none if it goes on for longer.
+    /// Waits for the process to end and returns how it ended; `None` if it is still running after `patience`.
     fn ended_within(&mut self, patience: Duration) -> Option<ExitStatus> {
         let deadline = Instant::now() + patience;
         loop {
@@ -252,8 +254,8 @@ impl Python {
     }
 }
 
-/// Starts a process. It asks to be killed when the thread that started it ends, so all are started by one
-/// that does not.
+/// Starts a process. The process asks to be killed when the thread that started it ends, so one thread that
+/// never ends starts all of them.
 fn spawned(command: Command) -> io::Result<Child> {
     type Order = (Command, SyncSender<io::Result<Child>>);
     static STARTER: Mutex<Option<SyncSender<Order>>> = Mutex::new(None);
@@ -275,7 +277,7 @@ fn spawned(command: Command) -> io::Result<Child> {
 
 impl Drop for Python {
     fn drop(&mut self) {
-        // The end of the link ends it, when its environments are closed; one that spins is killed.
+        // Closing the link makes the process close its environments and end; one that hangs is killed.
         self.stream.shutdown(std::net::Shutdown::Both).ok();
         if self.ended_within(CLOSING).is_none() {
             self.child.kill().ok();

@@ -1,16 +1,16 @@
-//! Environments of Python, as Gymnasium has them: `gym:ID`, `gym:module:ID` or `python:module:function`.
+//! Python environments with Gymnasium's interface: `gym:ID`, `gym:module:ID` or `python:module:function`.
 //!
-//! A process of Python holds the environments of an actor; the process and actor exchange frames
-//! over a socket. An actor announces the actions of all its lanes before it steps the first of them, so
-//! that they travel in one turn. Leases, policies and random streams stay in the actor.
+//! A Python process holds the environments of an actor; process and actor exchange frames over a socket. An
+//! actor announces the actions of all its lanes before it steps the first of them, so that they travel in one
+//! turn. Leases, policies and random streams stay in the actor.
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `child.py` | the process of Python |
+//! | `child.py` | the Python process |
 //! | `spaces.py` | observations to bytes, bytes to actions |
 //! | `link` | the process, its start and its end |
-//! | `environment` | an environment of a slot |
-//! | `purity` | whether episodes can be acted again |
+//! | `environment` | the environment of a slot |
+//! | `purity` | whether episodes can be re-simulated |
 
 mod environment;
 mod link;

@@ -1,5 +1,5 @@
-//! Whether an environment of Python is a pure function of its seed and its actions, found out by acting:
-//! the same episode again, after another one, beside another one, and in another process.
+//! Tests whether a Python environment is a pure function of its seed and its actions, by running the same
+//! episode again, after another one, beside another one, and in another process.
 
 use environments::{Environment, EnvironmentError, Setting};
 use protocol::seed::{Purpose, Stream, stream};
@@ -10,11 +10,11 @@ use rand::RngExt;
 use super::environment::{PythonSetting, Slot};
 use super::link::Link;
 
-/// Steps of an episode that are compared.
+/// Number of steps of an episode that are compared.
 const STEPS: u32 = 50;
 
-/// A setting of Python as it has to be so that episodes can be acted again, and whether they can. Every
-/// other setting as it is.
+/// Returns a setting as it has to be so that episodes can be re-simulated, and whether they can. A setting
+/// without Python is returned unchanged.
 ///
 /// # Errors
 /// When the environment cannot be made, or fails.
@@ -27,29 +27,31 @@ pub fn purified(setting: Setting) -> Result<(Setting, bool), EnvironmentError> {
         Purity::Pure => (setting, true),
         Purity::PureWhenRebuilt => {
             let make = &own.make;
-            tracing::warn!("{make} leaves traces in its next episode: environment.rebuild=true");
+            tracing::warn!(
+                "{make} carries state over into its next episode: setting environment.rebuild=true"
+            );
             (Setting::of(&PythonSetting { rebuild: true, ..own }), true)
         }
         Purity::Impure => {
-            tracing::warn!("{}: the same episode comes out differently", own.make);
+            tracing::warn!("{}: a repeated episode gives a different result", own.make);
             (setting, false)
         }
     })
 }
 
-/// What an environment does.
+/// How reproducible the episodes of an environment are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Purity {
     /// An episode depends on its seed and its actions alone.
     Pure,
-    /// It does if every episode has an environment of its own.
+    /// The same, if every episode gets a new environment.
     PureWhenRebuilt,
     /// The same episode comes out differently.
     Impure,
 }
 
 impl Purity {
-    /// That of the environment of a setting.
+    /// Tests the environment of a setting.
     ///
     /// # Errors
     /// When it cannot be made, or fails.
@@ -70,7 +72,7 @@ fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
     if play(&mut slot, 0)? != first || play(&mut slot, 1)? != other {
         return Ok(false);
     }
-    // Lanes share a process, and with it generators of chance that are the process's own.
+    // Lanes share a process, and with it the process's global random number generators.
     let mut beside = Slot::new(setting.clone())?;
     if play_beside(&mut slot, &mut beside)? != [first, other] {
         return Ok(false);
@@ -79,21 +81,21 @@ fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
     Ok(play(&mut elsewhere, 1)? == other && play(&mut elsewhere, 0)? == first)
 }
 
-/// The hash of an episode.
+/// Runs an episode and returns its hash.
 fn play(slot: &mut Slot, episode: u64) -> Result<u64, EnvironmentError> {
     let mut acted = Acted::begin(slot, episode)?;
     while acted.step()? {}
     Ok(acted.slot.state_hash())
 }
 
-/// The hashes of the episodes 0 and 1, whose steps are taken in turn.
+/// Runs the episodes 0 and 1, with their steps interleaved, and returns their hashes.
 fn play_beside(slot: &mut Slot, beside: &mut Slot) -> Result<[u64; 2], EnvironmentError> {
     let mut acted = [Acted::begin(slot, 0)?, Acted::begin(beside, 1)?];
     while acted[0].step()? | acted[1].step()? {}
     Ok(acted.map(|acted| acted.slot.state_hash()))
 }
 
-/// An episode with actions of chance.
+/// An episode with random actions.
 struct Acted<'slot> {
     slot: &'slot mut Slot,
     chance: Stream,
@@ -108,7 +110,7 @@ impl Acted<'_> {
         Ok(Acted { slot, chance, steps_left: STEPS })
     }
 
-    /// Takes a step, if there is one to take; returns whether there is another one.
+    /// Takes a step, if one is left; returns whether another one follows.
     fn step(&mut self) -> Result<bool, EnvironmentError> {
         if self.steps_left == 0 {
             return Ok(false);

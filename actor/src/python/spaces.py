@@ -1,6 +1,6 @@
-"""Observations and actions of Gymnasium as the bytes that Goalward has, and back.
+"""Converts observations and actions of Gymnasium to the bytes that Goalward uses, and back.
 
-An actor hands this text to its process of Python; the package `goalward` has it, too.
+An actor passes this text to its Python process; the package `goalward` contains it, too.
 """
 
 from typing import Any
@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-MOST_NUMBERS = 4096  # of one observation; an image would fill the log
+MOST_NUMBERS = 4096  # per observation; images would fill the log
 MOST_CHOICES = 256  # of a discrete action, which is one byte
 
 
 class Refused(Exception):
-    """What the environment has that a task cannot have."""
+    """Something in the environment that a task cannot have."""
 
 
 def is_text(space):
-    """Whether a space that is none of Gymnasium's own gives texts."""
+    """Returns whether the samples of a space that is not one of Gymnasium's own are strings."""
     try:
         return isinstance(space.sample(), str)
     except Exception:
@@ -25,7 +25,7 @@ def is_text(space):
 
 
 class Numbers:
-    """How an observation becomes numbers: its parts one after another."""
+    """Converts observations to vectors of numbers: the parts of an observation, concatenated."""
 
     def __init__(self, space):
         self.labels, self.dropped, self.parts = [], [], []
@@ -114,7 +114,7 @@ class Numbers:
 
 
 class Cells:
-    """How an observation becomes a grid of cell classes."""
+    """Converts observations to grids of cell classes."""
 
     dropped = ()
 
@@ -124,7 +124,7 @@ class Cells:
 
     @staticmethod
     def fits(space):
-        """Whether a space is a grid of classes: two dimensions of integers from 0 up to the same number."""
+        """Returns whether a space is a grid of classes: a matrix of integers from 0 to one common maximum."""
         if not isinstance(space, spaces.Box) or len(space.shape) != 2 or min(space.shape) < 3:
             return False
         if not np.issubdtype(space.dtype, np.integer) or (space.low != 0).any():
@@ -151,15 +151,15 @@ class Cells:
 
 
 def observations_of(space: Any) -> Any:
-    """How observations of a space become bytes."""
+    """Returns the converter of observations of a space to bytes."""
     return Cells(space) if Cells.fits(space) else Numbers(space)
 
 
 def array_of(action, space, kinds):
-    """An action of the space as an array, whose numbers are of these kinds."""
+    """Returns an action of a space as an array; refuses one whose dtype kind is not in `kinds`."""
     try:
         array = np.asarray(action)
-    except ValueError:  # rows of differing lengths
+    except ValueError:  # rows of different lengths
         array = None
     if array is None or array.dtype.kind not in kinds:
         raise ValueError(f"action: expected one of {space}, found {action!r}")
@@ -167,7 +167,7 @@ def array_of(action, space, kinds):
 
 
 class Numbered:
-    """Actions of bounded numbers; Goalward has each in [-1, 1]."""
+    """Actions of bounded numbers, each of which Goalward maps to [-1, 1]."""
 
     def __init__(self, space):
         self.space = space
@@ -181,15 +181,15 @@ class Numbered:
         self.half, self.middle = (high - low).reshape(-1) / 2, (high + low).reshape(-1) / 2
 
     def decode(self, raw):
-        """Actions of the environment, of rows of bytes."""
+        """Converts rows of bytes to actions of the environment."""
         numbers = raw.view("<f4") * self.half + self.middle
         if np.issubdtype(self.space.dtype, np.integer):
-            numbers = np.rint(numbers)  # single precision may have left one just below
+            numbers = np.rint(numbers)  # single precision may have left a number just below an integer
         numbers = numbers.astype(self.space.dtype).reshape(-1, *self.space.shape)
         return np.minimum(np.maximum(numbers, self.space.low), self.space.high)
 
     def encode(self, action):
-        """The bytes of an action of the environment."""
+        """Converts an action of the environment to bytes."""
         numbers = array_of(action, self.space, "biuf")
         if numbers.shape != self.space.shape:
             raise ValueError(f"action: expected shape {self.space.shape}, found {numbers.shape}")
@@ -198,7 +198,7 @@ class Numbered:
 
 
 class Chosen:
-    """Actions that are a choice, or several, of which Goalward makes one."""
+    """Actions that are one choice, or several choices that Goalward combines into one."""
 
     bytes = 1
 
@@ -217,14 +217,14 @@ class Chosen:
         self.spec = {"discrete": {"count": choices}}
 
     def decode(self, raw):
-        """Actions of the environment, of rows of bytes."""
+        """Converts rows of bytes to actions of the environment."""
         if isinstance(self.space, spaces.Discrete):
             return (raw[:, 0] + self.starts).tolist()
         digits = np.stack(np.unravel_index(raw[:, 0], self.sizes), axis=1) + self.starts
         return list(digits.astype(self.space.dtype).reshape(-1, *self.space.shape))
 
     def encode(self, action):
-        """The byte of an action of the environment."""
+        """Converts an action of the environment to its byte."""
         choices = array_of(action, self.space, "biu").reshape(-1)
         within = len(choices) == len(self.sizes) and all(
             0 <= digit < size for digit, size in zip(choices - self.starts, self.sizes)
@@ -236,7 +236,7 @@ class Chosen:
 
 
 def actions_of(space: Any) -> Any:
-    """How bytes become actions of a space, and actions bytes."""
+    """Returns the converter between bytes and actions of a space."""
     if isinstance(space, spaces.Box):
         return Numbered(space)
     if isinstance(space, (spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)):

@@ -1,4 +1,4 @@
-"""Environments that tests act in: a sound one, and one for every way to be wrong."""
+"""Environments for tests: a sound one, and one for every way to fail."""
 
 import ctypes
 import os
@@ -13,7 +13,7 @@ from gymnasium import spaces
 
 
 class Line(gymnasium.Env):
-    """A point that is moved along a line until it is beyond 1; it fails beyond -1."""
+    """A point that moves along a line: it succeeds beyond 1 and fails beyond -1."""
 
     observation_space = spaces.Dict(
         {"place": spaces.Box(-9.0, 9.0, (1,)), "parity": spaces.Discrete(2), "said": spaces.Text(9)}
@@ -46,7 +46,7 @@ class Line(gymnasium.Env):
 
 
 class Particular(Line):
-    """Has no pictures and no limit, tells success at the end alone, and leaves a file when it is closed."""
+    """Has no pictures and no limit, tells success only at the end, and writes a file when it is closed."""
 
     metadata: ClassVar = {"render_modes": []}
     max_steps = float("inf")
@@ -77,17 +77,17 @@ def is_far(seen, reward, terminated, info):
 
 
 def expert(environment):
-    """Takes the longest steps there are."""
+    """Returns an expert that always takes the largest action."""
     return lambda seen: environment.action_space.high
 
 
 def lost_expert(environment):
-    """Gives an action of another environment."""
+    """Returns an expert whose actions have the shape of another environment."""
     return lambda seen: [seen["place"][0], 2.0]
 
 
 class Grid(gymnasium.Env):
-    """A grid of three classes, and an action of two choices."""
+    """A grid of three classes, with actions of two choices."""
 
     observation_space = spaces.Box(0, 2, (3, 4), dtype=np.int64)
     action_space = spaces.MultiDiscrete([2, 3])
@@ -100,7 +100,7 @@ class Grid(gymnasium.Env):
 
 
 class Bad(Line):
-    """Wrong in the way that it is told, at its third step."""
+    """Fails in the way that `how` names, for most of them at the third step."""
 
     def __init__(self, how):
         super().__init__()
@@ -148,7 +148,7 @@ def bad(how):
 
 
 class Traced(Line):
-    """Starts where the episode before it has ended."""
+    """Starts at a place that depends on where the previous episode ended."""
 
     def reset(self, *, seed=None, options=None):
         before = getattr(self, "place", 0.0)
@@ -162,7 +162,7 @@ def traced():
 
 
 class Chance(Line):
-    """Has a source of chance of its own."""
+    """Has a random source of its own, which no seed controls."""
 
     def step(self, action):
         self.place += os.urandom(1)[0] / 1000
@@ -174,7 +174,7 @@ def chance():
 
 
 class SharedChance(Line):
-    """Draws from the source of chance that all environments of a process share."""
+    """Draws from the random generator that all environments of a process share."""
 
     def step(self, action):
         self.place += np.random.uniform(-0.1, 0.1)
@@ -186,7 +186,7 @@ def shared_chance():
 
 
 class Unordered(Line):
-    """Takes texts of a set in the order that their hashes have."""
+    """Depends on the order of strings in a set, which follows from their hashes."""
 
     def step(self, action):
         places = {f"place {number}" for number in range(100)}
@@ -199,7 +199,7 @@ def unordered():
 
 
 def conflicting():
-    """Fails as an environment of gymnasium-robotics does with a version of mujoco that came later."""
+    """Fails like an environment of gymnasium-robotics with a version of mujoco that is too new for it."""
     found = {"gymnasium-robotics": "1.4.2", "mujoco": "4.0.0"}
     installed = metadata.version
     metadata.version = lambda package: found.get(package) or installed(package)

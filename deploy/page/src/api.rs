@@ -1,4 +1,4 @@
-//! The answers: each question's route, and what it gets as JSON.
+//! The routes below `/api` and their responses, mostly JSON.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use crate::state::{Pages, Refused, WATCHERS};
 type Answer = Result<Response, Refused>;
 type Shared = State<Arc<Pages>>;
 
-/// The routes below `/api`.
+/// Returns the routes below `/api`.
 pub(crate) fn routes() -> Router<Arc<Pages>> {
     Router::new()
         .route("/runs", get(list))
@@ -46,7 +46,7 @@ async fn list(State(pages): Shared) -> Result<Json<List>, Refused> {
     Ok(Json(pages.read(Runs::list).await?))
 }
 
-/// The list of runs now, and again whenever it has changed. A browser that is slow misses lists, never the newest.
+/// Sends the list of runs now and whenever it has changed. A slow browser may miss lists, but never the newest.
 async fn events(State(pages): Shared) -> Result<impl IntoResponse, Refused> {
     let place = Arc::clone(&pages.watchers).try_acquire_owned().map_err(|_taken| {
         let line = format!("{WATCHERS} browsers are told of changes already");
@@ -66,7 +66,7 @@ async fn details(State(pages): Shared, Path(id): Path<String>) -> Answer {
     of_run(pages, id, |runs, id, folder| json(&runs.details(id, folder)?)).await
 }
 
-/// From which row on rows are asked for, and of which generation the others are.
+/// The first row requested, and the generation of the rows that the browser has.
 #[derive(Deserialize)]
 struct FirstRow {
     #[serde(default)]
@@ -126,7 +126,7 @@ async fn pictures(
     Ok(([(header::CONTENT_TYPE, "application/octet-stream")], found).into_response())
 }
 
-/// The checkpoint whose reward model is asked; the newest where none is named.
+/// The checkpoint whose reward model is queried; by default the newest.
 #[derive(Deserialize)]
 struct Model {
     checkpoint: Option<u64>,
@@ -150,7 +150,7 @@ async fn grid(
     of_episode(pages, id, collection, row, ask).await
 }
 
-/// Another reward: changes behind one another, and the run whose trained model scores.
+/// Another reward: changes of the configuration, separated by spaces, and the run whose trained model scores.
 #[derive(Deserialize)]
 struct Otherwise {
     #[serde(default)]
@@ -178,7 +178,7 @@ async fn reward(
     of_episode(pages, id, collection, row, ask).await
 }
 
-/// What `read` says of a run, as JSON.
+/// Responds with the JSON that `read` returns for a run.
 async fn of_run(
     pages: Arc<Pages>,
     id: String,
@@ -199,7 +199,7 @@ fn in_run<T>(
     }
 }
 
-/// What `read` says of an episode of a run, as JSON.
+/// Responds with the JSON that `read` returns for an episode of a run.
 async fn of_episode(
     pages: Arc<Pages>,
     id: String,

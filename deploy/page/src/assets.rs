@@ -1,4 +1,4 @@
-//! The files of the page, as they lie in `deploy/page/web`.
+//! The files of the page, embedded from `deploy/page/web`.
 
 /// A file: its name, its media type, its content.
 pub(crate) struct Asset {
@@ -7,7 +7,7 @@ pub(crate) struct Asset {
     pub(crate) content: &'static str,
 }
 
-/// A file of JavaScript.
+/// Embeds a JavaScript file.
 macro_rules! script {
     ($name:literal) => {
         Asset {
@@ -18,7 +18,7 @@ macro_rules! script {
     };
 }
 
-/// All of them; a test compares them with the folder.
+/// All files; a test compares them with the folder.
 pub(crate) const ASSETS: &[Asset] = &[
     Asset { name: "index.html", kind: "text/html", content: include_str!("../web/index.html") },
     Asset { name: "style.css", kind: "text/css", content: include_str!("../web/style.css") },
@@ -47,7 +47,7 @@ pub(crate) const ASSETS: &[Asset] = &[
     script!("turns.js"),
 ];
 
-/// The file of that name; the page itself where none is given.
+/// Returns the file of that name; `index.html` for an empty name.
 pub(crate) fn find(name: &str) -> Option<&'static Asset> {
     let name = if name.is_empty() { "index.html" } else { name };
     ASSETS.iter().find(|asset| asset.name == name)

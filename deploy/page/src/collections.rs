@@ -1,4 +1,4 @@
-//! The collections of episodes that a run has: its log, its demonstrations, evaluations of it.
+//! The collections of episodes of a run: its log, its demonstrations and its evaluations.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,25 +12,25 @@ use run::folder::RunFolder;
 
 use crate::episodes::Episodes;
 
-/// The collection of what a run was trained with and evaluated in at its end.
+/// The collection of a run's training episodes and of its evaluation at the end.
 const LOG: &str = "log";
 
-/// The collection of what a run learns from.
+/// The collection of the demonstrations that a run learns from.
 const DEMONSTRATIONS: &str = "demonstrations";
 
-/// Collections of which the rows are kept.
+/// Maximum number of collections whose rows are cached.
 const KEPT: usize = 8;
 
-/// A run's folder as it was laid out, and one of its collections.
+/// A run's folder, the modification time of its configuration, and the name of a collection.
 type Key = (PathBuf, Option<SystemTime>, String);
 
-/// What has been read of collections.
+/// A cache of collections.
 #[derive(Default)]
 pub(crate) struct Collections {
     kept: Mutex<BTreeMap<Key, Arc<Mutex<Episodes>>>>,
 }
 
-/// The names of a run's collections.
+/// Returns the names of a run's collections.
 pub(crate) fn names(folder: &RunFolder, config: &RunConfig) -> Vec<String> {
     let mut names = vec![LOG.to_owned()];
     if demonstrations::file_of(folder, config).is_file() {
@@ -48,7 +48,7 @@ pub(crate) fn names(folder: &RunFolder, config: &RunConfig) -> Vec<String> {
 }
 
 impl Collections {
-    /// The episodes of a collection as they are now; none where a run has no such collection.
+    /// Returns the episodes of a collection, up to date; `None` if the run has no such collection.
     pub(crate) fn get(
         &self,
         folder: &RunFolder,
@@ -77,7 +77,7 @@ impl Collections {
     }
 }
 
-/// What is read of a collection. A reader that has panicked left rows that are whole.
+/// Locks a collection. A poisoned lock is taken too: a thread that panicked has left whole rows.
 pub(crate) fn locked(episodes: &Mutex<Episodes>) -> MutexGuard<'_, Episodes> {
     episodes.lock().unwrap_or_else(PoisonError::into_inner)
 }

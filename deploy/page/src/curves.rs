@@ -1,4 +1,4 @@
-//! What a run's log has of its updates, as rows of numbers.
+//! The updates in a run's log, as rows of numbers.
 
 use mcap_log::{Contents, read_contents};
 use run::folder::RunFolder;
@@ -30,18 +30,18 @@ const COLUMNS: [&str; 21] = [
     "update_s",
 ];
 
-/// A number for each of [`COLUMNS`]; not a number where there is none, which JSON has as null.
+/// A number for each of [`COLUMNS`]. A missing one is NaN, which becomes `null` in JSON.
 type Row = [f64; COLUMNS.len()];
 
 /// The curves of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Curves {
     rows: Vec<Row>,
-    /// What of the log cannot be read, a line each.
+    /// Errors in reading the log, a line each.
     pub(crate) trouble: Vec<String>,
 }
 
-/// The rows from one on, as a browser gets them.
+/// Rows from a given one on, as a browser gets them.
 #[derive(Debug, Serialize)]
 pub(crate) struct Rows<'a> {
     columns: [&'static str; COLUMNS.len()],
@@ -50,10 +50,10 @@ pub(crate) struct Rows<'a> {
 }
 
 impl Curves {
-    /// Those of a run. What cannot be read costs the rows behind it.
+    /// Reads the curves of a run. Rows after a damaged record may be missing.
     pub(crate) fn of(folder: &RunFolder) -> Curves {
         let mut curves = Curves::default();
-        // A run that has only begun has no log yet, which is no trouble.
+        // A run that has only begun has no log yet, which is not an error.
         if !folder.log().exists() {
             return curves;
         }
@@ -75,7 +75,7 @@ impl Curves {
         curves
     }
 
-    /// The rows from the `from`-th on; none where there are no more.
+    /// Returns the rows from index `from` on.
     pub(crate) fn from(&self, from: usize) -> Rows<'_> {
         let rows = self.rows.get(from..).unwrap_or_default();
         Rows { columns: COLUMNS, rows, next: self.rows.len() }

@@ -1,4 +1,4 @@
-//! What a run is: its configuration, what of it is not the default, its summary.
+//! The details of a run: its configuration, settings that are not the default, its summary.
 
 use anyhow::Result;
 use run::folder::RunFolder;
@@ -11,29 +11,29 @@ use crate::curves::Curves;
 use crate::listed::Listed;
 use crate::{published, seeds};
 
-/// A run, as its view shows it.
+/// A run as its view shows it.
 #[derive(Debug, Serialize)]
 pub(crate) struct Details {
     run: Listed,
-    /// Names of the curve that it is a seed of; runs with one in common are seeds of the same.
+    /// Names of the curve that it is a seed of; runs with a name in common are seeds of the same curve.
     curve: Vec<String>,
     configuration: String,
     differences: Vec<Difference>,
     summary: Option<Summary>,
-    /// Success rate at the end of the authors' curve of its method in its setting.
+    /// Success rate at the end of the authors' published curve of its method, in its task and setting.
     published: Option<f64>,
     command: String,
-    /// Whether its environment may render pictures: it is one of Python whose episodes act again.
+    /// Whether its environment may render pictures: it is a Python environment whose episodes can be re-simulated.
     renders: bool,
     /// Names of its collections of episodes.
     collections: Vec<String>,
-    /// Iterations after which there are checkpoints.
+    /// Iterations of its checkpoints.
     checkpoints: Vec<u64>,
     trouble: Vec<String>,
 }
 
 impl Details {
-    /// Those of a run.
+    /// Collects the details of a run.
     ///
     /// # Errors
     /// When its configuration cannot be read.

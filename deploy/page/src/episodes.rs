@@ -1,6 +1,6 @@
-//! The episodes of a run's log, of its demonstrations or of an evaluation: what each came to, and where it lies.
+//! The episodes of a run's log, of its demonstrations or of an evaluation: the result of each, and where it is stored.
 //!
-//! Files are read once, and on as they grow; of an episode a row is kept, no more.
+//! Each file is read once, and its new records as it grows. Only a row is kept of each episode.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use protocol::task::Spec;
 use protocol::trajectory::{Source, Trajectory};
 use serde::Serialize;
 
-/// The names of a row's numbers.
+/// The names of a row's values.
 const COLUMNS: [&str; 13] = [
     "source",
     "iteration",
@@ -36,13 +36,13 @@ const COLUMNS: [&str; 13] = [
 type Row =
     (i32, u64, u64, u64, u64, u32, i32, bool, u32, Option<f32>, f32, Option<f32>, Option<f32>);
 
-/// What an episode is called in its files.
+/// What identifies an episode: source, lane and number.
 type Name = (i32, u64, u64);
 
-/// Where a record lies: the file's place among those read, the byte its chunk begins at.
+/// Where a record is stored: the index of its file in [`Episodes::readers`], and the offset of its chunk.
 type Place = (usize, u64);
 
-/// What is kept of an episode.
+/// What is kept in memory of an episode.
 #[derive(Debug)]
 struct Episode {
     source: i32,
@@ -59,14 +59,14 @@ struct Episode {
     score: Option<Scored>,
 }
 
-/// What is kept of a score.
+/// What is kept in memory of a score.
 #[derive(Debug)]
 struct Scored {
     /// Sum of the rewards.
     scored_return: f32,
-    /// Of the last observation.
+    /// The last proximity of the episode.
     proximity: Option<f32>,
-    /// Mean over the observations.
+    /// Mean uncertainty of the episode.
     uncertainty: Option<f32>,
     place: Place,
 }
@@ -98,17 +98,17 @@ pub(crate) struct Episodes {
     readers: Vec<(PathBuf, FileReader)>,
     listed: Vec<Episode>,
     by_name: HashMap<Name, usize>,
-    /// Iteration of the episode of training that was recorded last.
+    /// Iteration of the training episode that was recorded last.
     newest: u64,
-    /// Episodes before this one will change no more, but by being recorded again.
+    /// Number of leading rows that are final, unless an episode is recorded again or scored later than expected.
     settled: usize,
-    /// How often rows that were handed out have changed, as after a process died.
+    /// Incremented whenever rows that were handed out may have changed, for example after a process died.
     generation: u64,
-    /// What cannot be read, a line each.
+    /// Errors in reading, a line each.
     trouble: Vec<String>,
 }
 
-/// Rows from one on, as a browser gets them. Those of another generation are worth nothing.
+/// Rows from index `from` on, as a browser gets them. Rows of another generation are invalid.
 #[derive(Serialize)]
 pub(crate) struct Rows<'a> {
     columns: [&'static str; COLUMNS.len()],
@@ -118,17 +118,17 @@ pub(crate) struct Rows<'a> {
     trouble: &'a [String],
 }
 
-/// An episode as it was recorded, and what the reward model said of it, if it did.
+/// An episode as it was recorded, with the recorded score, if any.
 pub(crate) struct Recorded {
     pub(crate) trajectory: Trajectory,
     pub(crate) score: Option<Score>,
 }
 
 impl Episodes {
-    /// Reads what a run's log has got since the last time.
+    /// Reads what was appended to a run's log since the last call.
     pub(crate) fn read_log(&mut self, folder: &Path) {
         self.go_on();
-        // A run that has only begun has no log yet, which is no trouble.
+        // A run that has only begun has no log yet, which is not an error.
         let files = if folder.exists() { log_files(folder) } else { Ok(Vec::new()) };
         let files = files.unwrap_or_else(|error| {
             self.tell(error.to_string());
@@ -138,14 +138,14 @@ impl Episodes {
         self.read_new(files.map(|file| file.path));
     }
 
-    /// Reads what a file has got since the last time.
+    /// Reads what was appended to a file since the last call.
     pub(crate) fn read_file(&mut self, file: PathBuf) {
         self.go_on();
         self.read_new(std::iter::once(file));
     }
 
-    /// Reads on in the files that are known; forgets all of them where another file has the place of one, as
-    /// one that was repaired has its records elsewhere.
+    /// Reads new records in the known files. Forgets all files if one was replaced, for example by a repair, which
+    /// moves records.
     fn go_on(&mut self) {
         for place in 0..self.readers.len() {
             match self.readers[place].1.go_on() {
@@ -160,7 +160,7 @@ impl Episodes {
         }
     }
 
-    /// Reads the files that are not known yet.
+    /// Opens and reads the files that are not known yet.
     fn read_new(&mut self, files: impl Iterator<Item = PathBuf>) {
         let sealed = |path: &Path| path.with_extension("");
         for path in files {
@@ -173,7 +173,7 @@ impl Episodes {
                     self.readers.push((path, reader));
                     self.read_on(self.readers.len() - 1);
                 }
-                // A file of which the metadata are still to come.
+                // The metadata of a file that is being written may not be there yet.
                 Err(_) if mcap_log::is_active(&path) => {}
                 Err(error) => self.tell(error.to_string()),
             }
@@ -181,7 +181,7 @@ impl Episodes {
         self.settle();
     }
 
-    /// Rows from the `from`-th on; all of them if the browser knows those of another generation.
+    /// Returns the rows from index `from` on; all rows if `generation`, which the browser has, is not the current one.
     pub(crate) fn rows(&self, generation: u64, from: usize) -> Rows<'_> {
         let from = if generation == self.generation { from.min(self.settled) } else { 0 };
         let rows = self.listed[from..self.settled].iter().map(Episode::row).collect();
@@ -189,16 +189,16 @@ impl Episodes {
         Rows { columns: COLUMNS, generation, from, rows, trouble }
     }
 
-    /// The setting of the environment that the files name, as JSON; those of a run's log name none.
+    /// Returns the environment's setting in the metadata of the first file, as JSON. A run's log has none.
     pub(crate) fn setting(&self) -> Option<String> {
         let (_, reader) = self.readers.first()?;
         reader.metadata().get("setting").map(str::to_owned)
     }
 
-    /// An episode read again; none where there is no such row.
+    /// Reads an episode from its file; returns `None` if there is no such row.
     ///
     /// # Errors
-    /// When it is not in its file any more, or does not fit the task.
+    /// When the episode is not where it was, or does not match the task.
     pub(crate) fn recorded(&self, row: usize, spec: &Spec) -> Option<Result<Recorded>> {
         Some(self.recorded_at(self.listed.get(row)?, spec))
     }
@@ -296,8 +296,8 @@ impl Episodes {
         self.generation += u64::from(at < self.settled);
     }
 
-    /// Finds the first episode that may still be scored: one of training in a log that is written. Actors are an
-    /// iteration ahead of the scores, and with `rollout.lag` 1 another one.
+    /// Finds the first episode that may still be scored: a training episode without a score, of the newest iteration
+    /// or, because of `rollout.lag` 1, the one before, in a log that is being written.
     fn settle(&mut self) {
         let is_written = |(_, reader): &(_, FileReader)| reader.ending() == Some(&Ending::Unsealed);
         let is_written = self.readers.last().is_some_and(is_written);
@@ -345,7 +345,7 @@ mod tests {
             let Rows { generation, rows, .. } = episodes.rows(0, 0);
             (generation, rows.iter().map(|row| row.9).collect::<Vec<Option<f32>>>())
         };
-        // With `rollout.lag` 1 actors are ahead of the scores.
+        // With `rollout.lag` 1, actors are ahead of the scores.
         act(&mut log, 0);
         act(&mut log, 1);
         assert_eq!(returns(&mut log), (0, vec![]));
@@ -353,12 +353,12 @@ mod tests {
         assert_eq!(returns(&mut log), (0, vec![Some(0.5)]));
         act(&mut log, 2);
         assert_eq!(returns(&mut log), (0, vec![Some(0.5)]));
-        // What comes later than anybody expects is told again.
+        // A score that comes later than expected starts a new generation.
         act(&mut log, 3);
         assert_eq!(returns(&mut log), (0, vec![Some(0.5), None]));
         score(&mut log, 1);
         assert_eq!(returns(&mut log), (1, vec![Some(0.5); 2]));
-        // A run that goes back scores again.
+        // A run that resumes from an earlier checkpoint records and scores episodes again.
         act(&mut log, 1);
         assert_eq!(returns(&mut log), (2, vec![Some(0.5)]));
         score(&mut log, 1);

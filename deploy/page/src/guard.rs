@@ -1,28 +1,31 @@
-//! Who may ask: browsers of this machine, or whoever has the token. A page of somebody else's in the same
-//! browser may not, whatever name it has given to this address (DNS rebinding), nor may its forms and frames.
+//! Admits requests by browsers on this machine or, if the page listens on another address, those with the token.
+//! Requests by other sites in the same browser are refused, whatever name they use for this address (DNS rebinding).
 
 use std::net::IpAddr;
 
 use axum::http::{HeaderMap, Uri, header};
 
-/// What a question must have.
+/// What decides whether a request is admitted.
 #[derive(Clone, Debug)]
 pub(crate) struct Guard {
     /// The address that the page listens on.
     pub(crate) host: IpAddr,
-    /// Without one, only this machine's own names are answered to.
+    /// The token that requests about runs need. Without one, only requests to this machine's own names are admitted.
     pub(crate) token: Option<String>,
 }
 
-/// What questions of runs begin with; the page's own files, which a browser asks for without the token, are no
-/// secret.
+/// Prefix of the paths of requests about runs. Only these need the token: a browser requests the page's files without
+/// it, and they are not secret.
 const OF_RUNS: &str = "/api/";
 
 /// Names by which a browser reaches its own machine.
 const OWN_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
 impl Guard {
-    /// Whether a question is answered; otherwise why not.
+    /// Admits a request.
+    ///
+    /// # Errors
+    /// Says why the request is refused.
     pub(crate) fn admit(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), String> {
         let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(header::HOST).unwrap_or_default();
@@ -45,7 +48,8 @@ impl Guard {
             );
         }
         let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
-        // A link on another site may lead here; nothing that it embeds may.
+        // Another site may link to the page, but not load anything from it. Frames are navigations too; the content
+        // security policy keeps them from showing the page.
         let leads_here = headers.get("sec-fetch-mode").is_some_and(|mode| mode == "navigate");
         if matches!(site, Some("cross-site" | "same-site")) && !leads_here {
             return Err(
@@ -64,7 +68,7 @@ fn given_token(uri: &Uri) -> Option<&str> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
 }
 
-/// Compares without telling by its time where two differ.
+/// Compares in a time that does not depend on where the two differ.
 fn is_same(given: &str, token: &str) -> bool {
     let differing =
         given.bytes().zip(token.bytes()).fold(0, |all, (one, other)| all | (one ^ other));

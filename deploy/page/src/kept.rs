@@ -1,4 +1,4 @@
-//! What was read of runs is kept until their files change.
+//! A cache of what was read from runs, valid until their files change.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +9,7 @@ use std::time::SystemTime;
 use mcap_log::{Contents, log_files};
 use run::folder::RunFolder;
 
-/// What was read of each run.
+/// A value for each run.
 #[derive(Debug)]
 pub(crate) struct Kept<T> {
     most: usize,
@@ -17,12 +17,12 @@ pub(crate) struct Kept<T> {
 }
 
 impl<T: Clone> Kept<T> {
-    /// Of `most` runs; of others it is read again.
+    /// Returns an empty cache for `most` runs; one more run clears it.
     pub(crate) fn of(most: usize) -> Kept<T> {
         Kept { most, of_runs: Mutex::default() }
     }
 
-    /// What `read` says of the run at `path`, now or when its files were last as they are.
+    /// Returns the cached value of the run at `path`, or calls `read` if its files have changed since.
     pub(crate) fn get(&self, path: &Path, read: impl FnOnce(&RunFolder) -> T) -> T {
         let folder = RunFolder::new(path);
         let stamp = Stamp::of(&folder);
@@ -39,7 +39,8 @@ impl<T: Clone> Kept<T> {
     }
 }
 
-/// What tells a state of a run's files from another. Two that are equal were read from the same.
+/// Identifies a state of a run: whether it is being trained, and the times and sizes of its configuration, its summary
+/// and the newest log file of updates.
 #[derive(Debug, PartialEq, Eq)]
 struct Stamp {
     is_trained: bool,

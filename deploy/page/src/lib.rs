@@ -1,27 +1,27 @@
-//! The live page: runs, their curves and what they are, for browsers.
+//! The live page: a server that shows runs, their curves and their episodes in a browser.
 //!
-//! It reads what lies in the runs' folders and asks nothing of their processes, so a run goes on as it would
-//! without it. Everything a browser loads is in the program.
+//! It reads the runs' folders and requests nothing from their processes, so it does not affect the results of a run.
+//! All files that a browser loads are compiled into the program.
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `server` | the address, and what stands before and behind every answer |
-//! | `guard` | who may ask |
-//! | `state` | what all answers share |
-//! | `api` | the answers |
+//! | `server` | the listener, and what every request and response passes through |
+//! | `guard` | which requests are admitted |
+//! | `state` | state that all request handlers share |
+//! | `api` | routes and their responses |
 //! | `assets` | the files of the page |
-//! | `runs`, `listed` | which runs there are, and how far each is |
-//! | `kept` | what was read of runs, until their files change |
-//! | `curves` | what a run's log has of its updates |
-//! | `details` | what a run is |
+//! | `runs`, `listed` | the list of runs and the progress of each |
+//! | `kept` | a cache of what was read from runs, valid until their files change |
+//! | `curves` | the updates in a run's log |
+//! | `details` | configuration, summary and other facts of a run |
 //! | `seeds` | which runs are seeds of one curve |
-//! | `published` | the end of the authors' curve of its method |
-//! | `collections` | the log, demonstrations, evaluations |
-//! | `episodes` | what each episode came to, and where it lies |
-//! | `shown` | an episode, what the reward model says of it, its scene |
-//! | `output` | what processes have printed |
-//! | `programs` | what others are asked for |
-//! | `scenes` | solids as a browser draws them |
+//! | `published` | the end of the authors' curve of a run's method |
+//! | `collections` | a run's log, demonstrations and evaluations |
+//! | `episodes` | the result of each episode and its place in the files |
+//! | `shown` | an episode, its scores by a reward model, its scene |
+//! | `output` | output of processes |
+//! | `programs` | requests to a run's programs |
+//! | `scenes` | solids in the form that a browser draws |
 
 mod api;
 mod assets;

@@ -1,4 +1,4 @@
-//! Runs in a list, as browsers get them.
+//! The list of runs as browsers get it.
 
 use run::overview::Overview;
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub(crate) struct Listed {
     pub(crate) overview: Overview,
 }
 
-/// All runs, newest first, and what keeps others from being among them.
+/// All runs, newest first, and errors of those that cannot be read.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct List {
     pub(crate) folder: String,

@@ -1,4 +1,4 @@
-//! What the processes of a run have printed: the end of each one's file.
+//! Output of a run's processes: the end of each one's file.
 
 use std::fs;
 
@@ -6,10 +6,10 @@ use run::folder::RunFolder;
 use run::output::end;
 use serde::Serialize;
 
-/// How much of a file is shown, bytes.
+/// Maximum number of bytes of a file that are shown.
 const SHOWN_BYTES: u64 = 16 << 10;
 
-/// The end of what a process has printed.
+/// The end of a process's output.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Output {
     name: String,
@@ -17,7 +17,7 @@ pub(crate) struct Output {
 }
 
 impl Output {
-    /// Those of a run's processes that have printed anything, by name.
+    /// Returns the output of each process of a run that has printed anything, sorted by name.
     pub(crate) fn of(folder: &RunFolder) -> Vec<Output> {
         let files = fs::read_dir(folder.output()).into_iter().flatten().flatten();
         let mut found: Vec<Output> = files

@@ -1,4 +1,4 @@
-//! What the page asks of the programs of a run, which others start.
+//! What the page requests from a run's programs. `goalward page` implements [`Programs`] and starts them.
 
 use std::path::Path;
 
@@ -8,14 +8,14 @@ use report::programs::Estimates;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
-/// What the page asks of the programs of a run, which others start.
+/// Requests to a run's programs, which the implementation starts.
 pub trait Programs: Send + Sync {
-    /// Acts a recorded episode of a run again and writes it to a new file, with its observations and what a
-    /// viewer draws of it. `setting` is that of its environment, as JSON, where it is not the run's; one of
-    /// Python renders `pictures`, if it can.
+    /// Re-simulates a recorded episode of a run and writes it to the new file `out`, with its observations and
+    /// scenes. `setting` is the environment's setting as JSON, or `None` for the run's. With `pictures`, a Python
+    /// environment renders pictures, if it can.
     ///
     /// # Errors
-    /// When it does not act again as it was recorded.
+    /// When re-simulation does not reproduce the recorded episode.
     fn draw(
         &self,
         folder: &RunFolder,
@@ -25,10 +25,10 @@ pub trait Programs: Send + Sync {
         out: &Path,
     ) -> Result<()>;
 
-    /// What the model in a checkpoint of a run, in the newest where none is named, says of observations.
+    /// Returns estimates of the reward model in a checkpoint of a run, by default the newest, for observations.
     ///
     /// # Errors
-    /// When there is none, or it cannot tell single observations.
+    /// When there is no such checkpoint, or the model cannot score single observations.
     fn estimate(
         &self,
         folder: &RunFolder,
@@ -36,40 +36,40 @@ pub trait Programs: Send + Sync {
         observations: &[u8],
     ) -> Result<Estimates>;
 
-    /// What an episode would have earned from another reward: `changes` are such as `reward.form=absolute`, or
-    /// `model=FOLDER` for the trained model of another run.
+    /// Scores an episode under another reward. Examples of `changes` are `reward.form=absolute`, and `model=FOLDER`
+    /// for the trained model of another run.
     ///
     /// # Errors
-    /// When a change is not of the reward, or there is no such model.
+    /// When a change is not to the reward, or there is no such model.
     fn score(&self, folder: &RunFolder, changes: &[String], episode: &Trajectory) -> Result<Score>;
 
-    /// The processes of a run; none where nobody trains it.
+    /// Returns the processes of a run; `None` if it is not being trained.
     ///
     /// # Errors
-    /// When its bus cannot be listed.
+    /// When the processes on its bus cannot be listed.
     fn processes(&self, folder: &RunFolder) -> Result<Option<Processes>>;
 }
 
-/// What a reward model says of an episode.
+/// A reward model's score of an episode.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Score {
-    /// One for each step.
+    /// Reward of each step.
     pub rewards: Vec<f32>,
-    /// One for each observation; of transitions, and of discriminators that see actions, one for each step.
+    /// Proximity of each observation; of each step for transitions, and for discriminators that see actions.
     pub proximity: Vec<f32>,
-    /// As many, standard deviations of the ensemble.
+    /// Standard deviation of the ensemble for each proximity.
     pub uncertainty: Vec<f32>,
 }
 
 /// The processes of a live run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Processes {
-    /// Why the run does not go on as it should, if that can be seen.
+    /// Why the run does not make progress as it should, if known.
     pub trouble: Option<String>,
-    /// What a row has of a process.
+    /// The column names.
     pub head: [&'static str; 8],
-    /// A row for each.
+    /// A row for each process.
     pub rows: Vec<[String; 8]>,
-    /// A line for each other machine that takes part.
+    /// A line for each other machine that takes part in the run.
     pub hosts: Vec<String>,
 }

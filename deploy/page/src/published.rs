@@ -1,4 +1,4 @@
-//! Where the authors' published curve of a method ends, in the setting that a run is in.
+//! The end of the authors' published curve for a run's method, task and setting.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -9,7 +9,7 @@ use run::tasks;
 use serde::Deserialize;
 use toml::{Table, Value};
 
-/// The plans whose panels have curves of their own; other figures show the same ones again.
+/// The plans whose panels have curves of their own; other figures repeat these.
 const PLANS: [&str; 4] = [
     include_str!("../../experiments/figure3.toml"),
     include_str!("../../experiments/figure4.toml"),
@@ -17,7 +17,7 @@ const PLANS: [&str; 4] = [
     include_str!("../../experiments/figure9.toml"),
 ];
 
-/// What of a plan matters here.
+/// The part of a plan that matters here.
 #[derive(Deserialize)]
 struct Plan {
     panel: Vec<Panel>,
@@ -32,7 +32,7 @@ struct Panel {
     anchors: BTreeMap<String, f64>,
 }
 
-/// The end of a curve, and the settings that it holds in.
+/// Final success rates of the published curves of a panel, by method, and the settings that they are for.
 struct Published {
     task: String,
     settings: BTreeMap<String, Value>,
@@ -44,8 +44,8 @@ static PUBLISHED: LazyLock<Vec<Published>> = LazyLock::new(|| {
     plans.flat_map(|plan: Plan| plan.panel).map(Published::of).collect()
 });
 
-/// The success rate at the end of the authors' curve of a run's method, after 4.9 million steps; none where
-/// none is published for the run's task and setting.
+/// Returns the success rate at the end of the authors' curve of a run's method, after 4.9 million steps. Returns
+/// `None` if no curve is published for the run's task and setting.
 pub(crate) fn success_rate(config: &RunConfig) -> Option<f64> {
     let values = flat(&Table::try_from(config).ok()?);
     let fits = |published: &&Published| {
@@ -55,7 +55,7 @@ pub(crate) fn success_rate(config: &RunConfig) -> Option<f64> {
     PUBLISHED.iter().filter(fits).find_map(|found| found.anchors.get(&config.method).copied())
 }
 
-/// What the authors' settings differ in; a panel that does not say has its task's own.
+/// The keys in which the authors' settings differ; a panel that does not set one has its task's default.
 const SETTINGS: [&str; 4] = [
     "environment.coverage",
     "environment.noise",
@@ -89,7 +89,7 @@ mod tests {
         assert_eq!(of("navigation", &["demonstrations.coverage=0.3"]), None);
         assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=gaifo"]), Some(0.23));
         assert_eq!(of("fetch-push", &["environment.noise=2.0", "method=segment-matching"]), None);
-        // Of these noises and coverages there are curves, but not of both together.
+        // There are curves for this noise and for this coverage, but none for the two together.
         assert_eq!(of("fetch-pick", &["demonstrations.coverage=0.5"]), Some(0.8));
         let both = ["demonstrations.coverage=0.5", "environment.noise=2.0"];
         assert_eq!(of("fetch-pick", &both), None);

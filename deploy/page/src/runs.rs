@@ -1,4 +1,4 @@
-//! Which runs there are, how far each is, and what was read of them until their files change.
+//! The runs in the served folders, the progress of each, and caches of what was read from them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,16 +17,16 @@ use crate::listed::{List, Listed};
 use crate::programs::Programs;
 use crate::shown::Shown;
 
-/// Runs whose line is kept.
+/// Maximum number of runs whose [`Line`] is cached.
 const OVERVIEWS_KEPT: usize = 10_000;
 
-/// Runs whose curves are kept.
+/// Maximum number of runs whose curves are cached.
 const CURVES_KEPT: usize = 32;
 
-/// Most lines of trouble that are shown.
+/// Maximum number of error lines that are shown.
 const TROUBLE_SHOWN: usize = 10;
 
-/// The runs in some folders, which may be runs themselves.
+/// The runs in some folders; a folder may itself be a run.
 pub(crate) struct Runs {
     places: Vec<PathBuf>,
     overviews: Kept<Result<Line, String>>,
@@ -34,20 +34,20 @@ pub(crate) struct Runs {
     pub(crate) shown: Shown,
 }
 
-/// A run's folder and the name that addresses have for it.
+/// A run's name in addresses, and its folder.
 type Found = (String, PathBuf);
 
-/// When a run was begun, seconds since 1970, and how far it is.
+/// When a run was begun, in seconds since 1970, and its overview.
 type Line = (u64, Overview);
 
 impl Runs {
-    /// Those in `places`.
+    /// Returns the runs in `places`, with nothing read yet.
     pub(crate) fn in_folders(places: Vec<PathBuf>, programs: Box<dyn Programs>) -> Runs {
         let (overviews, curves) = (Kept::of(OVERVIEWS_KEPT), Kept::of(CURVES_KEPT));
         Runs { places, overviews, curves, shown: Shown::new(programs) }
     }
 
-    /// All of them now.
+    /// Returns all runs as they are now.
     pub(crate) fn list(&self) -> List {
         let (found, mut trouble) = self.find();
         let mut runs = Vec::new();
@@ -68,13 +68,13 @@ impl Runs {
         List { folder: places.join(", "), runs, trouble }
     }
 
-    /// The folder of a run; none where no run has that name.
+    /// Returns the folder of a run; `None` if no run has that name.
     pub(crate) fn folder(&self, id: &str) -> Option<RunFolder> {
         let (_, path) = self.find().0.into_iter().find(|(name, _)| name == id)?;
         Some(RunFolder::new(path))
     }
 
-    /// What a run is.
+    /// Returns the details of a run.
     ///
     /// # Errors
     /// When its configuration cannot be read.
@@ -83,12 +83,12 @@ impl Runs {
         Details::of(folder, listed, &self.curves(folder))
     }
 
-    /// The curves of a run.
+    /// Returns the curves of a run.
     pub(crate) fn curves(&self, folder: &RunFolder) -> Arc<Curves> {
         self.curves.get(folder.path(), |folder| Arc::new(Curves::of(folder)))
     }
 
-    /// A damaged summary is told where the run is shown.
+    /// Returns a run as the list shows it. Remarks on a damaged summary are dropped here; [`Details`] has them.
     fn listed(&self, id: &str, path: &Path) -> Result<Listed, String> {
         let read = |folder: &RunFolder| -> Result<Line, String> {
             let overview = Overview::of(folder, |_| {}).map_err(|error| error.to_string())?;
@@ -118,7 +118,7 @@ fn is_run(path: &Path) -> bool {
     RunFolder::new(path).config_file().is_file()
 }
 
-/// The runs right in a folder. Those that a link leads to from elsewhere are not its own.
+/// Returns the runs directly inside a folder. Symbolic links are not followed.
 fn runs_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut runs = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -131,7 +131,7 @@ fn runs_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(runs)
 }
 
-/// Runs by the names of their folders; a name that another has already gets a number.
+/// Names runs after their folders; a name that is already taken gets a number.
 fn named(paths: Vec<PathBuf>) -> Vec<Found> {
     let mut found: Vec<Found> = Vec::new();
     for path in paths {
@@ -146,7 +146,7 @@ fn named(paths: Vec<PathBuf>) -> Vec<Found> {
     found
 }
 
-/// Seconds since 1970.
+/// Returns the seconds from 1970 to `time`; 0 if there is none.
 fn seconds(time: Option<SystemTime>) -> u64 {
     let since = time.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
     since.map_or(0, |since| since.as_secs())

@@ -1,16 +1,16 @@
-//! Solids where they were at each observation of an episode, as a browser draws them.
+//! The solids of an episode and their poses at each observation, in the form that a browser draws.
 
 use protocol::scene::{Color, Pose, Quaternion, SceneUpdate, Vector3};
 use serde::Serialize;
 
-/// Digits behind the point of a place in meters.
+/// Factor for rounding: numbers keep five decimal places.
 const DIGITS: f64 = 1e5;
 
-/// The parts of a scene, and of each frame their places.
+/// The parts of a scene, and their poses in each frame.
 #[derive(Debug, PartialEq, Serialize)]
 pub(crate) struct Scenes {
     parts: Vec<Part>,
-    /// Of each part three numbers of its position and four of its orientation, the real one last.
+    /// For each part seven numbers: its position (x, y, z) in meters and its orientation as a quaternion (x, y, z, w).
     frames: Vec<Vec<f64>>,
 }
 
@@ -18,7 +18,7 @@ pub(crate) struct Scenes {
 struct Part {
     name: String,
     shape: Shape,
-    /// Sides or diameters, meters.
+    /// Side lengths or diameters, meters.
     size: [f64; 3],
     color: [f64; 4],
 }
@@ -28,12 +28,12 @@ struct Part {
 enum Shape {
     Cube,
     Sphere,
-    /// Along its own z axis.
+    /// A cylinder along its own z axis.
     Cylinder,
 }
 
 impl Scenes {
-    /// Those of an episode's frames; none without frames.
+    /// Converts the frames of an episode; returns `None` if there are none.
     pub(crate) fn of(updates: &[SceneUpdate]) -> Option<Scenes> {
         let parts = parts(updates.first()?).into_iter().map(|(part, _)| part).collect();
         let frame = |update| parts_places(update).collect();

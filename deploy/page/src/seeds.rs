@@ -1,4 +1,4 @@
-//! Which runs are seeds of one curve: those that differ in nothing but the seed, as a report has it.
+//! Which runs are seeds of one curve: those that differ only in their seeds, by the same rule as in a report.
 
 use protocol::digest;
 use protocol::table::deciding;
@@ -8,8 +8,8 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use toml::Table;
 
-/// Names of the curve that a run is a seed of: runs with one in common are seeds of the same. None for a run
-/// that has not begun.
+/// Returns the names of the curve that a run is a seed of; runs with a name in common are seeds of the same curve.
+/// Returns no name for a run that has not begun.
 pub(crate) fn curve(folder: &RunFolder, config: &RunConfig) -> Vec<String> {
     let origins = Origin::of(folder).map_or(Vec::new(), |origin| origin.marks());
     let Ok(values) = Table::try_from(config) else { return Vec::new() };
@@ -26,7 +26,7 @@ mod tests {
 
     use super::*;
 
-    /// The curve of a run whose log says this of itself.
+    /// Returns the curve names of a run whose log has this metadata.
     fn curve_of(settings: &[&str], metadata: &Metadata) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());

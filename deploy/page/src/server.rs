@@ -1,4 +1,4 @@
-//! The address, and what stands before and behind every answer.
+//! The server: its address, the admission of requests, the headers of responses, and events on changes of runs.
 
 use std::fs::File;
 use std::io::Read;
@@ -22,36 +22,36 @@ use crate::runs::Runs;
 use crate::state::{Pages, Refused};
 use crate::{api, assets};
 
-/// How often the runs are looked at while somebody watches.
+/// Interval at which the runs are checked for changes while a browser listens to events.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// What a page loads and from where: itself, nothing else.
+/// The content security policy: the page loads only its own files, and no site may show it in a frame.
 const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'";
 
-/// Where a page is and what it shows.
+/// Where a page listens and what it shows.
 pub struct Settings {
-    /// Folders of runs, or of folders of runs.
+    /// Folders of runs, or folders that contain them.
     pub folders: Vec<PathBuf>,
-    /// The address it listens on.
+    /// The address to listen on.
     pub host: IpAddr,
     /// The port; 0 takes a free one.
     pub port: u16,
-    /// Who starts the programs of runs.
+    /// What starts the programs of runs.
     pub programs: Box<dyn Programs>,
 }
 
-/// A page that listens.
+/// A page that listens on its port.
 pub struct Server {
     listener: TcpListener,
     pages: Arc<Pages>,
 }
 
 impl Server {
-    /// Begins to listen. Outside this machine it tells those alone of runs who have the token.
+    /// Begins to listen. If `host` is not a loopback address, requests about runs need a token.
     ///
     /// # Errors
-    /// When the port is taken or may not be had.
+    /// When the port is taken or not permitted.
     pub async fn listen(settings: Settings) -> Result<Server> {
         let Settings { folders, host, port, programs } = settings;
         let address = SocketAddr::new(host, port);
@@ -62,10 +62,10 @@ impl Server {
         Ok(Server { listener, pages: Arc::new(pages) })
     }
 
-    /// Where a browser finds it.
+    /// Returns the page's URL, with the token if there is one.
     ///
     /// # Errors
-    /// When the system does not say.
+    /// When the system does not report the local address.
     pub fn address(&self) -> Result<String> {
         let address = self.listener.local_addr()?;
         Ok(match &self.pages.guard.token {
@@ -74,10 +74,10 @@ impl Server {
         })
     }
 
-    /// Answers until it is dropped.
+    /// Serves requests until the future is dropped.
     ///
     /// # Errors
-    /// When the system takes the listener away.
+    /// When the listener or the thread that reads the runs fails.
     pub async fn serve(self) -> Result<()> {
         let Server { listener, pages } = self;
         let watching = watch_runs(Arc::clone(&pages));
@@ -105,7 +105,7 @@ fn router(pages: Arc<Pages>) -> Router {
         .with_state(pages)
 }
 
-/// Looks at the runs while somebody watches, and tells of what has changed.
+/// Lists the runs at regular intervals while a browser listens to events, and sends the list when it has changed.
 async fn watch_runs(pages: Arc<Pages>) -> Result<()> {
     loop {
         tokio::time::sleep(LOOK_EVERY).await;

@@ -1,4 +1,4 @@
-//! Episodes as a browser shows them: what happened, what the reward model said or says, the scene.
+//! Single episodes for the browser: the record, recorded and new scores by reward models, the scene.
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
@@ -17,29 +17,29 @@ use crate::episodes::Recorded;
 use crate::programs::{Processes, Programs, Score};
 use crate::scenes::Scenes;
 
-/// Episodes as they are shown.
+/// What serves requests about episodes and processes: the collections and the programs.
 pub(crate) struct Shown {
     collections: Collections,
     programs: Box<dyn Programs>,
 }
 
-/// An episode that a browser asks for.
+/// An episode that a browser requests.
 pub(crate) struct Asked {
     folder: RunFolder,
     config: RunConfig,
     setting: Option<String>,
     recorded: Recorded,
-    /// Its scenes, where it has been acted again already.
+    /// Its scenes, if it has already been re-simulated.
     scenes: Option<Vec<SceneUpdate>>,
 }
 
 impl Shown {
-    /// Before the first question.
+    /// Creates it with nothing read yet.
     pub(crate) fn new(programs: Box<dyn Programs>) -> Shown {
         Shown { collections: Collections::default(), programs }
     }
 
-    /// The rows of a collection as JSON; none where there is no such collection.
+    /// Returns the rows of a collection as JSON; `None` if there is no such collection.
     ///
     /// # Errors
     /// When the run's configuration cannot be read.
@@ -57,10 +57,11 @@ impl Shown {
         Ok(Some(serde_json::to_string(&episodes.rows(generation, from))?))
     }
 
-    /// An episode of a collection; none where there is no such row.
+    /// Returns an episode of a collection, re-simulated if its observations were not recorded; `None` if there is no
+    /// such row.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// When it cannot be read or re-simulated.
     pub(crate) fn asked(
         &self,
         folder: &RunFolder,
@@ -84,10 +85,10 @@ impl Shown {
         Ok(Some(asked))
     }
 
-    /// The solids of an episode where they were; none where its task has no solids.
+    /// Returns the solids of an episode and their poses; `None` if the task has no solids.
     ///
     /// # Errors
-    /// When it does not act again as it was recorded.
+    /// When re-simulation does not reproduce the recorded episode.
     pub(crate) fn scenes(&self, asked: &Asked) -> Result<Option<Scenes>> {
         Ok(match &asked.scenes {
             Some(scenes) => Scenes::of(scenes),
@@ -95,11 +96,12 @@ impl Shown {
         })
     }
 
-    /// Pictures that the environment renders of an episode: behind one another the number of the state, the
-    /// length of the file and the PNG file, numbers as four bytes, the lowest first.
+    /// Returns the pictures that the environment renders of an episode, one after another: the number of the state and
+    /// the length of the file, each as four bytes in little-endian order, then the PNG file. Returns nothing if the
+    /// environment renders no pictures.
     ///
     /// # Errors
-    /// When it does not act again as it was recorded, or cannot render.
+    /// When re-simulation does not reproduce the recorded episode, or rendering fails.
     pub(crate) fn pictures(&self, asked: &Asked) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         for (state, picture) in self.drawn(asked, true)?.pictures {
@@ -111,19 +113,21 @@ impl Shown {
         Ok(bytes)
     }
 
-    /// What a run's reward model says of an episode's observations now.
+    /// Returns the estimates of a run's reward model in a checkpoint, by default the newest, for an episode's
+    /// observations.
     ///
     /// # Errors
-    /// When it cannot tell single observations.
+    /// When there is no such checkpoint, or the model cannot score single observations.
     pub(crate) fn proximity(&self, asked: &Asked, checkpoint: Option<u64>) -> Result<Estimates> {
         let observations = asked.recorded.trajectory.observations();
         self.programs.estimate(&asked.folder, checkpoint, observations)
     }
 
-    /// What a run's reward model says of the agent on every free cell of an episode's grid (Figure 4d).
+    /// Returns the estimates of a run's reward model with the agent on every free cell of an episode's grid
+    /// (Figure 4d).
     ///
     /// # Errors
-    /// When the task is no such grid, or the model cannot tell single observations.
+    /// When the task is not such a grid, there is no such checkpoint, or the model cannot score single observations.
     pub(crate) fn grid(&self, asked: &Asked, checkpoint: Option<u64>) -> Result<Grid> {
         let Asked { folder, config, recorded, .. } = asked;
         let classes = Classes::of(&config.task).context("expected a grid with walls and a goal")?;
@@ -133,23 +137,23 @@ impl Shown {
         Ok(Grid { places: everywhere.places().to_vec(), estimates })
     }
 
-    /// What an episode would have earned from another reward.
+    /// Scores an episode under another reward.
     ///
     /// # Errors
-    /// When there is no such reward.
+    /// When a change is not to the reward, or there is no such model.
     pub(crate) fn score(&self, asked: &Asked, changes: &[String]) -> Result<Score> {
         self.programs.score(&asked.folder, changes, &asked.recorded.trajectory)
     }
 
-    /// The processes of a run; none where nobody trains it.
+    /// Returns the processes of a run; `None` if it is not being trained.
     ///
     /// # Errors
-    /// When its bus cannot be listed.
+    /// When the processes on its bus cannot be listed.
     pub(crate) fn processes(&self, folder: &RunFolder) -> Result<Option<Processes>> {
         self.programs.processes(folder)
     }
 
-    /// An episode acted again, with pictures if its environment can render them.
+    /// Re-simulates an episode, with `pictures` if its environment can render them.
     fn drawn(&self, asked: &Asked, pictures: bool) -> Result<Drawn> {
         let Asked { folder, config, setting, recorded, .. } = asked;
         let place = tempfile::tempdir()?;
@@ -173,15 +177,15 @@ impl Shown {
     }
 }
 
-/// An episode that was acted again.
+/// A re-simulated episode.
 struct Drawn {
     trajectory: Trajectory,
     scenes: Vec<SceneUpdate>,
-    /// By the number of the state.
+    /// PNG files, each with the number of its state.
     pictures: Vec<(u32, Bytes)>,
 }
 
-/// Estimates at places of a grid, each by its number in an observation.
+/// Estimates with the agent on cells of a grid, each cell given by its index in an observation.
 #[derive(Debug, Serialize)]
 pub(crate) struct Grid {
     places: Vec<usize>,
@@ -201,20 +205,20 @@ pub(crate) struct Episode<'a> {
     ending: i32,
     success: bool,
     steps_to_goal: u32,
-    /// Of a grid: a class for each cell, observation after observation.
+    /// For a grid: the class of each cell, observation after observation.
     cells: &'a [u8],
-    /// Of a vector: its numbers, observation after observation.
+    /// For a vector: its numbers, observation after observation.
     values: Vec<f32>,
     actions: Vec<f32>,
     environment_rewards: Vec<f32>,
-    /// What the reward model said when the policy learned from it; empty where it said nothing.
+    /// Rewards that the policy learned from; like the next two, empty if the episode was not scored.
     rewards: &'a [f32],
     proximity: &'a [f32],
     uncertainty: &'a [f32],
 }
 
 impl Asked {
-    /// As a browser gets it.
+    /// Returns the episode as a browser gets it.
     pub(crate) fn episode(&self) -> Episode<'_> {
         let Recorded { trajectory, score } = &self.recorded;
         let task = &self.config.task;

@@ -1,4 +1,4 @@
-//! What all answers share: the runs, who may ask, how many may read at once.
+//! State that all request handlers share: the runs, the guard, and limits on concurrent work.
 
 use std::sync::Arc;
 
@@ -13,16 +13,16 @@ use crate::guard::Guard;
 use crate::listed::List;
 use crate::runs::Runs;
 
-/// Questions that read files at the same time; the others wait.
+/// Maximum number of requests that read files at the same time; others wait.
 const READERS: usize = 4;
 
-/// Questions of single episodes at the same time: most of them start a program, beside a training.
+/// Maximum number of requests for single episodes at the same time. Most start a program, possibly during training.
 const PLAYERS: usize = 2;
 
-/// Browsers that are told of changes at the same time.
+/// Maximum number of browsers that receive events at the same time.
 pub(crate) const WATCHERS: usize = 64;
 
-/// What all answers share.
+/// State that all request handlers share.
 pub(crate) struct Pages {
     runs: Runs,
     pub(crate) guard: Guard,
@@ -33,7 +33,7 @@ pub(crate) struct Pages {
 }
 
 impl Pages {
-    /// Before the first question.
+    /// Returns the state of a new server.
     pub(crate) fn new(runs: Runs, guard: Guard) -> Pages {
         Pages {
             runs,
@@ -45,7 +45,7 @@ impl Pages {
         }
     }
 
-    /// Reads files without holding up the other answers.
+    /// Runs `read` on a blocking thread, so that other requests are not delayed.
     pub(crate) async fn read<T: Send + 'static>(
         self: &Arc<Self>,
         read: impl FnOnce(&Runs) -> T + Send + 'static,
@@ -53,7 +53,8 @@ impl Pages {
         self.take_turn(&self.readers, read).await
     }
 
-    /// Plays an episode without holding up those who read.
+    /// Runs `play`, the work for a single episode, under a limit of its own, so that requests that read files are
+    /// not delayed.
     pub(crate) async fn play<T: Send + 'static>(
         self: &Arc<Self>,
         play: impl FnOnce(&Runs) -> T + Send + 'static,
@@ -61,8 +62,8 @@ impl Pages {
         self.take_turn(&self.players, play).await
     }
 
-    /// Does a piece of work when it is its turn, which lasts until it is done: nobody may be waiting for the
-    /// answer any more.
+    /// Waits for a permit of `turns`, then does `work` on a blocking thread. The permit is held until the work is
+    /// done, even if the client has disconnected.
     async fn take_turn<T: Send + 'static>(
         self: &Arc<Self>,
         turns: &Arc<Semaphore>,
@@ -78,11 +79,11 @@ impl Pages {
     }
 }
 
-/// What a question without an answer gets: a line.
+/// An error response: a status and one line.
 pub(crate) struct Refused(pub(crate) StatusCode, pub(crate) String);
 
 impl Refused {
-    /// Something that is not there.
+    /// Returns the response for something that does not exist.
     pub(crate) fn unknown(line: impl Into<String>) -> Refused {
         Refused(StatusCode::NOT_FOUND, line.into())
     }

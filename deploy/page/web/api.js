@@ -1,4 +1,4 @@
-// What the server is asked.
+// Requests to the server.
 
 const token = new URLSearchParams(location.search).get("token");
 
@@ -15,41 +15,41 @@ async function answered(path, query) {
 
 const get = async (path, query) => (await answered(path, query)).json();
 
-/** All runs. */
+/** Gets all runs. */
 export const runs = () => get("runs");
 
-/** How a run stands in a list of all, in a line: where that is another one, there is something to read. */
+/** Returns a line on a run's state in the list of all runs. When it changes, there is something new to read. */
 export function standing(list, id) {
   const run = list.runs.find((other) => other.id === id);
   return run ? `${run.state} ${run.environment_steps}` : "gone";
 }
 
-/** What a run is. */
+/** Gets the details of a run. */
 export const details = (id) => get(`runs/${encodeURIComponent(id)}`);
 
-/** A run's updates from one on. */
+/** Gets a run's updates from index `from` on. */
 export const updates = (id, from) => get(`runs/${encodeURIComponent(id)}/updates`, { from });
 
-/** The processes of a run; null where nobody trains it. */
+/** Gets the processes of a run; null if it is not being trained. */
 export const processes = (id) => get(`runs/${encodeURIComponent(id)}/processes`);
 
-/** What the processes of a run have printed. */
+/** Gets the output of a run's processes. */
 export const output = (id) => get(`runs/${encodeURIComponent(id)}/output`);
 
 const ofEpisode = (run, collection, row) => `runs/${encodeURIComponent(run)}/episodes/${encodeURIComponent(collection)}/${row}`;
 
-/** The rows of a collection of episodes from one on. */
+/** Gets the rows of a collection of episodes from index `from` on. */
 export function episodes(run, collection, generation, from) {
   return get(`runs/${encodeURIComponent(run)}/episodes/${encodeURIComponent(collection)}`, { generation, from });
 }
 
-/** An episode: its name is run, collection and row. */
+/** Gets an episode, whose name is its run, collection and row. */
 export const episode = (...name) => get(ofEpisode(...name));
 
-/** An episode's solids where they were; null for a task without. */
+/** Gets the solids of an episode and their poses; null if the task has no solids. */
 export const scenes = (...name) => get(`${ofEpisode(...name)}/scenes`);
 
-/** Pictures of some of an episode's states, as its environment renders them: the number of the state, and a file. */
+/** Gets the pictures that the environment renders of an episode: for each, the number of its state and a file. */
 export async function pictures(...name) {
   const bytes = await (await answered(`${ofEpisode(...name)}/pictures`)).arrayBuffer();
   const [view, found] = [new DataView(bytes), []];
@@ -62,25 +62,25 @@ export async function pictures(...name) {
   return found;
 }
 
-/** What a reward model says of an episode's observations; the newest where no checkpoint is named. */
+/** Gets estimates of the reward model in a checkpoint, by default the newest, for an episode's observations. */
 export const proximity = (name, checkpoint) => get(`${ofEpisode(...name)}/proximity`, checkpoint ? { checkpoint } : {});
 
-/** What it says of the agent on every free cell of an episode's grid. */
+/** Gets estimates of the same model with the agent on every free cell of an episode's grid. */
 export const grid = (name, checkpoint) => get(`${ofEpisode(...name)}/grid`, checkpoint ? { checkpoint } : {});
 
-/** What an episode would have earned from another reward: settings such as `reward.form=absolute`, another run's model. */
+/** Scores an episode under another reward: settings such as `reward.form=absolute`, and the run whose model scores. */
 export function reward(name, settings, model) {
   return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) });
 }
 
-/** Calls `onruns` with every new list, `onconnection` with whether the server is there. */
+/** Calls `onruns` with every new list of runs, and `onconnection` with whether the connection to the server is open. */
 export function listen(onruns, onconnection) {
   const source = new EventSource(address("events"));
   source.addEventListener("runs", (event) => onruns(JSON.parse(event.data)));
   source.addEventListener("open", () => onconnection(true));
   source.addEventListener("error", () => {
     onconnection(false);
-    // A browser gives up for good when the answer is no stream of events.
+    // A browser does not reconnect if the response is not an event stream.
     if (source.readyState === EventSource.CLOSED) setTimeout(() => listen(onruns, onconnection), 2000);
   });
 }

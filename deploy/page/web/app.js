@@ -1,4 +1,4 @@
-// The address of the page says what is shown; events say when it has changed.
+// The page's address determines what is shown; events say when runs have changed.
 
 import * as api from "./api.js";
 import { element } from "./dom.js";
@@ -9,18 +9,18 @@ import { RunView } from "./run.js";
 const state = { list: { folder: "", runs: [], trouble: [] }, view: null };
 const place = document.getElementById("view");
 
-/** What the address asks for: a kind of view, and names; neither where it is no address of the page's. */
+/** Returns the kind of view and the names in the address; no kind and no names if the page has no such address. */
 function asked() {
   const [, kind, rest] = location.hash.match(/^#\/(run|compare|episodes)\/(.+)$/) ?? [];
   try {
     return { kind, names: rest?.split(kind === "compare" ? "," : "/").map(decodeURIComponent) ?? [] };
   } catch {
-    // A `%` that begins no byte, as in a name that somebody has typed.
+    // The address has a `%` that is not part of an escape sequence, as in a name that was typed.
     return { names: [] };
   }
 }
 
-/** Shows what the address asks for. */
+/** Shows the view of the address. */
 function route() {
   state.view?.close();
   const { kind, names } = asked();
@@ -43,7 +43,7 @@ function receive(list) {
 function connected(isThere) {
   const line = document.getElementById("connection");
   line.hidden = isThere;
-  line.textContent = isThere ? "" : "The server does not answer. The page connects again by itself.";
+  line.textContent = isThere ? "" : "The server does not answer. The page reconnects automatically.";
 }
 
 function chooseTheme(theme) {

@@ -1,4 +1,4 @@
-// A line chart: axes, lines, bands, a cursor that tells values, files of what it shows.
+// A line chart with axes, lines, bands, a cursor that shows values, and export to files.
 
 import { button, drawn, element, save } from "./dom.js";
 import { percent, short } from "./format.js";
@@ -6,14 +6,14 @@ import { at, thinned } from "./series.js";
 
 const [WIDTH, LEFT, RIGHT, TOP, BOTTOM] = [480, 52, 18, 10, 26];
 
-/** A chart in a figure of its own, 480 units wide. */
+/** A chart in its own figure element, 480 units wide. */
 export class Chart {
   constructor({ title, share, height = 250 }) {
     [this.title, this.height] = [title, height];
     // A share of episodes or samples is drawn from 0 to 100 %.
     [this.least, this.most, this.show] = share ? [0, 1, percent] : [Infinity, -Infinity, short];
     this.lines = [];
-    // Told of the place that somebody presses at.
+    // Called with the x at which the pointer is pressed.
     this.onpoint = null;
     this.readout = element("div", { class: "readout" });
     this.svg = drawn("svg", {
@@ -31,8 +31,8 @@ export class Chart {
   }
 
   /**
-   * Draws lines: `{name, color, raw, points, low, high, dashed}`, over an x axis called `xName`, and heights of others
-   * to compare with, marked at the right: `{name, color, y}`.
+   * Draws lines `{name, color, raw, points, low, high, dashed}` over an x axis named `xName`, and reference values
+   * `{name, color, y}`, which are marked at the right.
    */
   draw(lines, xName, marks = []) {
     [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
@@ -60,7 +60,7 @@ export class Chart {
       [left, right] = [Math.min(left, x), Math.max(right, x)];
       [low, high] = [Math.min(low, y), Math.max(high, y)];
     }
-    // Noise of rounding is no range.
+    // A range as small as rounding errors is widened.
     if (high - low <= 1e-9 * Math.max(Math.abs(low), Math.abs(high))) [low, high] = [low - 0.5, high + 0.5];
     return { left, right: right > left ? right : left + 1, low, high };
   }
@@ -139,7 +139,7 @@ export class Chart {
     this.readout.textContent = `${this.xName} ${short(this.told)}: ${values.join(" · ")}`;
   }
 
-  /** Keeps the cursor at a place, as of a frame that is shown. */
+  /** Keeps the cursor at `x`, for example at the step that is shown. */
   mark(x) {
     this.marked = x;
     if (this.lines.length > 0) this.tell(x);
@@ -155,7 +155,7 @@ export class Chart {
     this.cursor?.setAttribute("visibility", "hidden");
   }
 
-  /** The picture by itself, its colours written out. */
+  /** Returns the chart as a standalone SVG file, with CSS variables replaced by their colors. */
   picture() {
     const copy = this.svg.cloneNode(true);
     copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");

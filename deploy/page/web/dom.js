@@ -1,11 +1,11 @@
-// Elements made of data: text goes in as text, never as markup.
+// Builds elements from data. Text is always inserted as text, never as markup.
 
-/** An element of HTML with attributes, listeners (`onclick`) and children. */
+/** Returns an HTML element with attributes, event listeners (such as `onclick`) and children. */
 export function element(tag, attributes = {}, ...children) {
   return filled(document.createElement(tag), attributes, children);
 }
 
-/** An element of SVG. */
+/** Returns an SVG element. */
 export function drawn(tag, attributes = {}, ...children) {
   return filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
@@ -21,12 +21,12 @@ function filled(node, attributes, children) {
   return node;
 }
 
-/** A button. */
+/** Returns a button. */
 export function button(label, onclick, attributes = {}) {
   return element("button", { type: "button", onclick, ...attributes }, label);
 }
 
-/** Gives a node other children. One that stays keeps the keyboard, and is not touched unless its place is another. */
+/** Replaces a node's children. A child that stays keeps the focus, and is moved only if its position has changed. */
 export function arrange(parent, children) {
   const focused = document.activeElement;
   children.forEach((child, index) => {
@@ -36,7 +36,7 @@ export function arrange(parent, children) {
   if (parent.contains(focused)) focused.focus({ preventScroll: true });
 }
 
-/** The same where children are made anew: those that come out equal stay, and details that are open stay open. */
+/** Replaces a node's children with new ones. Old children that equal a new one are kept, and open details stay open. */
 export function renew(parent, children) {
   const old = [...parent.children];
   const isDetails = (node) => node.tagName === "DETAILS";
@@ -49,7 +49,7 @@ export function renew(parent, children) {
   arrange(parent, kept);
 }
 
-/** Offers text or an image as a file. */
+/** Downloads a blob as a file. */
 export function save(name, blob) {
   const link = element("a", { href: URL.createObjectURL(blob), download: name });
   link.click();

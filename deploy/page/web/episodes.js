@@ -1,4 +1,4 @@
-// The episodes of a run: a table that sorts and filters, and those that are chosen, played.
+// The episodes of a run: a table that can be sorted and filtered, and players for the selected ones.
 
 import * as api from "./api.js";
 import { button, element } from "./dom.js";
@@ -22,7 +22,7 @@ const COLUMNS = [
   { key: "uncertainty", label: "uncertainty", show: (row) => short(row.uncertainty) },
 ];
 const ENDINGS = ["at the goal", "at the horizon", "failed"];
-// Filters that people ask for most, each with the order that goes with it.
+// Buttons for common filters, each with its sort order.
 const SHORTCUTS = [
   ["newest", "", { key: "place", falls: true }],
   ["failed", "failed", { key: "place", falls: true }],
@@ -30,7 +30,7 @@ const SHORTCUTS = [
   ["evaluation", "evaluation", { key: "place", falls: true }],
 ];
 
-/** The view of a run's episodes. `address` is run, collection, row, and perhaps the row of a second one. */
+/** The view of a run's episodes, at an address of run, collection, row, and the row of a second episode, if any. */
 export class EpisodesView {
   constructor(place, [run, collection = "log", row = "", beside = ""]) {
     Object.assign(this, { run, collection, isOpen: true, known: null, runs: [] });
@@ -45,7 +45,7 @@ export class EpisodesView {
       onsort: () => this.draw(), onchoose: (chosen) => this.play(chosen),
     });
     this.collections = element("select", { "aria-label": "Collection", onchange: () => this.open(this.collections.value) });
-    this.beside = button("Put beside", () => this.putBeside(), { "aria-pressed": "false", disabled: true });
+    this.beside = button("Side by side", () => this.putBeside(), { "aria-pressed": "false", disabled: true });
     this.players = element("div", { class: "players" });
     place.replaceChildren(
       element("p", {}, element("a", { href: "#/" }, "All runs"), " / ",
@@ -78,7 +78,7 @@ export class EpisodesView {
     this.second?.close();
   }
 
-  /** Reads again when the list says that the run has gone on. */
+  /** Reads again if the run has changed according to the list. */
   async show(list) {
     this.runs = list.runs;
     this.line = api.standing(list, this.run);
@@ -92,7 +92,7 @@ export class EpisodesView {
     await this.refresh();
   }
 
-  /** Reads what is new; false where that fails. */
+  /** Reads new rows; returns false on failure. */
   async read() {
     const { rows, line } = this;
     const isLeft = () => !this.isOpen || rows !== this.rows;
@@ -114,7 +114,7 @@ export class EpisodesView {
     return true;
   }
 
-  /** Takes over which collections and checkpoints the run has by now. */
+  /** Updates the run's collections and checkpoints. */
   know(details) {
     this.details = details;
     for (const player of [this.first, this.second]) player?.know(details);
@@ -125,7 +125,7 @@ export class EpisodesView {
     this.collections.value = this.collection;
   }
 
-  /** Plays what the address names; at first the newest of what is shown. */
+  /** Plays the episodes named in the address, or the first row shown; does nothing if an episode is already open. */
   async playWanted() {
     const [row, beside] = this.wanted;
     const found = row === null ? this.shown[0] : this.rows.rows[row];
@@ -156,7 +156,7 @@ export class EpisodesView {
     await opened;
   }
 
-  /** The address leads to what is played, as far as it is of one collection. */
+  /** Writes what is played into the address. A second episode of another collection is left out. */
   writeAddress() {
     const [, collection, row] = this.first.name;
     const [, other, beside] = this.second?.name ?? [];
@@ -164,7 +164,7 @@ export class EpisodesView {
     history.replaceState(null, "", `${location.pathname}${location.search}#/episodes/${parts.map(encodeURIComponent).join("/")}`);
   }
 
-  /** Keeps what is played at the right, so that another can be played at the left; or lets it go. */
+  /** Opens a second player at the right with the current episode, or closes it. */
   async putBeside() {
     const isThere = this.second !== null;
     this.beside.setAttribute("aria-pressed", String(!isThere));

@@ -1,29 +1,29 @@
-// What a run is: how far, what came of it, its settings, the command that repeats it.
+// Facts about a run: its progress, its results, its settings, and the command that repeats it.
 
 import { button, element } from "./dom.js";
 import { count, date, duration, percent } from "./format.js";
 
-// The parts of wall time; the others of a summary run beside them.
-const WALL_TIME = ["rollout", "scoring", "policy_update"];
+// The parts of a summary's times that follow each other; the others overlap with these.
+const WALL_TIME = ["rollout", "scoring", "policy_update", "reward_update"];
 
-/** The sections below a run's curves. */
+/** Returns the sections below a run's curves. */
 export function facts({ run, configuration, differences, summary, published, command }) {
   return [
-    element("h2", {}, "How it stands"), list([...standing(run, summary), ...ofAuthors(published)]),
-    ...(summary ? [element("h2", {}, "Where the time of the last sitting went"), parts(summary.seconds)] : []),
-    element("h2", {}, "To repeat it"),
+    element("h2", {}, "Status"), list([...standing(run, summary), ...ofAuthors(published)]),
+    ...(summary ? [element("h2", {}, "Time since the last start"), parts(summary.seconds)] : []),
+    element("h2", {}, "Reproduce this run"),
     element("p", {}, element("code", {}, command), " ", copying(command)),
     element("h2", {}, "Settings that are not the default"), settings(differences),
     element("details", {}, element("summary", {}, "The whole configuration"), element("pre", {}, configuration)),
   ];
 }
 
-/** Copies a text, where the browser lets a page do so: by HTTP it must come from this machine. */
+/** Returns a button that copies a text, if the browser allows copying: over HTTP only for pages from this machine. */
 function copying(text) {
   return navigator.clipboard ? button("Copy", () => navigator.clipboard.writeText(text)) : "";
 }
 
-/** How several runs differ, below their curves. */
+/** Returns the comparison below the curves of several runs. */
 export function compared(all) {
   const keys = [...new Set(all.flatMap(({ differences }) => differences.map(({ key }) => key)))].sort();
   const value = (details, key) => details.differences.find((other) => other.key === key)?.value ?? "";
@@ -40,8 +40,8 @@ export function compared(all) {
   ];
   const head = ["", ...all.map(({ run }) => run.id)].map((name) => element("th", { class: "text", scope: "col" }, name));
   return [
-    element("h2", {}, "How they differ"),
-    element("p", { class: "soft" }, "A setting that is empty has the default of its run's task, preset and method."),
+    element("h2", {}, "Differences"),
+    element("p", { class: "soft" }, "An empty cell means the default of the run's task, preset and method."),
     element("div", { class: "scroll" }, element("table", {},
       element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
   ];
@@ -84,7 +84,7 @@ function list(rows) {
 }
 
 function settings(differences) {
-  if (differences.length === 0) return element("p", {}, "None: all are those of its task, preset and method.");
+  if (differences.length === 0) return element("p", {}, "None: all settings are the defaults of its task, preset and method.");
   const rows = differences.map(({ key, value, default: usual }) => element("tr", {},
     element("td", { class: "text" }, element("code", {}, key)),
     element("td", { class: "text wrap" }, value), element("td", { class: "text wrap" }, usual)));

@@ -1,14 +1,14 @@
-// Numbers as people read them.
+// Formats numbers for display.
 
 const whole = new Intl.NumberFormat("en-US");
 
-/** A count, with separators. */
+/** Formats a count with thousands separators. */
 export const count = (number) => (number === null ? "-" : whole.format(Math.round(number)));
 
-/** A share in per cent. */
+/** Formats a share in percent. */
 export const percent = (share) => (share === null || share === undefined ? "-" : `${Number((100 * share).toFixed(1))} %`);
 
-/** A number to three or four digits. */
+/** Formats a number to at most four significant digits. */
 export function short(number) {
   if (number === null || !Number.isFinite(number)) return "-";
   const size = Math.abs(number);
@@ -18,7 +18,7 @@ export function short(number) {
   return String(Number(number.toPrecision(4)));
 }
 
-/** Seconds. */
+/** Formats a number of seconds as a duration. */
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return "-";
   if (seconds < 60) return `${seconds.toFixed(0)} s`;
@@ -26,5 +26,5 @@ export function duration(seconds) {
   return hours > 0 ? `${hours} h ${minutes} min` : `${minutes} min ${Math.floor(seconds % 60)} s`;
 }
 
-/** Seconds since 1970 as a date. */
+/** Formats seconds since 1970 as date and time. */
 export const date = (seconds) => new Date(1000 * seconds).toLocaleString([], { dateStyle: "short", timeStyle: "short" });

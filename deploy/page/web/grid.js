@@ -1,11 +1,11 @@
-// An episode of a grid: cells in colors, over them what a model says of the agent on each.
+// An episode of a grid: colored cells, and a heat map of a model's proximity with the agent on each cell.
 
 import { element } from "./dom.js";
 import { short } from "./format.js";
 
 const KNOWN = { wall: "--wall", goal: "--good", agent: "--agent", empty: "--raised" };
 const CELL = 22;
-// Viridis at ten places.
+// Ten equally spaced colors of viridis.
 const VIRIDIS = [
   [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142],
   [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37],
@@ -47,7 +47,7 @@ export class GridStage {
       agent >= 0 ? `Step ${step}: agent in row ${Math.floor(agent / this.width)}, column ${agent % this.width}` : `Step ${step}`);
   }
 
-  /** Where the agent has been up to a step. */
+  /** Returns the cells that the agent has visited up to a step. */
   path(step) {
     const [count, agent] = [this.height * this.width, this.labels.indexOf("agent")];
     const places = [];
@@ -74,12 +74,12 @@ export class GridStage {
     return [(place % this.width + 0.5) * CELL, (Math.floor(place / this.width) + 0.5) * CELL];
   }
 
-  /** Draws what a model says of the agent on each cell, or no longer. */
+  /** Shows a model's proximity with the agent on each cell as a heat map, or removes it if `said` is null. */
   heat(said) {
     if (said === null) {
       [this.map, this.legend.textContent] = [null, ""];
     } else {
-      // The goal itself is so much closer than its neighbours that the colors are for all other cells.
+      // The color scale leaves out the goal's own cell, whose proximity is far above its neighbors'.
       const goal = this.labels.indexOf("goal");
       const others = said.places.map((place, index) => [place, said.proximity[index]]).filter(([place]) => this.cells[place] !== goal);
       const numbers = others.map(([, value]) => value);

@@ -1,14 +1,14 @@
-// An episode of which only numbers are known: the observation's as curves, with their labels.
+// An episode shown as numbers: those of its observations as labeled curves.
 
 import { Chart } from "./chart.js";
 import { element } from "./dom.js";
 import { short } from "./format.js";
 
 const LINES = 8;
-// Curves of more numbers than these say nothing to anybody.
+// Maximum number of curves; more would not be readable.
 const MOST = 64;
 
-/** Draws the numbers of observations, some to a chart. */
+/** Draws the numbers of observations, several per chart. */
 export class NumberStage {
   constructor() {
     this.place = element("div", { class: "numbers" });

@@ -1,11 +1,11 @@
-// What an episode would have earned from another reward.
+// Compares an episode's score with that under another reward.
 
 import * as api from "./api.js";
 import { button, element } from "./dom.js";
 
 const EXAMPLES = ["reward.form=absolute", "reward.form=difference", "reward.uncertainty=0", "reward.uncertainty=0.1"];
 
-/** Asks for another reward; `ontold` gets what it says, or null where there is none any more. */
+/** Controls for another reward. `ontold` is called with the episode's score under it, or null when it is cleared. */
 export class Otherwise {
   constructor(ontold, oncomplain) {
     Object.assign(this, { ontold, oncomplain, name: null, ticket: 0 });
@@ -21,7 +21,7 @@ export class Otherwise {
       button("Compare", () => this.ask()), button("Clear", () => this.clear()));
   }
 
-  /** Another episode; runs of its task may lend their models. */
+  /** Takes another episode. The models of other runs of its task can be selected. */
   take(name, task, runs) {
     [this.name, this.ticket] = [name, this.ticket + 1];
     const others = runs.filter((run) => run.task === task && run.id !== name[0]);
@@ -32,7 +32,7 @@ export class Otherwise {
   }
 
   async ask() {
-    // Whoever has asked again meanwhile, or asks no more, does not want the answer.
+    // The response is dropped if another request was made, or the reward was cleared, before it arrived.
     this.ticket += 1;
     const { name, ticket } = this;
     this.isAsked = this.settings.value !== "" || this.model.value !== "";

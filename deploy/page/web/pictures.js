@@ -1,8 +1,8 @@
-// An episode as its environment renders it: pictures of its states.
+// An episode as pictures of its states that its environment renders.
 
 import { element } from "./dom.js";
 
-/** Draws the picture of a state, or the one before where not every state has one. */
+/** Shows the picture of a state, or the last one before it if the state has none. */
 export class PictureStage {
   constructor() {
     this.image = element("img", { alt: "The environment, as it renders itself" });

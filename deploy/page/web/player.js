@@ -1,4 +1,4 @@
-// An episode, played: what the agent does, a timeline, and what the reward model says of it.
+// Plays an episode: what the agent does, a timeline, and the scores by the reward model.
 
 import * as api from "./api.js";
 import { Chart } from "./chart.js";
@@ -11,13 +11,13 @@ import { PictureStage } from "./pictures.js";
 import { SolidStage } from "./solids.js";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
-// Steps a second at speed 1.
+// Steps per second at speed 1.
 const PACE = { cells: 8, vector: 20 };
-// Of a chart beside the stage.
+// Height of a chart beside the stage.
 const HEIGHT = 125;
 const COLORS = { proximity: "var(--c0)", uncertainty: "var(--c1)", reward: "var(--c2)" };
 
-/** A place where one episode at a time is played. `follower` is a player that is taken along: it does not play by itself. */
+/** Plays one episode at a time. `follower` is another player that shows the same step and does not play by itself. */
 export class Player {
   constructor({ follows = false } = {}) {
     [this.name, this.at, this.last, this.isPlaying, this.follower, this.follows] = [null, 0, 0, false, null, follows];
@@ -47,7 +47,7 @@ export class Player {
       element("div", { class: "curves" }, Object.values(this.charts).map((chart) => chart.figure), this.otherwise.place));
   }
 
-  /** Shows an episode; `name` is its run, collection and row, `runs` are all there are. */
+  /** Opens an episode. `name` is its run, collection and row; `runs` are all runs. */
   async open(name, details, runs) {
     [this.name, this.details, this.runs] = [name, details, runs];
     try {
@@ -73,7 +73,7 @@ export class Player {
     if (!this.follows) this.start();
   }
 
-  /** Takes over what there is of the run by now. */
+  /** Updates the details of the run, such as its checkpoints. */
   know(details) {
     const isSame = String(this.details?.checkpoints) === String(details.checkpoints);
     this.details = details;
@@ -83,7 +83,7 @@ export class Player {
     this.extras.prepend(...this.heat());
   }
 
-  /** The stage that fits the task: a grid, solids, or numbers. */
+  /** Shows the stage that fits the task: a grid, solids, or numbers. */
   async stage(episode) {
     const { name } = this;
     const isGrid = "cells" in episode.task.observation;
@@ -97,13 +97,13 @@ export class Player {
     }
     if (this.name !== name) return;
     const Kind = isGrid ? GridStage : solids && SolidStage.isPossible() ? SolidStage : NumberStage;
-    if (solids && Kind === NumberStage) this.complain("This browser has no WebGL: numbers stand for the solids.");
+    if (solids && Kind === NumberStage) this.complain("This browser has no WebGL: showing numbers, not solids.");
     this.enter(Kind);
     await this.shown.take(episode, solids);
     this.extras.replaceChildren(...(isGrid ? this.heat() : []), ...(this.details.renders ? [this.rendering()] : []));
   }
 
-  /** Has a stage of this kind. */
+  /** Changes to a stage of this kind, unless it is already shown. */
   enter(Kind) {
     if (this.shown instanceof Kind) return;
     this.shown?.close();
@@ -111,7 +111,7 @@ export class Player {
     this.stagePlace.replaceChildren(this.shown.place);
   }
 
-  /** What has the environment render the episode, which takes as long as acting it again. */
+  /** Returns a button that has the environment render the episode, which takes as long as re-simulating it. */
   rendering() {
     const render = button("Render", async () => {
       const { name } = this;
@@ -133,7 +133,7 @@ export class Player {
     return render;
   }
 
-  /** What a model says of the agent on every cell, if somebody wants to see it. */
+  /** Returns a menu of checkpoints whose proximity over the grid can be shown; no element if there are none. */
   heat() {
     const checkpoints = this.details.checkpoints.map((number) => element("option", { value: number }, `after ${number} iterations`));
     const choice = element("select", { "aria-label": "Proximity over the grid", onchange: () => this.drawHeat(choice.value) },
@@ -164,7 +164,7 @@ export class Player {
     this.other = null;
     this.draw();
     if (episode.proximity.length > 0 || this.details.checkpoints.length === 0) return;
-    // Nobody has scored it: the newest model is asked, if it can tell.
+    // The episode was not scored: the newest model estimates it, if it can score single observations.
     const { name } = this;
     const said = await api.proximity(name).catch(() => episode);
     if (this.name !== name) return;
@@ -172,13 +172,13 @@ export class Player {
     this.draw();
   }
 
-  /** Draws what was recorded, and over it what another reward says. */
+  /** Draws the recorded score and, over it, the score under another reward. */
   draw() {
     const { recorded, other } = this;
     const scored = recorded.rewards.length > 0;
     const line = (kind, values, name, dashed) => ({
       name, color: COLORS[kind], dashed,
-      // A model of transitions or actions says something of each step, not of each observation.
+      // A model of transitions or actions scores each step, not each observation.
       points: values.map((value, index) => [index + this.last + 1 - values.length, value]),
     });
     const lines = {
@@ -242,7 +242,7 @@ export class Player {
     const pace = PACE["cells" in this.episode.task.observation ? "cells" : "vector"] * Number(this.speed.value);
     const step = this.begun.at + Math.floor(((now - this.begun.now) / 1000) * pace);
     if (step !== this.at) this.seek(step);
-    // Whoever moved the timeline or changed the speed goes on from there.
+    // If the timeline was moved or the speed was changed, playing goes on from the current step.
     if (this.at !== step || this.pace !== pace) this.begun = { now, at: this.at };
     this.pace = pace;
     if (this.at >= this.last) this.stop();

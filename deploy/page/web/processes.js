@@ -1,11 +1,11 @@
-// Who works on a run: its processes while it is trained, and what they have printed.
+// The processes of a run while it is trained, and their output.
 
 import * as api from "./api.js";
 import { button, element } from "./dom.js";
 
 const LOOK_EVERY_MS = 2000;
 
-/** The part of a run's view that tells of its processes. */
+/** The part of a run's view that shows its processes. */
 export class Processes {
   constructor(id) {
     this.id = id;
@@ -13,7 +13,7 @@ export class Processes {
     this.output = element("div");
     this.place = element("div", {},
       this.table,
-      element("h2", {}, "What its processes have printed"),
+      element("h2", {}, "Output of the processes"),
       element("p", {}, button("Show", () => this.read())), this.output);
     this.look();
   }
@@ -35,7 +35,7 @@ export class Processes {
     const head = found.head.map((name) => element("th", { class: "text", scope: "col" }, name));
     const rows = found.rows.map((row) => element("tr", {}, row.map((cell) => element("td", { class: "text" }, cell))));
     this.table.replaceChildren(
-      element("h2", {}, "Its processes"),
+      element("h2", {}, "Processes"),
       found.trouble ? element("p", { class: "trouble", role: "status" }, found.trouble) : "",
       element("div", { class: "scroll" }, element("table", { class: "processes" },
         element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),

@@ -1,18 +1,18 @@
-// The rows of a collection of episodes, and which of them somebody asks for.
+// The rows of a collection of episodes, and filters on them.
 
 import * as api from "./api.js";
 import { compare } from "./sorting.js";
 
 const SOURCES = ["training", "evaluation", "demonstration"];
 
-/** The rows of a collection, read as far as they have come. */
+/** The rows of a collection that have been read so far. */
 export class Rows {
   constructor(run, collection) {
     [this.run, this.collection] = [run, collection];
     [this.rows, this.generation, this.trouble] = [[], 0, []];
   }
 
-  /** Reads what is new; whether anything is. */
+  /** Reads new rows; returns whether there were any. */
   async read() {
     const found = await api.episodes(this.run, this.collection, this.generation, this.rows.length);
     this.rows.length = found.from;
@@ -27,7 +27,7 @@ export class Rows {
     return rows.length > 0;
   }
 
-  /** Rows that match a filter, sorted. */
+  /** Returns the rows that match a filter, sorted. */
   chosen(filter, { key, falls }) {
     const matches = matcher(filter);
     const sign = falls ? -1 : 1;
@@ -35,7 +35,7 @@ export class Rows {
   }
 }
 
-/** What a filter asks for: words such as `failed` and `training`, and comparisons such as `steps<20`. */
+/** Returns the predicate of a filter: words such as `failed` and `training`, and comparisons such as `steps<20`. */
 export function matcher(filter) {
   const wishes = filter.toLowerCase().split(/\s+/).filter(Boolean).map(wish);
   return (row) => wishes.every((holds) => holds(row));

@@ -1,4 +1,4 @@
-// One run, or several over each other: curves, and of one run what it is.
+// One run, or several in the same charts: their curves, and the facts about a single run.
 
 import * as api from "./api.js";
 import { Chart } from "./chart.js";
@@ -11,7 +11,7 @@ import { oneAtATime } from "./turns.js";
 const COLORS = 8;
 const AXES = { environment_steps: "steps", wall_s: "seconds" };
 
-/** The view of runs. */
+/** The view of one or several runs. */
 export class RunView {
   constructor(place, ids) {
     this.ids = ids;
@@ -54,7 +54,7 @@ export class RunView {
       this.ids.length > 1 ? element("label", {}, bands, "seeds as bands") : null);
   }
 
-  /** Reads again what the list says has changed. */
+  /** Reads the runs again that have changed according to the list. */
   async show(list) {
     this.list = list;
     await this.refresh();
@@ -82,7 +82,7 @@ export class RunView {
     return isRead.every(Boolean);
   }
 
-  /** Reads a run; whether it could be read. */
+  /** Reads a run; returns whether it could be read. */
   async readRun(updates) {
     const { id } = updates;
     const line = api.standing(this.list, id);
@@ -114,7 +114,7 @@ export class RunView {
     }
   }
 
-  /** Runs that are drawn as one line: each by itself, or those that differ in the seed alone. */
+  /** Returns the groups of runs that are drawn as one line: single runs, or those that differ only in their seeds. */
   groups() {
     const groups = [];
     for (const updates of this.updates) {
@@ -145,12 +145,12 @@ export class RunView {
   }
 }
 
-/** Whether two runs differ in the seed alone, as the server says. */
+/** Returns whether two runs are seeds of one curve, according to the server. */
 function isSeedOfOneCurve(one, other) {
   return one.details?.curve.some((name) => other.details?.curve.includes(name)) ?? false;
 }
 
-/** The end of the authors' curve, where all runs of a group have the same. */
+/** Returns a mark at the end of the authors' curve, if it is the same for all runs of a group. */
 function published({ all, color }) {
   const [first, ...others] = all.map(({ details }) => details?.published ?? null);
   if (first === null || others.some((other) => other !== first)) return [];

@@ -1,4 +1,4 @@
-// The list of runs: sorted, filtered, chosen to be compared.
+// The list of runs, which can be sorted, filtered, and selected for comparison.
 
 import { arrange, button, element } from "./dom.js";
 import { count, date, duration, percent } from "./format.js";
@@ -26,7 +26,7 @@ export class ListView {
     this.list = null;
     this.head = new Head(COLUMNS, { key: "begun", falls: true }, () => this.draw());
     this.head.row.prepend(element("th", { "aria-label": "chosen" }));
-    // The row of each run: while it trains it changes, and whoever has the keyboard in it keeps it.
+    // The row of each run. Rows are updated in place while runs train, so that the focus stays where it is.
     this.rows = new Map();
     this.filter = element("input", {
       id: "filter", type: "search", placeholder: "Filter ( / )", "aria-label": "Filter runs",
@@ -77,7 +77,7 @@ export class ListView {
     return runs.filter(matches).sort(order);
   }
 
-  /** The row of a run, of which only what has changed is made anew. */
+  /** Returns the row of a run; only cells that have changed are replaced. */
   row(run) {
     const cells = COLUMNS.map((column) => cell(column, run));
     const row = this.rows.get(run.id) ?? element("tr", {}, this.choice(run), cells);
@@ -117,6 +117,6 @@ function steps(run) {
 
 function empty() {
   return element("div", {},
-    element("p", {}, "There are no runs here yet. This begins one:"),
+    element("p", {}, "There are no runs here yet. To start one:"),
     element("pre", {}, "goalward train"));
 }

@@ -1,8 +1,8 @@
-// The updates of runs as lines: several numbers, smoothed, several seeds as one.
+// The updates of runs as lines of charts: extracted, smoothed, and averaged over seeds.
 
 import * as api from "./api.js";
 
-/** The updates of a run, read as far as they have come. */
+/** The updates of a run that have been read so far. */
 export class Updates {
   constructor(id) {
     this.id = id;
@@ -10,11 +10,11 @@ export class Updates {
     this.rows = [];
   }
 
-  /** Reads what is new; whether anything is. */
+  /** Reads new updates; returns whether there were any. */
   async read() {
     let found = await api.updates(this.id, this.rows.length);
     if (found.next < this.rows.length) {
-      // The run went back to a checkpoint.
+      // The run was resumed from an earlier checkpoint.
       this.rows = [];
       found = await api.updates(this.id, 0);
     }
@@ -23,17 +23,17 @@ export class Updates {
     return found.rows.length > 0;
   }
 
-  /** The numbers of a column. */
+  /** Returns the numbers of a column. */
   column(name) {
     const place = this.columns.indexOf(name);
     return this.rows.map((row) => row[place]);
   }
 }
 
-/** What is drawn: a title, and how its numbers come from the updates. */
+/** The charts: titles, and how their numbers are computed from the updates. */
 export const CHARTS = [
   { title: "Success, last 100 training episodes", columns: ["success_rate"], share: true },
-  { title: "Reward a step", columns: ["mean_reward"] },
+  { title: "Reward per step", columns: ["mean_reward"] },
   { title: "Proximity", columns: ["mean_proximity"] },
   { title: "Uncertainty", columns: ["mean_uncertainty"] },
   { title: "Episode length, steps", columns: ["mean_episode_steps"] },
@@ -43,10 +43,10 @@ export const CHARTS = [
   { title: "Policy loss", columns: ["policy_loss"] },
   { title: "Reward model's losses", columns: ["demonstration_loss", "agent_loss"] },
   { title: "Share of samples clipped", columns: ["clip_fraction"], share: true },
-  { title: "Environment steps a second", columns: ["environment_steps"], rate: true },
+  { title: "Environment steps per second", columns: ["environment_steps"], rate: true },
 ];
 
-/** The points of a column over `x`; of a rate, its increase over wall time. */
+/** Returns the points of a column over `x`; for a rate, those of its increase per second of wall time. */
 export function points(updates, column, x, rate) {
   const [horizontal, vertical] = [updates.column(x), updates.column(column)];
   const times = rate ? updates.column("wall_s") : null;
@@ -62,7 +62,7 @@ export function points(updates, column, x, rate) {
   return found;
 }
 
-/** An exponential mean without the pull of its start; `weight` in [0, 1) is that of the past. */
+/** Returns a line's bias-corrected exponential moving average; `weight` in [0, 1) is that of the past. */
 export function smoothed(line, weight) {
   let [sum, total] = [0, 0];
   return line.map(([x, y]) => {
@@ -72,7 +72,10 @@ export function smoothed(line, weight) {
   });
 }
 
-/** The mean and the range of those of several lines that have points, where all of them do, and of how many. */
+/**
+ * Returns the mean and the range of several lines, over the x that all of them cover, and the number of lines. Lines of
+ * fewer than two points are left out.
+ */
 export function band(lines, count = 200) {
   const full = lines.filter((line) => line.length > 1);
   if (full.length === 0) return { mean: [], low: [], high: [], seeds: 0 };
@@ -89,7 +92,7 @@ export function band(lines, count = 200) {
   return found;
 }
 
-/** A line's height at `x`, between its points straight. */
+/** Returns a line's height at `x`, interpolated linearly between its points. */
 export function at(line, x) {
   const next = firstBehind(line, x);
   if (next === 0) return line[0][1];
@@ -108,7 +111,7 @@ function firstBehind(line, x) {
   return low;
 }
 
-/** At most about `count` points: of each stretch its lowest and its highest. */
+/** Reduces a line to about `count` points: the lowest and the highest of each section. */
 export function thinned(line, count = 600) {
   if (line.length <= count) return line;
   const stretch = Math.ceil(line.length / (count / 2));

@@ -1,17 +1,17 @@
-// An episode of solids, in three dimensions.
+// An episode of solids, drawn in three dimensions.
 
 import { element } from "./dom.js";
 
-// Farther than this from a place in another frame, and a part counts as moving, meters.
+// Distance from its place in the first frame beyond which a part counts as moving, meters.
 const MOVES = 1e-3;
 
-/** Draws solids where they were. */
+/** Draws solids in their poses. */
 export class SolidStage {
   constructor() {
     this.place = element("div", { class: "solids", role: "img", "aria-label": "The episode in three dimensions" });
   }
 
-  /** Whether this browser can. */
+  /** Returns whether this browser supports WebGL. */
   static isPossible() {
     const canvas = document.createElement("canvas");
     return canvas.getContext("webgl2") !== null;
@@ -55,7 +55,7 @@ export class SolidStage {
     const made = {
       cube: () => new BoxGeometry(x, y, z),
       sphere: () => new SphereGeometry(x / 2, 24, 16),
-      // A cylinder of three.js stands along y, ours along z.
+      // The axis of a cylinder is y in three.js and z here.
       cylinder: () => new CylinderGeometry(x / 2, x / 2, z, 24).rotateX(Math.PI / 2),
     };
     const material = new MeshStandardMaterial({
@@ -64,7 +64,7 @@ export class SolidStage {
     return new Mesh(made[shape](), material);
   }
 
-  /** Points the camera at all that moves, and at what one can see through, which marks goals. */
+  /** Points the camera at all parts that move and at transparent ones, which mark goals. */
   look(parts, frames) {
     const { Vector3 } = this.three;
     const [low, high] = [new Vector3(Infinity, Infinity, Infinity), new Vector3(-Infinity, -Infinity, -Infinity)];
@@ -108,7 +108,7 @@ export class SolidStage {
     this.render();
   }
 
-  /** Removes what is shown, and gives its memory back. */
+  /** Removes what is shown and frees its memory. */
   clear() {
     for (const { geometry, material } of this.group.children) {
       geometry.dispose();

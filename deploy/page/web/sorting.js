@@ -1,8 +1,8 @@
-// Tables that people sort by pressing the head of a column.
+// Tables that are sorted by clicking the head of a column.
 
 import { button, element } from "./dom.js";
 
-/** The head of a table with `columns` of `{key, label, text}`; one without a label is not sorted by. */
+/** The head of a table with `columns` of `{key, label, text}`. Columns without a label cannot be sorted by. */
 export class Head {
   constructor(columns, sorting, onsort) {
     Object.assign(this, { columns, onsort });
@@ -20,7 +20,7 @@ export class Head {
     return element("th", { class: text ? "text" : null, scope: "col" }, label ? button(label, press) : null);
   }
 
-  /** Takes another order, `{key, falls}`. */
+  /** Sets the sort order, `{key, falls}`. */
   sort(sorting) {
     this.sorting = sorting;
     this.columns.forEach(({ key, label }, index) => {
@@ -30,7 +30,7 @@ export class Head {
   }
 }
 
-/** Which of two values comes first in a rising order; what is not known does. */
+/** Compares two values for ascending order; null comes first. */
 export function compare(a, b) {
   if (a === b) return 0;
   if (a === null) return -1;

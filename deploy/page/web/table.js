@@ -1,4 +1,4 @@
-// A long table of which only what is seen is in the page.
+// A long table of which only the visible rows are in the document.
 
 import { element } from "./dom.js";
 import { Head } from "./sorting.js";
@@ -6,7 +6,7 @@ import { Head } from "./sorting.js";
 const ROW_HEIGHT = 28;
 const ROWS_BEYOND = 8;
 
-/** A table with `columns` of `{key, label, text, show}`; `onchoose` is told of the row that is chosen. */
+/** A table with `columns` of `{key, label, text, show}`. `onchoose` is called with the selected row. */
 export class LongTable {
   constructor(columns, sorting, { onsort, onchoose }) {
     Object.assign(this, { columns, onchoose });
@@ -27,7 +27,7 @@ export class LongTable {
     this.draw();
   }
 
-  /** Marks a row as chosen and brings it into view. */
+  /** Marks a row as selected, and scrolls to it if it is out of view. */
   choose(row) {
     this.chosen = row?.place;
     const at = this.rows.indexOf(row);

@@ -1,10 +1,10 @@
-// Work that is asked for more often than it can be done.
+// Work that is requested more often than it can be done.
 
 const AGAIN_AFTER_MS = 5000;
 
 /**
- * Does some work, once at a time; what is asked for meanwhile is done once, afterwards. Work that returns false has
- * failed, and is done again a while later.
+ * Returns a function that does some work, never twice at the same time. Calls during the work make it run once more
+ * afterwards. Work that returns false has failed and is repeated after a while.
  */
 export function oneAtATime(work) {
   let [isBusy, isAsked] = [false, false];

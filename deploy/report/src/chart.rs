@@ -1,7 +1,6 @@
-//! Charts of curves, drawn by plotters as SVG: curves with bands, their names at their ends.
+//! Charts drawn as SVG by plotters: curves with bands, labeled at their ends.
 //!
-//! Black is the ink and white the paper: a page that embeds a chart may put its own colors in their
-//! place.
+//! Charts use black as foreground and white as background; a page that embeds a chart may replace both.
 
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
@@ -10,7 +9,7 @@ use plotters::element::DynElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Colors that are apart for every kind of colour sight (Okabe and Ito), the first two first.
+/// Colors that are distinguishable for people with color vision deficiency (Okabe and Ito).
 pub const COLORS: [RGBColor; 7] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
@@ -21,59 +20,59 @@ pub const COLORS: [RGBColor; 7] = [
     RGBColor(110, 110, 110),
 ];
 
-/// Units of the drawing per pixel: plotters places points at whole units.
+/// Units of the drawing per pixel. Plotters places points at whole units.
 pub const UNITS: u32 = 2;
 
-/// The same, for places.
+/// The same number, for coordinates.
 const UNIT: i32 = UNITS as i32;
 
-/// Room for the names of curves, units.
+/// Width reserved for the names of curves, units.
 const NAMES_WIDTH: i32 = 210 * UNIT;
 
-/// The part of it that the text has, pixels.
+/// The part of this width that the text may take, pixels.
 const TEXT_WIDTH: u32 = 166;
 
-/// Room for a name of a curve, units.
+/// Height reserved for the name of a curve, units.
 const NAME_HEIGHT: i32 = 17 * UNIT;
 
-/// Markers on a curve.
+/// Maximum number of markers on a curve.
 const MARKERS: usize = 8;
 
-/// What a chart shows.
+/// The content of a chart.
 pub struct Chart {
-    /// Its caption; none if empty.
+    /// Its caption; an empty one is not drawn.
     pub title: String,
-    /// The axis to the right.
+    /// The horizontal axis.
     pub x: Axis,
-    /// The axis upward.
+    /// The vertical axis.
     pub y: Axis,
     /// Its curves.
     pub curves: Vec<Line>,
-    /// Places along x that are marked by a vertical line.
+    /// Values of x that are marked by a vertical line.
     pub marks: Vec<f64>,
 }
 
 /// An axis.
 pub struct Axis {
-    /// What it measures.
+    /// Its label.
     pub label: String,
     /// Its ends.
     pub range: [f64; 2],
-    /// Whether numbers are shares, to be written as percents.
+    /// Whether its numbers are shares, to be written in percent.
     pub percent: bool,
 }
 
-/// A curve, or a level where it has no points.
+/// A curve, or a level if it has no points.
 pub struct Line {
     /// Its name.
     pub name: String,
-    /// How it is drawn.
+    /// Its color and marker.
     pub style: Style,
-    /// Its points, by x.
+    /// Its points (x, y), in ascending order of x.
     pub points: Vec<[f64; 2]>,
-    /// Places with lower and upper end of a band around the curve.
+    /// A band around the curve: x, lower end, upper end.
     pub band: Vec<[f64; 3]>,
-    /// Where each seed of it ends.
+    /// The last point of each of its seeds.
     pub seeds: Vec<[f64; 2]>,
     /// Height of a dashed line over the whole chart.
     pub level: Option<f64>,
@@ -86,14 +85,14 @@ pub struct Line {
 pub struct Style {
     /// Its color.
     pub color: RGBColor,
-    /// What stands on it here and there.
+    /// The marker on some of its points.
     pub marker: Marker,
 }
 
-/// What stands on a curve here and there.
+/// A marker on some points of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
-    /// Nothing.
+    /// No marker.
     None,
     /// Filled circles.
     Circle,
@@ -104,7 +103,7 @@ pub enum Marker {
 }
 
 impl Marker {
-    /// Every marker, the plainest first.
+    /// All markers, the plainest first.
     pub const ALL: [Marker; 4] = [Marker::None, Marker::Circle, Marker::Triangle, Marker::Cross];
 }
 
@@ -113,7 +112,7 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Plane<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type Place = (i32, i32);
 
-/// Draws charts side by side, together of `size` pixels, as the text of an SVG file.
+/// Draws charts side by side in `size` pixels altogether; returns the text of an SVG file.
 ///
 /// # Errors
 /// When plotters cannot draw.
@@ -169,7 +168,7 @@ fn paint(area: &Area<'_>, chart: &Chart) -> Painted {
         band(&mut plane, line)?;
     }
     let screen = area.use_screen_coord();
-    // The first curve lies above all others.
+    // The first curve is drawn last, on top of the others.
     for line in chart.curves.iter().rev() {
         curve(&mut plane, &screen, line, chart.x.range)?;
     }
@@ -238,7 +237,7 @@ fn marker<'a>(
     }
 }
 
-/// Writes each curve's name beside its end, as near as the other names leave room.
+/// Writes each curve's name beside its end, as near to it as the other names allow.
 fn names(plane: &Plane<'_, '_>, screen: &Area<'_>, chart: &Chart) -> Painted {
     let [low, high] = chart.y.range;
     let right = chart.x.range[1];
@@ -271,14 +270,14 @@ fn names(plane: &Plane<'_, '_>, screen: &Area<'_>, chart: &Chart) -> Painted {
     Ok(())
 }
 
-/// Size of the letters with which a text has room, as far as they stay legible, pixels.
+/// Returns the font size at which a text fits into a width of `room`, but at least a legible one; all in pixels.
 fn letter_size(text: &str, room: u32) -> u32 {
     let letters = text.chars().count().max(1) as u32;
     // A letter is about half as wide as it is high.
     (2 * room / letters).max(9)
 }
 
-/// Places near those wanted that are at least `gap` apart and, if there is room, within the range.
+/// Returns positions near the wanted ones that are at least `gap` apart and, if there is room, within the range.
 fn apart(wanted: &[i32], gap: i32, [top, bottom]: [i32; 2]) -> Vec<i32> {
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by_key(|&index| wanted[index]);

@@ -1,5 +1,5 @@
-//! Everything a report shows as tables that any program reads: `results.csv` has every point of
-//! every run, `summary.csv` a line for each run, `curves.csv` one for each curve of a panel.
+//! The data of a report as CSV files: `results.csv` has every point of every run, `summary.csv` a line for each run,
+//! `curves.csv` a line for each curve of a panel.
 
 use std::fmt::Write;
 
@@ -9,16 +9,16 @@ use crate::learning::Row;
 use crate::measured::{Measured, MeasuredFigure};
 use crate::statistics::{Estimate, Standing};
 
-/// Fields that an unfinished run lacks.
+/// The separators of the fields that are empty for an unfinished run.
 const UNFINISHED: &str = ",,,,,,,,,,,";
 
-/// Why writing to a text succeeds.
+/// Why writing to a string cannot fail.
 const WRITES: &str = "a text takes what is written to it";
 
-/// Columns that say which run a line is about.
+/// Columns that identify the run of a line.
 const RUN: &str = "figure,panel,task,curve,seed,run";
 
-/// All points of all runs.
+/// Returns all points of all runs.
 pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},iteration,environment_steps,wall_s,episodes,success_rate,mean_reward,mean_proximity,\
@@ -47,7 +47,7 @@ pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
     text
 }
 
-/// The figures of all runs; those of an unfinished run are empty.
+/// Returns the results of all runs. For an unfinished run, those from its summary are empty.
 pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},method,preset,finished,environment_steps,episodes,iterations,success_rate,\
@@ -94,8 +94,8 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
     text
 }
 
-/// Success rates of all curves, means over seeds with their 95 % intervals, and in words how each stands
-/// to the first of its panel.
+/// Returns the success rates of all curves, means over seeds with their 95 % intervals, and in words how each curve
+/// compares with the first of its panel.
 pub(crate) fn curves(figures: &[MeasuredFigure]) -> String {
     let mut text = "figure,panel,task,curve,seeds,of_seeds,success_rate,success_rate_low,\
                     success_rate_high,evaluation,evaluation_low,evaluation_high,\
@@ -123,7 +123,7 @@ pub(crate) fn curves(figures: &[MeasuredFigure]) -> String {
     text
 }
 
-/// A mean and the ends of its interval; empty where there is none.
+/// Formats a mean and the ends of its interval; missing ones are empty.
 fn estimate(estimate: Option<Estimate>) -> String {
     let Some(estimate) = estimate else { return ",,".to_owned() };
     match estimate.share() {
@@ -132,7 +132,7 @@ fn estimate(estimate: Option<Estimate>) -> String {
     }
 }
 
-/// Fields of each level of success; empty where it was not reached.
+/// Formats the fields of each level of success; empty for levels that were not reached.
 fn times_to_success(run: &Measured) -> String {
     let fields = |time: Option<&TimeToSuccess>| match time {
         Some(time) => format!(",{},{:.1},{:.1}", time.env_steps, time.wall_s, time.processor_s),
@@ -141,7 +141,7 @@ fn times_to_success(run: &Measured) -> String {
     TimeToSuccess::by_level(&run.times_to_success).map(fields).concat()
 }
 
-/// Every run with the fields of [`RUN`].
+/// Returns every run with its fields for the columns [`RUN`].
 fn named(figures: &[MeasuredFigure]) -> impl Iterator<Item = (&Measured, String)> {
     figures.iter().flat_map(|figure| {
         figure.panels.iter().flat_map(move |panel| {
@@ -162,7 +162,7 @@ fn write_line(text: &mut String, line: std::fmt::Arguments<'_>) {
     writeln!(text, "{line}").expect(WRITES);
 }
 
-/// A text as a field.
+/// Formats a text as a CSV field, quoted if needed.
 fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))

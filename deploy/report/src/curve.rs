@@ -1,12 +1,12 @@
-//! Curves of several seeds as one: means and intervals at the same steps.
+//! Combines the curves of several seeds into one: means and intervals at common steps.
 
 use crate::statistics::Estimate;
 
-/// Most points of a mean curve.
+/// Maximum number of points of a mean curve.
 const POINTS: usize = 100;
 
-/// The mean of curves, each of (x, y) by ascending x, at equally spaced places up to `limit`. At each
-/// place it is taken over the curves that have come as far.
+/// Returns the mean of curves, each of points (x, y) in ascending order of x, at equally spaced x up to `limit`. At
+/// each x, the mean is over the curves that reach it.
 pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Estimate)> {
     let ends = curves.iter().filter_map(|points| Some(points.last()?[0]));
     let end = ends.fold(0.0, f64::max).min(limit);
@@ -22,8 +22,8 @@ pub(crate) fn mean(curves: &[Vec<[f64; 2]>], limit: f64) -> Vec<(f64, Estimate)>
     (1..=count).filter_map(at).collect()
 }
 
-/// The mean of a curve's values within `reach` of `x`; between two points, where none is as near,
-/// that of the line through them.
+/// Returns the mean of a curve's values within `reach` of `x`. If no point is that near, interpolates linearly between
+/// the two points around `x`; returns `None` if `x` is not between two points.
 fn value_near(points: &[[f64; 2]], x: f64, reach: f64) -> Option<f64> {
     let near = points.iter().filter(|point| (point[0] - x).abs() <= reach);
     let (sum, count) = near.fold((0.0, 0.0), |(sum, count), point| (sum + point[1], count + 1.0));

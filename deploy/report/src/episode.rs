@@ -1,5 +1,4 @@
-//! Proximity and uncertainty along an evaluation episode, with pictures of four of its frames (the
-//! paper's Figure 10).
+//! Proximity and uncertainty along an evaluation episode, with pictures of four of its states (the paper's Figure 10).
 
 use anyhow::{Result, ensure};
 use maud::{Markup, PreEscaped, html};
@@ -14,13 +13,13 @@ use crate::solid::{Camera, Solid};
 use crate::{grid, scene};
 use terminal::numbers;
 
-/// Frames shown.
+/// Number of frames shown.
 const FRAMES: usize = 4;
 
 /// Width of the picture, pixels.
 const WIDTH: usize = 960;
 
-/// Room between frames, pixels.
+/// Gap between frames, pixels.
 const GAP: usize = 12;
 
 /// Height of a frame, three quarters of its width, pixels.
@@ -36,15 +35,14 @@ const CHART_HEIGHT: usize = 260;
 pub(crate) struct Along {
     /// The picture, an SVG file.
     pub(crate) picture: String,
-    /// What it shows.
+    /// A description of what it shows.
     pub(crate) caption: String,
 }
 
-/// Draws a successful evaluation episode of a run, one of middle length; if none was successful, the
-/// first.
+/// Draws the successful evaluation episode of median length of a run, or the first episode if none was successful.
 ///
 /// # Errors
-/// When there is no episode, or the run's model does not answer.
+/// When there is no episode, or the run's model gives no estimates.
 pub(crate) fn along(
     folder: &RunFolder,
     config: &RunConfig,
@@ -121,7 +119,7 @@ fn curves(estimates: &Estimates, marks: &[usize]) -> Chart {
     }
 }
 
-/// Pictures of an episode at some of its observations.
+/// Draws an episode at some of its observations.
 fn frames(task: &Task, episode: &Episode, shown: &[usize]) -> Vec<Markup> {
     if let ObservationSpec::Cells { width, .. } = task.observation {
         let bytes = task.observation.bytes();

@@ -1,4 +1,4 @@
-//! The evaluation episodes of a run that its proximity function is asked about.
+//! The evaluation episodes of a run for which its proximity function is queried.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,28 +13,28 @@ use run::folder::{POLICY_FILE, RunFolder};
 
 use crate::programs::Programs;
 
-/// Episodes looked at, the first of a file: those that have scenes.
+/// Number of episodes read, from the first of a file. Later ones have no scenes.
 const EPISODES: usize = 20;
 
 /// An evaluation episode.
 pub(crate) struct Episode {
-    /// What happened.
+    /// The trajectory.
     pub(crate) trajectory: Trajectory,
-    /// The scene at each of its observations; none where the task has no solids.
+    /// The scene at each of its observations; empty if the task has no solids or cannot be re-simulated.
     pub(crate) scenes: Vec<SceneUpdate>,
 }
 
-/// Whether a run learned a function of the state that can be asked for proximity.
+/// Returns whether a run learned a proximity function of single states.
 pub(crate) fn has_proximity(config: &RunConfig) -> bool {
     let RewardConfig { model, input, .. } = &config.reward;
     model.imitates && !model.adversarial && *input == RewardInput::State
 }
 
-/// Episodes that the run's newest policy was evaluated in. If nobody has evaluated it, they are run
-/// now, and stay in the run's folder.
+/// Reads evaluation episodes of the run's newest policy. If it has not been evaluated, the evaluation is run now, and
+/// its file stays in the run's folder.
 ///
 /// # Errors
-/// When they cannot be run, or their file cannot be read.
+/// When the evaluation cannot be run, or its file cannot be read.
 pub(crate) fn episodes(
     folder: &RunFolder,
     config: &RunConfig,
@@ -65,7 +65,7 @@ pub(crate) fn episodes(
     Ok(episodes)
 }
 
-/// The evaluation of the newest policy with the most episodes.
+/// Returns the file of the newest policy's evaluation that has the most episodes.
 fn evaluated(folder: &RunFolder) -> Result<Option<PathBuf>> {
     let Some(newest) = checkpoint::newest(folder, &[POLICY_FILE])?.newest else { return Ok(None) };
     let shown = || folder.path().display().to_string();
@@ -79,7 +79,7 @@ fn evaluated(folder: &RunFolder) -> Result<Option<PathBuf>> {
     Ok(found.into_iter().max().map(|(_, path)| path))
 }
 
-/// Policy version and episodes of a file such as `evaluation-v000367-200-sample.mcap`.
+/// Returns the policy version and number of episodes from a file name such as `evaluation-v000367-200-sample.mcap`.
 fn evaluation_numbers(name: &str) -> Option<(u64, u64)> {
     let numbers = name.strip_prefix("evaluation-v")?.strip_suffix(".mcap")?;
     let (version, rest) = numbers.split_once('-')?;

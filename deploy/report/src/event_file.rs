@@ -1,4 +1,4 @@
-//! Event files, which TensorBoard reads: records of protobuf messages, each with its length and checksums.
+//! TensorBoard event files: records of protobuf messages, each with its length and checksums.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -6,10 +6,10 @@ use std::path::Path;
 
 use prost::Message;
 
-/// TensorBoard knows its files by the second part of the name.
+/// File name; TensorBoard recognizes event files by `tfevents` in the name.
 const NAME: &str = "events.out.tfevents.goalward";
 
-/// What the first record says.
+/// The file version, in the first record.
 const VERSION: &str = "brain.Event:2";
 
 /// A record, `tensorboard.Event`.
@@ -48,13 +48,13 @@ struct Value {
     simple_value: Option<f32>,
 }
 
-/// A file that is written.
+/// An event file that is being written.
 pub(crate) struct EventFile<W: Write = File> {
     file: BufWriter<W>,
 }
 
 impl EventFile {
-    /// Begins the file of a folder anew; the folder is made.
+    /// Creates the event file in a folder, which is made if needed; an existing file is overwritten.
     pub(crate) fn create(folder: &Path, wall_time: f64) -> io::Result<EventFile> {
         fs::create_dir_all(folder)?;
         let mut file = EventFile { file: BufWriter::new(File::create(folder.join(NAME))?) };
@@ -68,7 +68,7 @@ impl EventFile {
 }
 
 impl<W: Write> EventFile<W> {
-    /// Writes numbers by their tags; those that are none are left out.
+    /// Writes numbers under their tags. NaN and infinite numbers are left out.
     pub(crate) fn scalars(
         &mut self,
         wall_time: f64,
@@ -85,14 +85,14 @@ impl<W: Write> EventFile<W> {
         self.record(&Event { wall_time, step: step as i64, what })
     }
 
-    /// Hands to the system what has been written.
+    /// Passes everything written to the operating system.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
     }
 
-    /// Writes a record whole or, where that fails, not at all: the buffer, which is larger, takes it once the
-    /// system has taken what was there before, and keeps what it has not. Behind half a record nobody would find
-    /// the next one.
+    /// Writes a complete record or, on failure, nothing of it, since readers cannot find a record after a partial one.
+    /// The buffer is larger than a record. When a record does not fit, the buffer accepts it only after the system has
+    /// taken the earlier content, and it keeps what the system has not taken.
     fn record(&mut self, event: &Event) -> io::Result<()> {
         let content = event.encode_to_vec();
         let length = (content.len() as u64).to_le_bytes();
@@ -101,7 +101,7 @@ impl<W: Write> EventFile<W> {
     }
 }
 
-/// The checksum of TensorFlow's records.
+/// Returns the checksum of TensorFlow's records.
 fn masked_crc(bytes: &[u8]) -> [u8; 4] {
     let crc = crc32c::crc32c(bytes);
     crc.rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes()
@@ -111,7 +111,7 @@ fn masked_crc(bytes: &[u8]) -> [u8; 4] {
 mod tests {
     use super::*;
 
-    /// What TensorBoard 2.21 writes of the same two events with its own `RecordWriter`.
+    /// The bytes that TensorBoard 2.21 writes for the same two events with its own `RecordWriter`.
     const THEIRS: &str = "1800000000000000a37f4b220900001040fc54d9411a0d627261696e2e4576656e743a32338d2fe9\
         2b00000000000000861bc34b0900006040fc54d9411080202a1d0a1b0a14726f6c6c6f75742f73756363657373\
         5f72617465150000003f2d3f7dc7";
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(written, THEIRS);
     }
 
-    /// A disk that takes so many bytes, is full once, and then takes everything.
+    /// A disk that takes `room` bytes, is full once, and then takes everything.
     struct Disk {
         taken: Vec<u8>,
         room: Option<usize>,
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// What a disk has of records that are written until it takes them, and how often it did not.
+    /// Writes records to a disk, each again until it succeeds; returns the disk's content and the number of failures.
     fn written(room: Option<usize>) -> (Vec<u8>, usize) {
         let mut file = EventFile { file: BufWriter::new(Disk { taken: Vec::new(), room }) };
         let mut failures = 0;

@@ -1,5 +1,5 @@
-//! A figure as data: which runs stand for which curve of which picture. Plans make figures
-//! (`goalward experiment`), the report draws them (`goalward report`).
+//! A figure as data: which runs belong to which curve of which panel. Plans define figures (`goalward experiment`), the
+//! report draws them (`goalward report`).
 
 use protocol::task::Task;
 use run::folder::RunFolder;
@@ -8,17 +8,17 @@ use run::folder::RunFolder;
 pub struct Figure<C = Curve> {
     /// Its name, such as `figure3`.
     pub name: String,
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// Its pictures.
+    /// Its panels.
     pub panels: Vec<Panel<C>>,
 }
 
-/// A picture: curves of one task in one setting.
+/// A panel: curves of one task in one setting.
 pub struct Panel<C = Curve> {
     /// Its name within the figure.
     pub name: String,
-    /// What it shows.
+    /// Its title.
     pub title: String,
     /// The task.
     pub task: Task,
@@ -37,7 +37,7 @@ pub struct Curve {
 }
 
 impl<C> Figure<C> {
-    /// The same figure with what becomes of each curve.
+    /// Returns the same figure with `curve` applied to each curve.
     pub fn map<D>(self, curve: impl Fn(C) -> D) -> Figure<D> {
         let panel = |Panel { name, title, task, curves }: Panel<C>| {
             let curves = curves.into_iter().map(&curve).collect();

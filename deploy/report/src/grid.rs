@@ -1,5 +1,5 @@
-//! Grids in pictures: what an observation shows, and what the proximity function says of the agent on
-//! every cell (the paper's Figure 4d). A task's labels say what the classes of cells are.
+//! Pictures of grids: an observation, and heat maps of the proximity function with the agent on every cell (the paper's
+//! Figure 4d). A task's labels name the classes of cells.
 
 use maud::{Markup, html};
 use plotters::style::colors::colormaps::ViridisRGB;
@@ -7,7 +7,7 @@ use protocol::task::{ObservationSpec, Task};
 
 use crate::programs::Estimates;
 
-/// The classes of cells in a grid that an agent can be put on any free cell of.
+/// The classes of cells in a grid in which the agent can be placed on any free cell.
 pub struct Classes {
     width: usize,
     empty: u8,
@@ -17,7 +17,7 @@ pub struct Classes {
 }
 
 impl Classes {
-    /// Those of a task; none where its labels do not name all four.
+    /// Returns the classes of a task; `None` if it is not a grid or its labels do not name all four.
     pub fn of(task: &Task) -> Option<Classes> {
         let ObservationSpec::Cells { width, .. } = task.observation else { return None };
         let class = |name| task.labels.iter().position(|label| label == name);
@@ -33,34 +33,34 @@ impl Classes {
     }
 }
 
-/// Side of a cell, units.
+/// Side length of a cell, units.
 const CELL: usize = 10;
 
-/// Place in the colors of a number that is the same everywhere.
+/// Position on the color scale for a number that is the same everywhere.
 const CONSTANT: f64 = 0.5;
 
 const WALL_COLOR: &str = "#555B66";
 const GOAL_COLOR: &str = "#009E73";
 const AGENT_COLOR: &str = "#D55E00";
-/// Classes without a color of their own that are told apart.
+/// Number of different colors for classes without a fixed color.
 const OTHER_CLASSES: u8 = 12;
 
 const EMPTY_COLOR: &str = "#F4F6F8";
 
-/// Observations in which the agent stands on each free cell of an episode's grid, and those cells.
+/// Observations with the agent on each free cell of an episode's grid, and these cells.
 pub struct Everywhere {
     /// The grid without the agent.
     cells: Vec<u8>,
-    /// Cells of a row.
+    /// Number of cells in a row.
     width: usize,
-    /// The free cells, each by its place in the observation.
+    /// The free cells, each by its index in the observation.
     free: Vec<usize>,
     goal: u8,
     agent: u8,
 }
 
 impl Everywhere {
-    /// Of a first observation, in which the goal is still visible.
+    /// Makes them from the first observation of an episode, in which the agent does not cover the goal.
     pub fn of(observation: &[u8], classes: &Classes) -> Everywhere {
         let &Classes { width, empty, wall, goal, agent } = classes;
         let without_agent = |cell: &u8| if *cell == agent { empty } else { *cell };
@@ -69,12 +69,12 @@ impl Everywhere {
         Everywhere { cells, width, free, goal, agent }
     }
 
-    /// The cells that the agent is put on, each by its place in an observation.
+    /// Returns the cells that the agent is placed on, each by its index in the observation.
     pub fn places(&self) -> &[usize] {
         &self.free
     }
 
-    /// The observations, one after another.
+    /// Returns the observations, one after another.
     pub fn observations(&self) -> Vec<u8> {
         let with_agent = |&place: &usize| {
             let mut cells = self.cells.clone();
@@ -84,7 +84,7 @@ impl Everywhere {
         self.free.iter().flat_map(with_agent).collect()
     }
 
-    /// Proximity and uncertainty as two heat maps side by side.
+    /// Draws proximity and uncertainty as two heat maps side by side.
     pub(crate) fn picture(&self, estimates: &Estimates) -> Markup {
         let side = self.width * CELL;
         let (width, height) = (2 * side + 130, side + 34);
@@ -98,7 +98,7 @@ impl Everywhere {
         }
     }
 
-    /// The goal itself is so much closer than its neighbors that the colors are for all other cells.
+    /// Draws a heat map. The color scale leaves out the goal's own cell, whose proximity is far above its neighbors'.
     fn map(&self, name: &str, numbers: &[f64], left: usize) -> Markup {
         let others = self.free.iter().zip(numbers);
         let others = others.filter(|&(&place, _)| self.cells[place] != self.goal);
@@ -132,7 +132,7 @@ impl Everywhere {
     }
 }
 
-/// A picture of an observation whose classes have these labels.
+/// Draws an observation; `labels` name the classes.
 pub(crate) fn frame(observation: &[u8], width: usize, labels: &[String]) -> Markup {
     let place = |&(place, _): &(usize, &u8)| (place % width, place / width);
     let [sides, heights] = [width * CELL, observation.len() / width * CELL];
@@ -163,22 +163,22 @@ fn square(x: usize, y: usize, color: &str) -> Markup {
     html! { rect x=(x * CELL) y=(y * CELL) width=(CELL) height=(CELL) fill=(color) {} }
 }
 
-/// The mark of the goal.
+/// Draws the mark of the goal.
 fn ring(x: usize, y: usize) -> Markup {
     let [x, y] = [x, y].map(|place| place * CELL + CELL / 2);
     html! { circle cx=(x) cy=(y) r="3" fill="none" stroke=(AGENT_COLOR) stroke-width="2"
     shape-rendering="auto" {} }
 }
 
-/// The smallest and the largest number with as many digits as tell them apart; none where they are the
-/// same in all that are worth showing.
+/// Formats the smallest and the largest number with as many digits as they need to differ; returns `None` if they look
+/// equal even with six decimal places.
 fn ends(low: f64, high: f64) -> Option<[String; 2]> {
     let short = [low, high].map(terminal::numbers::number);
     let long = || (4..=6).map(|digits| [low, high].map(|number| format!("{number:.digits$}")));
     std::iter::once(short).chain(long()).find(|[low, high]| low != high)
 }
 
-/// A bar of the colors with the numbers at its ends, or the one color with its number.
+/// Draws the color scale with the numbers at its ends, or the single color with its number.
 fn legend(left: usize, low: f64, ends: Option<&[String; 2]>) -> Markup {
     let steps = 24;
     html! {
@@ -203,7 +203,7 @@ fn number(y: i32, text: &str) -> Markup {
     html! { text x="12" y=(y) font-size="9" fill="#000000" { (text) } }
 }
 
-/// Viridis: the lighter, the larger.
+/// Returns the color for `share` in [0, 1]: viridis, lighter for larger values.
 fn color(share: f64) -> String {
     let color = ViridisRGB::get_color(share);
     format!("#{:02X}{:02X}{:02X}", color.0, color.1, color.2)
@@ -252,7 +252,7 @@ mod tests {
         let constant = picture(vec![0.371, 0.9, 0.371_000_01]);
         assert_eq!(constant.matches(">0.371<").count(), 1, "{constant}");
         assert!(constant.contains(">constant<"), "{constant}");
-        // Those that differ by less than is usually shown are shown with more digits.
+        // Numbers that differ only in later digits are shown with more digits.
         let close = picture(vec![0.3711, 0.9, 0.3713]);
         assert!(close.contains(">0.3711<") && close.contains(">0.3713<"), "{close}");
     }

@@ -1,4 +1,4 @@
-//! Learning curves of a panel and the table below them (the paper's Figures 3 to 9, 11 and 12).
+//! Learning curves of a panel, and the rows of the table below them (the paper's Figures 3 to 9, 11 and 12).
 
 use crate::chart::{Axis, Chart, Line};
 use crate::curve::mean;
@@ -6,27 +6,27 @@ use crate::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
 use crate::palette::Palette;
 use crate::statistics::Estimate;
 
-/// Shares of the steps at which the table gives success rates.
+/// Shares of the environment steps at which the table has success rates.
 pub(crate) const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
 
-/// A curve in numbers.
+/// A row of the table, for one curve.
 pub(crate) struct Row {
-    /// Finished runs.
+    /// Number of finished runs.
     pub(crate) finished: usize,
-    /// Runs wanted.
+    /// Number of runs that the curve is to have.
     pub(crate) wanted: usize,
-    /// Success rate in training when [`SHARES`] of the steps were taken, over the runs that have.
+    /// Success rate in training after [`SHARES`] of the steps, over the runs that have reached them.
     pub(crate) during: [Option<Estimate>; 3],
-    /// Success rate of the last 100 training episodes of the finished runs.
+    /// Success rate of the last 100 training episodes, over the finished runs.
     pub(crate) last: Option<Estimate>,
-    /// Success rate of the evaluation of the finished runs.
+    /// Success rate in the evaluation, over the finished runs.
     pub(crate) evaluation: Option<Estimate>,
-    /// Environment steps per second, mean of the finished runs.
+    /// Environment steps per second, mean over the finished runs.
     pub(crate) steps_per_s: Option<f64>,
 }
 
 impl Row {
-    /// Of a curve.
+    /// Computes the row of a curve.
     pub(crate) fn of(curve: &MeasuredCurve) -> Row {
         let over = |value: &dyn Fn(&Measured) -> Option<f64>| {
             Estimate::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
@@ -45,7 +45,8 @@ impl Row {
     }
 }
 
-/// Success rate of the last 100 training episodes when a share of the steps was taken.
+/// Returns the success rate of the last 100 training episodes after a share of the steps; `None` if the run has not
+/// taken as many steps, or its task does not tell success.
 fn success_at(run: &Measured, share: f64) -> Option<f64> {
     let steps = share * run.config.steps as f64;
     let tells = run.acts() && run.config.task.tells_success;
@@ -53,7 +54,7 @@ fn success_at(run: &Measured, share: f64) -> Option<f64> {
     run.points.iter().find(reached).map(|point| point.success_rate)
 }
 
-/// What success is drawn against.
+/// The x axis of a chart of success.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Against {
     /// Environment steps.
@@ -62,8 +63,8 @@ pub(crate) enum Against {
     Time,
 }
 
-/// Success rates of a panel's curves, means over seeds with their 95 % intervals, and where each seed
-/// ends; the proximity that batches had where the task does not tell success.
+/// Returns the chart of a panel's curves: success rates as means over seeds with their 95 % intervals, and the end of
+/// each seed. If the task does not tell success, it shows the mean proximity of the batches instead.
 pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) -> Chart {
     let x = |point: &Point| match against {
         Against::Steps => point.environment_steps as f64,
@@ -108,15 +109,15 @@ pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     }
 }
 
-/// Where the first of a curve's finished runs ends: behind it the mean would be one over those alone
-/// that are slower.
+/// Returns the x at which the first of a curve's finished runs ends. Beyond it, the mean would be over the longer runs
+/// only.
 fn common_end(curve: &MeasuredCurve, x: &dyn Fn(&Point) -> f64) -> f64 {
     let finished = curve.runs.iter().filter(|run| run.is_finished());
     let ends = finished.filter_map(|run| Some(x(run.points.last()?)));
     ends.fold(f64::INFINITY, f64::min)
 }
 
-/// Success of a method that takes no environment steps, in its evaluation.
+/// Returns the success rate in the evaluation of a method that takes no environment steps; `None` for other methods.
 fn level(curve: &MeasuredCurve) -> Option<f64> {
     if curve.runs.iter().any(Measured::acts) {
         return None;
@@ -147,7 +148,7 @@ mod tests {
     use super::*;
     use run::tasks;
 
-    /// A run of 1,000 steps whose success rate is that of `points`, at these steps.
+    /// Returns a run configured for 1,000 steps with `points` as its steps and success rates.
     fn run(points: &[(u64, f64)], evaluation: Option<f64>) -> Measured {
         let steps = ["steps=1000".to_owned()];
         let config = tasks::configuration("navigation", None, &steps).unwrap();

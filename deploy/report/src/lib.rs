@@ -1,24 +1,23 @@
-//! What runs have come to, as one page with pictures and as tables.
+//! Results of runs, as a page with pictures and as tables.
 //!
-//! A report reads logs, summaries and evaluation episodes of runs, and has trained proximity functions
-//! asked. Nothing of a run is changed; an evaluation that is missing is run and stays in the run's
-//! folder.
+//! A report reads logs, summaries and evaluation episodes of runs, and queries trained proximity functions. It changes
+//! nothing in a run, except that a missing evaluation is run and its file stays in the run's folder.
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `figure` | which runs stand for which curve, as data |
-//! | `runs` | folders of runs to a figure |
+//! | `figure` | figures as data: which runs belong to which curve |
+//! | `runs` | groups folders of runs into a figure |
 //! | `origin` | which runs are seeds of one curve |
-//! | `measured` | what a run says |
+//! | `measured` | the data read from a run |
 //! | `curve`, `learning`, `palette` | curves over seeds, their charts and tables (Figures 3 to 9, 11, 12) |
 //! | `statistics`, `over_panels` | intervals, and which methods are told apart |
-//! | `programs` | what a report asks of the programs of a run |
-//! | `estimate` | evaluation episodes to ask about |
-//! | `chart` | curves as SVG |
+//! | `programs` | requests to a run's programs |
+//! | `estimate` | evaluation episodes for which the proximity function is queried |
+//! | `chart` | charts as SVG |
 //! | `grid` | proximity over NAVIGATION's grid (Figure 4d) |
 //! | `episode`, `scene`, `solid` | proximity along an episode and pictures of it (Figure 10) |
 //! | `pictures` | all pictures of a report |
-//! | `page`, `csv` | what is written |
+//! | `page`, `csv` | the files of a report |
 //! | `tensorboard`, `event_file` | a run's curves for TensorBoard |
 
 pub mod chart;
@@ -59,19 +58,19 @@ use crate::programs::Programs;
 pub use crate::runs::OF_NO_CURVE;
 pub use crate::tensorboard::TensorBoard;
 
-/// Folders of runs as a figure.
+/// Groups runs into a figure with a curve for each origin.
 ///
 /// # Errors
-/// Of wrong usage for the first folder that holds no run, no log or no policy update.
+/// A usage error for the first folder that has no run, no log or no policy update.
 pub fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
     Ok(apart(runs::figure(folders)?))
 }
 
-/// Writes a report on figures into the folder `out`; gives the page's file.
+/// Writes a report on figures into the folder `out`; returns the path of the page.
 ///
 /// # Errors
-/// Of wrong usage, when two figures have the same name or no run has anything to show. When the
-/// files cannot be written.
+/// A usage error when two figures have the same name or no run has anything to show. Other errors when a chart cannot
+/// be drawn or the files cannot be written.
 pub fn write(figures: Vec<Figure>, out: &Path, programs: &dyn Programs) -> Result<PathBuf> {
     let mut names = BTreeSet::new();
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
@@ -97,7 +96,7 @@ pub fn write(figures: Vec<Figure>, out: &Path, programs: &dyn Programs) -> Resul
     save("index.html", &page::page(&figures, &pictures, &folder).into_string())
 }
 
-/// Plans whose runs are all to come have no report.
+/// Refuses figures in which no run has policy updates yet.
 fn refuse_nothing(figures: &[MeasuredFigure]) -> Result<()> {
     let curves =
         || figures.iter().flat_map(|figure| &figure.panels).flat_map(|panel| &panel.curves);

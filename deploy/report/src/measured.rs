@@ -1,5 +1,5 @@
-//! What a run tells of itself: its configuration, its summary and the points of its curves, read
-//! from the policy updates in its log.
+//! The data read from a run: its configuration, its summary, and the points of its curves, which are the policy updates
+//! in its log.
 
 use anyhow::{Context, Result};
 use protocol::messages::PolicyUpdate;
@@ -15,35 +15,35 @@ use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, wrong_usage};
 
-/// A figure with what its runs say.
+/// A figure with the data of its runs.
 pub(crate) type MeasuredFigure = Figure<MeasuredCurve>;
 
-/// A panel with what its runs say.
+/// A panel with the data of its runs.
 pub(crate) type MeasuredPanel = Panel<MeasuredCurve>;
 
-/// A curve with what its runs say.
+/// A curve with the data of its runs.
 pub(crate) struct MeasuredCurve {
     /// Its name.
     pub(crate) name: String,
     /// Success rate of the authors' published curve at its end.
     pub(crate) anchor: Option<f64>,
-    /// The runs that there are.
+    /// The runs that could be read.
     pub(crate) runs: Vec<Measured>,
-    /// What is missing, a phrase for each run.
+    /// A phrase for each run that is unfinished or could not be read.
     pub(crate) missing: Vec<String>,
 }
 
-/// What a run says.
+/// The data of a run.
 pub(crate) struct Measured {
     /// Its folder.
     pub(crate) folder: RunFolder,
     /// Its configuration.
     pub(crate) config: RunConfig,
-    /// Its figures, if it is finished.
+    /// Its summary, if it is finished.
     pub(crate) summary: Option<Summary>,
     /// A point for each policy update; at least one.
     pub(crate) points: Vec<Point>,
-    /// What it took until it had reached success rates.
+    /// Steps and times that it took to reach levels of success.
     pub(crate) times_to_success: Vec<TimeToSuccess>,
 }
 
@@ -56,24 +56,24 @@ pub(crate) struct Point {
     pub(crate) environment_steps: u64,
     /// Training episodes so far.
     pub(crate) episodes: u64,
-    /// Wall time of training, pauses of a resumed run left out, seconds.
+    /// Wall time of training without the pauses of a resumed run, seconds.
     pub(crate) wall_s: f64,
-    /// Of the last 100 training episodes.
+    /// Success rate of the last 100 training episodes.
     pub(crate) success_rate: f64,
-    /// Per step.
+    /// Mean reward per step.
     pub(crate) mean_reward: f64,
-    /// Over the batch's observations.
+    /// Mean proximity over the batch's observations.
     pub(crate) mean_proximity: f64,
-    /// Over the batch's observations.
+    /// Mean uncertainty over the batch's observations.
     pub(crate) mean_uncertainty: f64,
-    /// Of the policy, nats.
+    /// Entropy of the policy, nats.
     pub(crate) entropy: f64,
-    /// From the policy that acted, nats.
+    /// Approximate KL divergence from the policy that acted, nats.
     pub(crate) approximate_kl: f64,
 }
 
 impl MeasuredCurve {
-    /// Reads the runs of a curve. Those that do not exist or cannot be read are noted as missing.
+    /// Reads the runs of a curve. Runs that do not exist, cannot be read or are unfinished are noted in `missing`.
     pub(crate) fn of(curve: Curve) -> MeasuredCurve {
         let mut measured = MeasuredCurve {
             name: curve.name,
@@ -98,13 +98,14 @@ impl MeasuredCurve {
         measured
     }
 
-    /// Success rate in its evaluation of every run that has one.
+    /// Returns the success rates of its runs in their evaluations, as far as there are any.
     pub(crate) fn evaluations(&self) -> Vec<f64> {
         let rate = |run: &Measured| run.summary.as_ref()?.evaluation.success_rate;
         self.runs.iter().filter_map(rate).collect()
     }
 
-    /// How its evaluations stand to those of the first curve of its panel; none for that one itself.
+    /// Compares its evaluations with those of the first curve of its panel; returns `None` for that curve itself, or if
+    /// either has too few seeds.
     pub(crate) fn standing(&self, first: &MeasuredCurve) -> Option<Standing> {
         let compared = self.name != first.name;
         compared.then(|| Standing::of(&self.evaluations(), &first.evaluations()))?
@@ -115,7 +116,7 @@ impl Measured {
     /// Reads a run.
     ///
     /// # Errors
-    /// Of wrong usage when the folder holds no run, no log, or no policy update yet.
+    /// A usage error when the folder has no run, no log, or no policy update yet.
     pub(crate) fn of(folder: RunFolder) -> Result<Measured> {
         let config = folder.config()?;
         let summary = Summary::of_finished(&folder, print_remark);
@@ -133,22 +134,22 @@ impl Measured {
         Ok(Measured { folder, config, summary, points, times_to_success })
     }
 
-    /// The name of its folder, with its seed.
+    /// Returns the name of its folder, with its seed.
     pub(crate) fn name(&self) -> String {
         format!("{} (seed {})", name(&self.folder), self.config.seed)
     }
 
-    /// Whether it learned from environment steps; otherwise only its evaluation says something.
+    /// Returns whether it took environment steps; otherwise its success is known only from its evaluation.
     pub(crate) fn acts(&self) -> bool {
         self.points.last().is_some_and(|point| point.environment_steps > 0)
     }
 
-    /// Whether it has a summary.
+    /// Returns whether it has a summary.
     pub(crate) fn is_finished(&self) -> bool {
         self.summary.is_some()
     }
 
-    /// What keeps the run from being finished.
+    /// Returns a phrase on how far an unfinished run is.
     fn lacks(&self) -> Option<String> {
         if self.is_finished() {
             return None;

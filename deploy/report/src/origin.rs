@@ -1,4 +1,4 @@
-//! Which runs are seeds of one curve: those that the same build trained on the same demonstrations.
+//! Which runs are seeds of one curve: those trained by the same build on the same demonstrations.
 
 use mcap_log::recorded_builds;
 use protocol::build::Build;
@@ -9,12 +9,12 @@ use run::summary::Summary;
 
 use crate::figure::{Curve, Figure};
 
-/// Where a run comes from, besides its configuration.
+/// The origin of a run apart from its configuration: builds and demonstrations.
 #[derive(Clone, Debug)]
 pub struct Origin {
-    /// The builds that trained it, one after another; none where that was not recorded.
+    /// The builds that trained it, one after another; empty if they were not recorded.
     builds: Vec<Build>,
-    /// What it imitated.
+    /// The demonstrations that it imitated.
     demonstrations: Imitated,
 }
 
@@ -26,7 +26,7 @@ enum Imitated {
 }
 
 impl Origin {
-    /// That of a run; none before it has begun.
+    /// Returns the origin of a run; `None` if it has not begun.
     pub fn of(folder: &RunFolder) -> Option<Origin> {
         let config = folder.config().ok()?;
         let (builds, demonstrations) = match Summary::of_run(folder).ok().flatten() {
@@ -46,19 +46,19 @@ impl Origin {
         Some(Origin { builds, demonstrations })
     }
 
-    /// Whether the running program, and no other, has trained it.
+    /// Returns whether only the build of the running program has trained it.
     pub fn is_own(&self) -> bool {
         let own = Build::own();
         !self.builds.is_empty() && self.builds.iter().all(|build| build.difference(own).is_none())
     }
 
-    /// The builds, in one line.
+    /// Returns the builds, in one line.
     pub fn builds(&self) -> String {
         shown(&self.builds)
     }
 
-    /// What it is known by: two runs of one configuration are seeds of one curve if theirs have one of these in
-    /// common.
+    /// Returns marks that identify it. Two runs with the same configuration apart from the seed are seeds of one curve
+    /// if their origins have a mark in common.
     pub fn marks(&self) -> Vec<String> {
         let marks = self.demonstrations.marks().into_iter();
         marks.map(|mark| format!("{mark} {:?}", self.builds)).collect()
@@ -94,7 +94,7 @@ impl Imitated {
     }
 }
 
-/// The same figure, with no curve over runs of several origins.
+/// Splits curves so that no curve of the figure has runs of several origins.
 pub fn apart(mut figure: Figure) -> Figure {
     for panel in &mut figure.panels {
         panel.curves =
@@ -103,8 +103,8 @@ pub fn apart(mut figure: Figure) -> Figure {
     figure
 }
 
-/// A curve as several, where its runs come from several origins: named by what they differ in. Runs
-/// that have not begun stay with the first.
+/// Splits a curve by the origins of its runs; the new names say what differs. Runs that have not begun stay with the
+/// first origin.
 fn curves_apart(curve: Curve) -> Vec<Curve> {
     let mut groups: Vec<(Origin, Vec<RunFolder>)> = Vec::new();
     for run in &curve.runs {
@@ -125,7 +125,7 @@ fn curves_apart(curve: Curve) -> Vec<Curve> {
     groups.map(|(name, (_, runs))| Curve { name, runs, anchor: curve.anchor }).collect()
 }
 
-/// A name for each origin, by what differs; with a number where words do not tell two apart.
+/// Returns a name for each origin that says what differs, with a number where names would be equal.
 fn names(curve: &str, origins: Vec<&Origin>) -> Vec<String> {
     let first = origins[0];
     let builds_differ = origins.iter().any(|origin| origin.builds != first.builds);

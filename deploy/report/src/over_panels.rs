@@ -1,5 +1,5 @@
-//! Methods over all panels of a figure, as Agarwal et al. (2021) compare them: interquartile means and
-//! probabilities of improvement with stratified bootstrap intervals.
+//! Comparison of methods over all panels of a figure, by the metrics of Agarwal et al. (2021): interquartile means and
+//! probabilities of improvement, with stratified bootstrap intervals.
 
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
@@ -8,16 +8,16 @@ use rand_chacha::ChaCha8Rng;
 use crate::measured::MeasuredFigure;
 use crate::statistics::{FEWEST, Standing};
 
-/// Samples of the bootstrap.
+/// Number of bootstrap samples.
 const SAMPLES: usize = 2000;
 
-/// Share of them beyond each end of an interval.
+/// Share of the samples beyond each end of an interval.
 const BEYOND: f64 = 0.025;
 
 /// Share of the scores that an interquartile mean leaves out at each end.
 const TRIMMED: f64 = 0.25;
 
-/// Success rates of a method in its evaluations: for each panel those of the seeds.
+/// Success rates of a method in its evaluations: for each panel, one per seed.
 type Scores = Vec<Vec<f64>>;
 
 /// A number with the ends of its 95 % interval.
@@ -27,23 +27,23 @@ pub(crate) type Bounded = (f64, [f64; 2]);
 pub(crate) struct OverPanels {
     /// The name of its curves.
     pub(crate) name: String,
-    /// Finished runs.
+    /// Number of evaluated runs.
     pub(crate) runs: usize,
     /// Mean of the middle half of all runs' success rates.
     pub(crate) interquartile_mean: Bounded,
-    /// How probably a run of it is better than one of the first method; the first has none.
+    /// Probability that a run of it is better than one of the first method; `None` for the first method itself.
     pub(crate) improvement: Option<Bounded>,
 }
 
 impl OverPanels {
-    /// How it stands to the first method.
+    /// Compares it with the first method; returns `None` for the first method itself.
     pub(crate) fn standing(&self) -> Option<Standing> {
         Some(Standing::by(self.improvement?.1, 0.5))
     }
 }
 
-/// The methods of which every panel of a figure has evaluated runs of enough seeds for an interval, the first
-/// of them the one that the others are compared with; none when there is a single panel or nothing to compare.
+/// Returns the methods for which every panel of a figure has evaluated runs of enough seeds for an interval. The others
+/// are compared with the first. Returns no methods if there is only one panel or only one method.
 pub(crate) fn over_panels(figure: &MeasuredFigure) -> Vec<OverPanels> {
     let names = figure.panels.iter().flat_map(|panel| &panel.curves).map(|curve| &curve.name);
     let mut found: Vec<(&String, Scores)> = Vec::new();
@@ -75,7 +75,7 @@ fn scores(figure: &MeasuredFigure, name: &str) -> Option<Scores> {
     panels.collect()
 }
 
-/// The mean without the lowest and the highest quarter of all scores.
+/// Returns the mean of all scores without the lowest and the highest quarter.
 fn interquartile_mean(scores: &Scores) -> f64 {
     let mut all: Vec<f64> = scores.iter().flatten().copied().collect();
     all.sort_by(f64::total_cmp);
@@ -84,8 +84,7 @@ fn interquartile_mean(scores: &Scores) -> f64 {
     middle.iter().sum::<f64>() / middle.len() as f64
 }
 
-/// The share of pairs of seeds in which the first method is better, equal ones counting half; the
-/// mean over panels.
+/// Returns the share of pairs of seeds in which the first method is better, ties counting half; the mean over panels.
 fn improvement(own: &Scores, other: &Scores) -> f64 {
     let panel = |(own, other): (&Vec<f64>, &Vec<f64>)| {
         let pairs = own.iter().flat_map(|one| other.iter().map(move |two| one.total_cmp(two)));
@@ -95,12 +94,12 @@ fn improvement(own: &Scores, other: &Scores) -> f64 {
     own.iter().zip(other).map(panel).sum::<f64>() / own.len() as f64
 }
 
-/// A statistic with the interval that it has when the seeds of each panel are drawn again.
+/// Returns a statistic with its bootstrap interval, resampling the seeds of each panel.
 fn bootstrapped<const N: usize>(
     scores: [&Scores; N],
     statistic: impl Fn([&Scores; N]) -> f64,
 ) -> Bounded {
-    // The same report says the same numbers.
+    // A fixed seed, so that a report always has the same numbers.
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut drawn: Vec<f64> = (0..SAMPLES)
         .map(|_| {
@@ -134,7 +133,7 @@ mod tests {
     }
 
     /// rliable 1.2.0: `aggregate_iqm` and `probability_of_improvement` of the same scores, with
-    /// `get_interval_estimates`, which draws otherwise: hence the tolerance.
+    /// `get_interval_estimates`. Its random numbers differ, hence the tolerance.
     #[test]
     fn statistics_are_those_of_rliable() {
         let ours = scores([

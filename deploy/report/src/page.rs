@@ -1,4 +1,4 @@
-//! The page of a report: one file that needs no other and no network.
+//! The page of a report: one self-contained HTML file that needs no network.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -14,10 +14,10 @@ use crate::pictures::Pictures;
 use crate::statistics::{Estimate, Standing};
 use terminal::numbers;
 
-/// Digits of a hash that are shown.
+/// Number of digits of a hash that are shown.
 const HASH_DIGITS: usize = 12;
 
-/// The page; paths on it are as seen from `folder`, where it will be.
+/// Returns the page. Paths on it are relative to `folder`, where it will be written.
 pub(crate) fn page(figures: &[MeasuredFigure], pictures: &Pictures, folder: &Path) -> Markup {
     html! {
         (DOCTYPE)
@@ -45,7 +45,7 @@ fn all_runs(figures: &[MeasuredFigure]) -> impl Iterator<Item = &Measured> {
     panels.flat_map(|panel| &panel.curves).flat_map(|curve| &curve.runs)
 }
 
-/// The runs of all figures, each once though several figures show it.
+/// Returns the runs of all figures, each once even if several figures show it.
 fn different_runs(figures: &[MeasuredFigure]) -> Vec<&Measured> {
     let mut runs: Vec<&Measured> = all_runs(figures).collect();
     runs.sort_by_key(|run| run.folder.path());
@@ -118,7 +118,7 @@ fn panel(figure: &MeasuredFigure, panel: &MeasuredPanel, pictures: &Pictures) ->
     }
 }
 
-/// A picture; its title is for those who cannot see it.
+/// Embeds a picture; `title` is its label for screen readers.
 fn picture(text: &str, title: &str, caption: &str) -> Markup {
     html! {
         figure {
@@ -174,7 +174,7 @@ fn seeds(row: &Row) -> String {
     if finished == wanted { finished.to_string() } else { format!("{finished} of {wanted}") }
 }
 
-/// Mean and, in brackets, the 95 % interval in percent.
+/// Formats the mean and, in brackets, the 95 % interval, in percent.
 fn success(estimate: Option<&Estimate>) -> String {
     let Some(estimate) = estimate else { return "-".to_owned() };
     match estimate.share() {
@@ -187,7 +187,7 @@ fn bounded((value, [low, high]): (f64, [f64; 2])) -> String {
     format!("{:.1} ({:.1} to {:.1})", 100.0 * value, 100.0 * low, 100.0 * high)
 }
 
-/// The methods that all panels have, over all of them.
+/// Returns the table of methods over all panels.
 fn all_panels(methods: &[OverPanels]) -> Markup {
     let Some(first) = methods.first() else { return html! {} };
     html! {
@@ -274,14 +274,14 @@ fn run_row(run: &Measured, folder: &Path) -> Markup {
     }
 }
 
-/// A run's wall time to each level of success.
+/// Formats a run's wall time to each level of success.
 fn times_to_success(run: &Measured) -> String {
     let duration =
         |time: Option<&TimeToSuccess>| numbers::duration(time.map_or(f64::NAN, |time| time.wall_s));
     TimeToSuccess::by_level(&run.times_to_success).map(duration).join(", ")
 }
 
-/// A run's folder as seen from another folder, if they have more in common than the root.
+/// Returns a run's folder relative to `folder`, or as an absolute path if they have only the root in common.
 fn seen_from(folder: &Path, run: &RunFolder) -> PathBuf {
     let Ok(path) = run.path().canonicalize() else { return run.path().to_owned() };
     let pairs = folder.components().zip(path.components());
@@ -299,11 +299,11 @@ fn reading() -> Markup {
             h2 { "How to read this" }
             ul {
                 li { "Success is the share of the last 100 training episodes that reached the goal, actions \
-                      drawn from the policy. Curves are means over seeds; where a seed has not come as far, \
-                      over the others. Bands, and what stands in brackets, are 95 % intervals of the mean over seeds \
-                      (Student's; none of fewer than three seeds). A dot is the end of a seed." }
+                      drawn from the policy. Curves are means over the seeds that have got that far. Bands \
+                      and values in brackets are 95 % intervals of the mean over seeds (Student's; none for \
+                      fewer than three seeds). A dot is the end of a seed." }
                 li { "Against the first: ahead or behind where the 95 % interval of the difference of the \
-                      evaluations' means leaves 0 out (Welch's), else not told apart." }
+                      evaluations' means excludes 0 (Welch's), otherwise not told apart." }
                 li { "Over all panels: the mean of the middle half of all evaluations, and the share of pairs \
                       of seeds in which a method is better than the first one, with stratified bootstrap \
                       intervals (Agarwal et al., 2021), which are somewhat narrow for few seeds." }

@@ -1,10 +1,10 @@
-//! Which style a curve has: the same in every picture of a report, and within a picture no two alike.
+//! Styles of curves: the same in all pictures of a report, and different within a picture as far as styles last.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::chart::{COLORS, Marker, Style};
 
-/// The curve that has the first style in every report.
+/// The name of the curve that has the first style in every report.
 const OURS: &str = "goal-proximity";
 
 /// Styles of curves by their names.
@@ -13,8 +13,8 @@ pub(crate) struct Palette {
 }
 
 impl Palette {
-    /// Gives a style to every name of `panels`, each the names of its curves. Earlier names have the
-    /// plainer styles; names that meet in a panel have different colors as far as there are enough.
+    /// Assigns a style to every curve name; `panels` has the names of each panel's curves. Earlier names get plainer
+    /// styles. Names in the same panel get different colors as long as there are enough.
     pub(crate) fn of(panels: &[Vec<&str>]) -> Palette {
         let all = Marker::ALL
             .into_iter()
@@ -46,7 +46,7 @@ impl Palette {
         Palette { styles }
     }
 
-    /// The style of a curve.
+    /// Returns the style of a curve.
     pub(crate) fn style(&self, name: &str) -> Style {
         let plain = Style { color: COLORS[0], marker: Marker::None };
         self.styles.get(name).copied().unwrap_or(plain)
@@ -70,7 +70,7 @@ mod tests {
                 assert!(!styles[..place].contains(style), "{panel:?}: {styles:?}");
             }
         }
-        // As long as there are colors, nobody shares one.
+        // As long as there are enough colors, no two curves share one.
         let colors = last[..7].iter().map(|name| palette.style(name).color);
         assert!(
             colors

@@ -1,4 +1,4 @@
-//! All pictures of a report, each an SVG file that also stands in the page.
+//! All pictures of a report. Each is an SVG file and is also embedded in the page.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +14,10 @@ use crate::measured::{Measured, MeasuredFigure, MeasuredPanel};
 use crate::palette::Palette;
 use crate::programs::Programs;
 
-/// Size of a chart of success against steps, pixels.
+/// Size of a chart against environment steps, pixels.
 const SIZE: [u32; 2] = [720, 400];
 
-/// Size of one against wall time.
+/// Size of a chart against wall time, pixels.
 const SMALL_SIZE: [u32; 2] = [720, 300];
 
 /// The pictures of a report by the names of their files.
@@ -30,11 +30,11 @@ pub(crate) struct Pictures {
 }
 
 impl Pictures {
-    /// Draws the pictures of figures.
+    /// Draws the pictures of figures. If a run's programs fail, the pictures that need them are left out, and the
+    /// report says why.
     ///
     /// # Errors
-    /// When a chart cannot be drawn. A picture that needs the programs of a run is left out where
-    /// they fail, and the report says so.
+    /// When a chart cannot be drawn.
     pub(crate) fn of(figures: &[MeasuredFigure], programs: &dyn Programs) -> Result<Pictures> {
         let mut pictures =
             Pictures { files: BTreeMap::new(), episodes: Vec::new(), heats: BTreeMap::new() };
@@ -60,17 +60,17 @@ impl Pictures {
         Ok(pictures)
     }
 
-    /// Every file's name and text.
+    /// Returns the name and text of every file.
     pub(crate) fn files(&self) -> impl Iterator<Item = (&str, &str)> {
         self.files.iter().map(|(name, text)| (name.as_str(), text.as_str()))
     }
 
-    /// The learning curves of a panel.
+    /// Returns the learning curves of a panel.
     pub(crate) fn learning(&self, figure: &str, panel: &str, against: Against) -> Option<&str> {
         self.text(&learning_file(&stem(figure, panel), against))
     }
 
-    /// The heat map of a panel and its caption, or why it has none; nothing where none belongs.
+    /// Returns the heat map of a panel and its caption, or why it could not be drawn; `None` if the panel has none.
     pub(crate) fn heat(&self, figure: &str, panel: &str) -> Option<Result<(&str, &str), &str>> {
         let stem = stem(figure, panel);
         let caption = self.heats.get(&stem)?.as_ref();
@@ -78,7 +78,7 @@ impl Pictures {
         Some(caption.map(String::as_str).map_err(String::as_str).map(with_text))
     }
 
-    /// The episodes: picture and caption, or why there is none.
+    /// Returns picture and caption of each episode, or why it could not be drawn.
     pub(crate) fn episodes(&self) -> impl Iterator<Item = Result<(&str, &str), &str>> {
         self.episodes.iter().map(|episode| match episode {
             Ok((name, caption)) => Ok((self.drawn(name), caption.as_str())),
@@ -134,7 +134,7 @@ impl Pictures {
     }
 }
 
-/// Finished runs of a panel whose proximity function can be asked.
+/// Returns the finished runs of a panel whose proximity function can be queried.
 fn asked(panel: &MeasuredPanel) -> Vec<&Measured> {
     let runs = panel.curves.iter().flat_map(|curve| &curve.runs);
     runs.filter(|run| run.is_finished() && estimate::has_proximity(&run.config)).collect()
@@ -149,8 +149,8 @@ fn heat(run: &Measured, classes: &Classes, programs: &dyn Programs) -> Result<St
     Ok(everywhere.picture(&estimates).into_string())
 }
 
-/// What the names of a panel's files begin with. Panels have no `+` in their names, so files of two panels
-/// have two names.
+/// Returns the stem of the names of a panel's files. Neither part has a `+`, so files of different panels of a figure
+/// have different names.
 fn stem(figure: &str, panel: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
     let plain = |letter: char| if is_plain(letter) { letter } else { '-' };

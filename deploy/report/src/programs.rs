@@ -1,4 +1,4 @@
-//! What a report asks of the programs of a run, which others start.
+//! What a report requests from a run's programs. `goalward report` implements [`Programs`] and starts them.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use anyhow::Result;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
-/// What a model says of observations, one number for each.
+/// A model's estimates, one number per observation.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Estimates {
     /// Proximity.
@@ -15,15 +15,15 @@ pub struct Estimates {
     pub uncertainty: Vec<f64>,
 }
 
-/// What a report asks of the programs of a run.
+/// Requests to a run's programs, which the implementation starts.
 pub trait Programs {
-    /// What the model in the newest checkpoint of a run says of observations.
+    /// Returns estimates of the reward model in the newest checkpoint of a run for observations.
     ///
     /// # Errors
-    /// When there is none, or it cannot tell single observations.
+    /// When there is no checkpoint, or the model cannot score single observations.
     fn estimate(&self, folder: &RunFolder, observations: &[u8]) -> Result<Estimates>;
 
-    /// Runs so many episodes with the newest policy of a run; the file they are in.
+    /// Runs `episodes` evaluation episodes with the newest policy of a run; returns the file that contains them.
     ///
     /// # Errors
     /// When they cannot be run.

@@ -1,5 +1,5 @@
-//! Folders of runs as a figure: a panel for each task, a curve for each method and setting, runs that
-//! differ in their seeds alone together.
+//! Groups folders of runs into a figure: a panel for each task, and in it a curve for each method and setting. Runs
+//! that differ only in their seeds share a curve.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,22 +13,22 @@ use crate::measured::Measured;
 use run::repeat::{changes, is_of_ours, settings, unquoted};
 use run::tasks::place;
 
-/// Keys by which runs of one curve may differ.
+/// Keys in which runs of one curve may differ.
 pub const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
 
-/// What a run is besides its task and method, as phrases: preset, number of steps, settings.
+/// Descriptions of a run apart from its task and method: preset, number of steps, settings.
 type Phrases = BTreeSet<String>;
 
-/// A run with its method and what else it is.
+/// A run with its method and its other descriptions.
 type Described = (RunFolder, String, Phrases);
 
-/// A run and what it was configured to be.
+/// A run and its configuration.
 type Configured = (RunFolder, RunConfig);
 
 /// Groups runs into a figure.
 ///
 /// # Errors
-/// Of wrong usage for the first folder that holds no run, no log or no policy update.
+/// A usage error for the first folder that has no run, no log or no policy update.
 pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     let mut tasks: Vec<(Task, Vec<Configured>)> = Vec::new();
     for folder in folders {
@@ -47,7 +47,7 @@ pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
 }
 
-/// The name, numbered where panels have it already: tasks of one name may differ in their shapes or programs.
+/// Returns the name, with a number if a panel already has it: tasks of the same name may differ in shapes or programs.
 fn free_name(name: &str, panels: &[Panel]) -> String {
     let is_free = |name: &String| panels.iter().all(|panel| panel.name != *name);
     let numbered = (2..).map(|number| format!("{name}-{number}"));
@@ -55,7 +55,7 @@ fn free_name(name: &str, panels: &[Panel]) -> String {
     names.find(is_free).expect("numbers do not end")
 }
 
-/// What the runs of a task are besides that.
+/// Describes the runs of a task.
 fn described(runs: Vec<Configured>) -> Vec<Described> {
     let configs: Vec<RunConfig> = runs.iter().map(|(_, config)| config.clone()).collect();
     let described = runs.into_iter().map(|(folder, config)| {
@@ -70,8 +70,8 @@ fn described(runs: Vec<Configured>) -> Vec<Described> {
     described.collect()
 }
 
-/// The settings of a run in which those of its method differ, as keys and values: what a task of the user's own
-/// has by itself is not known.
+/// Returns those settings of a run, as keys and values, in which the runs of its method differ. Used for tasks that do
+/// not come with Goalward: their defaults are not known.
 fn differing(config: &RunConfig, all: &[RunConfig]) -> Vec<(String, String)> {
     let of_method = || all.iter().filter(|one| one.method == config.method);
     let first = of_method().next().unwrap_or(config);
@@ -83,7 +83,7 @@ fn differing(config: &RunConfig, all: &[RunConfig]) -> Vec<(String, String)> {
     values.into_iter().map(|(key, value)| (key, unquoted(&value))).collect()
 }
 
-/// A panel whose title says what all runs have in common, and whose curves say what they have not.
+/// Returns a panel. Its title has the phrases that all runs share; the names of curves have the others.
 fn panel(task: Task, runs: Vec<Described>) -> Panel {
     let sets = || runs.iter().map(|(.., phrases)| phrases);
     let is_common = |phrase: &&String| sets().all(|phrases| phrases.contains(*phrase));

@@ -1,23 +1,23 @@
-//! A scene as a picture: its solids drawn one over the other, the nearer ones later.
+//! A scene as a picture: its solids are drawn from the farthest to the nearest (painter's algorithm).
 
 use maud::{Markup, html};
 
 use crate::solid::{Camera, Shape, Solid, Vector, dot, scaled, sum};
 
-/// How deep solids may lie in one another and still count as apart, meters.
+/// How deep solids may penetrate each other and still count as separate, meters.
 const TOUCH: f64 = 0.01;
 
-/// Where the light comes from; about as long as one.
+/// Direction to the light, about of unit length.
 const LIGHT: Vector = [0.35, -0.45, 0.82];
 
-/// Corners that a circle at the end of a cylinder is drawn with.
+/// Number of corners of the circle that rounds a cylinder's ends.
 const CORNERS: usize = 20;
 
-/// What a picture shows: least and greatest places in the camera's picture, meters.
+/// The section that a picture shows: smallest and largest coordinates in the camera's picture, meters.
 pub(crate) type View = [[f64; 2]; 2];
 
-/// The view that holds all that moves between scenes, and all that one can see through, which marks
-/// goals; with some room around it, three quarters as high as wide.
+/// Returns a view of all solids that move between scenes and of all transparent ones, which mark goals. It has a
+/// margin, and its height is three quarters of its width.
 pub(crate) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
     let moves = |solid: &Solid| {
         let others = scenes.iter().flatten().filter(|other| other.name == solid.name);
@@ -38,7 +38,8 @@ pub(crate) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
     [[0, 1].map(|axis| center[axis] - half[axis]), [0, 1].map(|axis| center[axis] + half[axis])]
 }
 
-/// Parts of a solid share its name; only those of the same shape are the same part.
+/// Returns the distance between the centers of two solids of one entity; 0 for different shapes, which are different
+/// parts of the entity.
 fn distance(one: &Solid, other: &Solid) -> f64 {
     if std::mem::discriminant(&one.shape) != std::mem::discriminant(&other.shape) {
         return 0.0;
@@ -47,9 +48,9 @@ fn distance(one: &Solid, other: &Solid) -> f64 {
     dot(apart, apart).sqrt()
 }
 
-/// The picture, to be placed within another one.
+/// Draws solids as an SVG element to be nested in another one.
 pub(crate) fn picture(camera: &Camera, solids: &[Solid], [least, greatest]: View) -> Markup {
-    // In millimeters: three decimals of a meter are enough.
+    // In millimeters, so that whole numbers are precise enough.
     let [left, top] = least.map(|place| 1e3 * place);
     let [width, height] = [0, 1].map(|axis| 1e3 * (greatest[axis] - least[axis]));
     let view = format!("{left:.0} {top:.0} {width:.0} {height:.0}");
@@ -65,7 +66,7 @@ pub(crate) fn picture(camera: &Camera, solids: &[Solid], [least, greatest]: View
     }
 }
 
-/// The order to draw solids in, so that none is hidden by one that is farther away.
+/// Returns the order to draw solids in, so that no solid is covered by one that is farther away.
 fn order(camera: &Camera, solids: &[Solid]) -> Vec<usize> {
     let depth = |index: usize| dot(solids[index].center(), camera.toward);
     let mut left: Vec<usize> = (0..solids.len()).collect();
@@ -76,14 +77,14 @@ fn order(camera: &Camera, solids: &[Solid]) -> Vec<usize> {
             let solid = &solids[left[place]];
             left.iter().all(|&other| !must_precede(camera, &solids[other], solid))
         };
-        // In a ring of solids that hide one another the farthest comes first.
+        // If solids cover each other in a cycle, the farthest comes first.
         let next = (0..left.len()).find(is_free).unwrap_or(0);
         order.push(left.remove(next));
     }
     order
 }
 
-/// Whether `one` must be drawn before `other`, which hides a part of it.
+/// Returns whether `one` must be drawn before `other` because `other` may cover a part of it.
 fn must_precede(camera: &Camera, one: &Solid, other: &Solid) -> bool {
     let ([a_least, a_greatest], [b_least, b_greatest]) = (camera.extent(one), camera.extent(other));
     let overlap =
@@ -109,7 +110,7 @@ fn must_precede(camera: &Camera, one: &Solid, other: &Solid) -> bool {
     }
 }
 
-/// Faces of `one` that `other` lies outside of.
+/// Returns the faces of `one` whose outer side contains all of `other`, up to [`TOUCH`].
 fn separating_faces(one: &Solid, other: &Solid) -> impl Iterator<Item = (Vector, f64)> {
     let faces = one.faces().into_iter();
     faces.filter(|(normal, height)| {
@@ -148,7 +149,7 @@ fn drawn(camera: &Camera, solid: &Solid) -> Markup {
     }
 }
 
-/// The corners of a box's face, of which there are two for each axis: outward, then inward.
+/// Returns the corners of a box's face. Each axis has two faces: first the one in its direction, then the opposite one.
 fn corners(center: Vector, halves: [Vector; 3], face: usize) -> [Vector; 4] {
     let axis = face / 2;
     let out = scaled(halves[axis], if face.is_multiple_of(2) { 1.0 } else { -1.0 });
@@ -159,7 +160,7 @@ fn corners(center: Vector, halves: [Vector; 3], face: usize) -> [Vector; 4] {
     })
 }
 
-/// The outline of a cylinder, drawn as if its ends were round: what it is a part of is so.
+/// Returns the outline of a cylinder with round ends, since cylinders are parts of capsules.
 fn tube(camera: &Camera, ends: [Vector; 2], radius: f64) -> Vec<[f64; 2]> {
     let [from, to] = ends.map(|end| camera.place(end));
     let angle = (to[1] - from[1]).atan2(to[0] - from[0]);
@@ -187,7 +188,7 @@ fn millimeters(meters: f64) -> String {
     format!("{:.1}", 1e3 * meters)
 }
 
-/// The color of a face: the more it is turned to the light, the brighter.
+/// Returns the color of a face: the more it faces the light, the brighter.
 fn shaded(solid: &Solid, normal: Vector) -> String {
     let light = 0.62 + 0.38 * dot(normal, LIGHT).max(0.0);
     let [red, green, blue] =
@@ -220,12 +221,12 @@ mod tests {
 
     #[test]
     fn what_lies_on_a_table_is_drawn_after_it() {
-        // At the far end of the table, whose own center is nearer.
+        // The cube is at the far end of the table, whose center is nearer.
         let camera = Camera::looking_from(0.0, 30.0);
         let cube = cuboid([-0.9, 0.0, 0.05], [0.05; 3]);
         let table = cuboid([0.0, 0.0, -0.2], [1.0, 1.0, 0.2]);
         assert_eq!(order(&camera, &[cube.clone(), table.clone()]), [1, 0]);
-        // And one below the table before it.
+        // A ball below the table is drawn before it.
         let below = ball([0.3, 0.0, -0.6]);
         assert_eq!(order(&camera, &[table, cube, below]), [2, 0, 1]);
     }

@@ -1,6 +1,6 @@
 //! Solids of a recorded scene as geometry, and the camera that looks at them.
 //!
-//! The camera is infinitely far away, so that a solid is drawn at the same size wherever it is.
+//! The camera is infinitely far away (parallel projection), so a solid is drawn at the same size wherever it is.
 
 use protocol::scene::{Color, Pose, SceneUpdate, Vector3};
 
@@ -12,20 +12,20 @@ pub(crate) type Vector = [f64; 3];
 pub(crate) struct Solid {
     /// Name of the entity that it is a part of.
     pub(crate) name: String,
-    /// Its shape, where it is.
+    /// Its shape in world coordinates.
     pub(crate) shape: Shape,
     /// Red, green, blue and opacity, each in [0, 1].
     pub(crate) color: [f64; 4],
 }
 
-/// A shape in the world.
+/// A shape in world coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Shape {
     /// A box.
     Box {
         /// Its center.
         center: Vector,
-        /// Its three axes, each as long as half of its side.
+        /// Its three axes, each half as long as the side.
         halves: [Vector; 3],
     },
     /// A ball.
@@ -45,7 +45,7 @@ pub(crate) enum Shape {
 }
 
 impl Solid {
-    /// The solids of a scene.
+    /// Returns the solids of a scene.
     pub(crate) fn all(scene: &SceneUpdate) -> Vec<Solid> {
         let mut solids = Vec::new();
         for entity in &scene.entities {
@@ -67,7 +67,7 @@ impl Solid {
         solids
     }
 
-    /// Where it is.
+    /// Returns the center.
     pub(crate) fn center(&self) -> Vector {
         match self.shape {
             Shape::Box { center, .. } | Shape::Ball { center, .. } => center,
@@ -75,7 +75,8 @@ impl Solid {
         }
     }
 
-    /// How far it reaches from its center along a unit direction, both ways.
+    /// Returns how far it extends from its center along a unit direction, both ways; a cylinder as if its ends were
+    /// round.
     pub(crate) fn reach(&self, direction: Vector) -> f64 {
         match self.shape {
             Shape::Box { halves, .. } => {
@@ -88,8 +89,8 @@ impl Solid {
         }
     }
 
-    /// The faces of a box: outward unit normals with the distance of the face from the world's
-    /// origin along them. Other shapes have none.
+    /// Returns the faces of a box: outward unit normals, with the distance of the face from the world's origin along
+    /// them. Other shapes have none.
     pub(crate) fn faces(&self) -> Vec<(Vector, f64)> {
         let Shape::Box { center, halves } = self.shape else { return Vec::new() };
         let face = |half: Vector| {
@@ -113,7 +114,7 @@ pub(crate) struct Camera {
 }
 
 impl Camera {
-    /// Looks down by `elevation` from a side `azimuth` away from the x axis, degrees.
+    /// Returns a camera that looks from `azimuth`, measured from the x axis, down by `elevation`; both in degrees.
     pub(crate) fn looking_from(azimuth: f64, elevation: f64) -> Camera {
         let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
         let (flat, high) = (elevation.cos(), elevation.sin());
@@ -122,12 +123,12 @@ impl Camera {
         Camera { right, up: cross(toward, right), toward }
     }
 
-    /// Where a point is in the picture: to the right and downward, meters.
+    /// Returns where a point is in the picture: to the right and downward, meters.
     pub(crate) fn place(&self, point: Vector) -> [f64; 2] {
         [dot(point, self.right), -dot(point, self.up)]
     }
 
-    /// The rectangle that a solid lies in: least and greatest places.
+    /// Returns a rectangle in the picture that contains a solid: its smallest and largest coordinates.
     pub(crate) fn extent(&self, solid: &Solid) -> [[f64; 2]; 2] {
         let [x, y] = self.place(solid.center());
         let (wide, high) = (solid.reach(self.right), solid.reach(self.up));
@@ -157,7 +158,7 @@ fn position(pose: Pose) -> Option<Vector> {
     Some([x, y, z])
 }
 
-/// A pose's own axes in the world.
+/// Returns a pose's axes in world coordinates.
 fn axes(pose: Pose) -> Option<[Vector; 3]> {
     let turn = pose.orientation?;
     let (x, y, z, w) = (turn.x, turn.y, turn.z, turn.w);
@@ -168,12 +169,12 @@ fn axes(pose: Pose) -> Option<[Vector; 3]> {
     ])
 }
 
-/// The scalar product.
+/// Returns the scalar product.
 pub(crate) fn dot(one: Vector, other: Vector) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }
 
-/// The sum.
+/// Returns the sum.
 pub(crate) fn sum(one: Vector, other: Vector) -> Vector {
     std::array::from_fn(|axis| one[axis] + other[axis])
 }
@@ -182,7 +183,7 @@ fn difference(one: Vector, other: Vector) -> Vector {
     sum(one, scaled(other, -1.0))
 }
 
-/// A multiple.
+/// Returns the vector multiplied by `factor`.
 pub(crate) fn scaled(vector: Vector, factor: f64) -> Vector {
     vector.map(|number| factor * number)
 }
@@ -204,7 +205,7 @@ mod tests {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let pose = Pose {
             position: Some(Vector3 { x: 1.0, y: 2.0, z: 3.0 }),
-            // A quarter turn about z brings its own x onto the world's y.
+            // A quarter turn about z maps its x axis to the world's y axis.
             orientation: Some(Quaternion { x: 0.0, y: 0.0, z: half, w: half }),
         };
         let size = Some(Vector3 { x: 4.0, y: 2.0, z: 1.0 });

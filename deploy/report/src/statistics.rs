@@ -1,11 +1,11 @@
-//! What a few seeds say of a method: their mean with an interval, and whether two methods are told apart.
+//! Statistics over a few seeds: means with intervals, and whether two methods are told apart.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Fewest seeds that have an interval: that of two is twelve times as wide as they are apart.
+/// Minimum number of seeds for an interval. The interval of two is over twelve times as wide as their distance.
 pub(crate) const FEWEST: usize = 3;
 
-/// Where the upper end of a 95 % interval lies.
+/// Quantile at the upper end of a 95 % interval.
 const UPPER: f64 = 0.975;
 
 /// A mean over seeds.
@@ -13,12 +13,12 @@ const UPPER: f64 = 0.975;
 pub(crate) struct Estimate {
     /// The mean.
     pub(crate) mean: f64,
-    /// The ends of its 95 % interval, by Student's distribution; fewer than three seeds have none.
+    /// The ends of its 95 % interval, by Student's t distribution; `None` for fewer than three seeds.
     pub(crate) interval: Option<[f64; 2]>,
 }
 
 impl Estimate {
-    /// Of a value for each seed; none of none.
+    /// Estimates the mean from a value for each seed; returns `None` without values.
     pub(crate) fn of(values: &[f64]) -> Option<Estimate> {
         let Moments { mean, squared_error } = Moments::of(values)?;
         let interval = (values.len() >= FEWEST).then(|| {
@@ -28,26 +28,26 @@ impl Estimate {
         Some(Estimate { mean, interval })
     }
 
-    /// The interval of a share, which lies within [0, 1].
+    /// Returns the interval clamped to [0, 1], for a mean of shares.
     pub(crate) fn share(&self) -> Option<[f64; 2]> {
         Some(self.interval?.map(|end| end.clamp(0.0, 1.0)))
     }
 }
 
-/// How a method stands to another.
+/// How a method compares with another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Standing {
-    /// Its mean is higher, and the interval of the difference leaves 0 out.
+    /// Its mean is higher, and the interval of the difference excludes 0.
     Ahead,
-    /// Its mean is lower, and the interval of the difference leaves 0 out.
+    /// Its mean is lower, and the interval of the difference excludes 0.
     Behind,
-    /// The interval of the difference has 0 in it.
+    /// The interval of the difference contains 0.
     NotToldApart,
 }
 
 impl Standing {
-    /// Of a method to another by Welch's 95 % interval of the difference of their means; none with
-    /// fewer than three seeds of either.
+    /// Compares a method with another by Welch's 95 % interval of the difference of their means; returns `None` if
+    /// either has fewer than three seeds.
     pub(crate) fn of(own: &[f64], other: &[f64]) -> Option<Standing> {
         if own.len().min(other.len()) < FEWEST {
             return None;
@@ -58,13 +58,13 @@ impl Standing {
         let squared = one.squared_error + two.squared_error;
         let freedom =
             squared.powi(2) / (one.squared_error.powi(2) / few + two.squared_error.powi(2) / many);
-        // Seeds that all agree have no deviation, and no degrees of freedom.
+        // If all seeds of both methods agree, the variance is 0 and the degrees of freedom are undefined.
         let half = if squared > 0.0 { quantile(freedom) * squared.sqrt() } else { 0.0 };
         let difference = one.mean - two.mean;
         Some(Standing::by([difference - half, difference + half], 0.0))
     }
 
-    /// By an interval and the value at which none of two is better.
+    /// Compares by an interval and the value at which neither method is better.
     pub(crate) fn by([low, high]: [f64; 2], even: f64) -> Standing {
         match (low > even, high < even) {
             (true, _) => Standing::Ahead,
@@ -73,7 +73,7 @@ impl Standing {
         }
     }
 
-    /// As a report says it.
+    /// Returns the wording in a report.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Standing::Ahead => "ahead",
@@ -83,7 +83,7 @@ impl Standing {
     }
 }
 
-/// A mean and the square of its standard error; of one value the latter is not a number.
+/// A mean and the square of its standard error, which is NaN for a single value.
 struct Moments {
     mean: f64,
     squared_error: f64,
@@ -99,7 +99,7 @@ impl Moments {
     }
 }
 
-/// How many standard errors a 95 % interval reaches to each side.
+/// Returns the half-width of a 95 % interval in standard errors.
 fn quantile(freedom: f64) -> f64 {
     let student = StudentsT::new(0.0, 1.0, freedom).expect("there are degrees of freedom");
     student.inverse_cdf(UPPER)

@@ -1,4 +1,4 @@
-//! The curves of a run for TensorBoard, as far as the run has come.
+//! The curves of a run, finished or in progress, for TensorBoard.
 
 use std::path::Path;
 use std::time::UNIX_EPOCH;
@@ -22,7 +22,7 @@ pub struct TensorBoard {
 }
 
 impl TensorBoard {
-    /// Begins the event file of a run in `folder`.
+    /// Creates the event file of a run in `folder`.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -34,11 +34,11 @@ impl TensorBoard {
         Ok(TensorBoard { run, file, begun, next: 0 })
     }
 
-    /// Writes the updates that the log has got since the last time. One that is made again after a process
-    /// died is the same, and not written again.
+    /// Writes the updates that were added to the log since the last call. An update that is repeated after a process
+    /// died has the same values and is not written again.
     ///
     /// # Errors
-    /// When the log cannot be read, or the file not be written.
+    /// When the log cannot be read, or the file cannot be written.
     pub fn go_on(&mut self) -> Result<()> {
         if !self.run.log().exists() {
             return Ok(());
@@ -49,10 +49,10 @@ impl TensorBoard {
         Ok(self.file.flush()?)
     }
 
-    /// Writes what came of a finished run.
+    /// Writes the remaining updates and the evaluation of a finished run.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the log cannot be read, or the file cannot be written.
     pub fn end(mut self, summary: &Summary) -> Result<()> {
         self.go_on()?;
         let number = |number: Option<f64>| number.unwrap_or(f64::NAN);
@@ -71,7 +71,7 @@ impl TensorBoard {
             return Ok(());
         }
         let next = policy.iteration + 1;
-        // Cloning takes no steps of an environment.
+        // Behavioral cloning takes no environment steps.
         let step = if policy.environment_steps > 0 { policy.environment_steps } else { next };
         self.file.scalars(self.begun + policy.wall_s, step, &scalars(update))?;
         self.next = next;

@@ -1,4 +1,4 @@
-//! `goalward config`: the keys of a configuration, their values, and what is to be said of them.
+//! `goalward config`: the keys of a configuration, their values, and remarks on them.
 
 use anyhow::Result;
 use protocol::table::flat;
@@ -13,12 +13,12 @@ use crate::figures::Figures;
 /// Flags of `goalward config`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Parts of the keys' names, such as ppo. or uncertainty; without them all keys.
+    /// Lists only keys that contain one of these, such as ppo. or uncertainty; by default all keys.
     parts: Vec<String>,
     /// The task: a name, or the path of a task's file.
     #[arg(long, default_value = DEFAULT_TASK)]
     task: String,
-    /// Values to begin with: goalward, paper or authors; by default goalward.
+    /// Preset to start from: goalward, paper or authors; by default goalward.
     #[arg(long, value_parser = choices::presets())]
     preset: Option<String>,
     /// The method, by default goal-proximity; `goalward methods` says what each is.
@@ -36,7 +36,7 @@ struct Key {
     remark: Option<&'static str>,
 }
 
-/// Prints the keys that `--set` changes, with the values that a run has without it.
+/// Prints the keys that `--set` can change, with the values that they have without it.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { parts, task, preset, method, figures } = arguments;
     let method: Vec<String> = method.iter().map(|method| format!("method={method}")).collect();

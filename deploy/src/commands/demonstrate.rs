@@ -1,6 +1,6 @@
 //! `goalward demonstrate`: a task's expert records demonstrations.
 //!
-//! The actor does it; this only passes on what the user wants.
+//! The actor records them; this module only passes on what the user wants.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -26,22 +26,20 @@ pub(crate) struct Arguments {
     /// Episodes to record.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: u64,
-    /// Part of starts and goals that demonstrations may use, above 0 and at most 1; all of them
-    /// unless it is given.
+    /// Fraction of the starts and goals that demonstrations may use, above 0 and at most 1; by default all of them.
     #[arg(long, allow_negative_numbers = true)]
     coverage: Option<f64>,
-    /// How far starts and goals spread, in the task's own measure.
+    /// Spread of the starts and goals, in the task's own unit.
     #[arg(long, allow_negative_numbers = true)]
     noise: Option<f64>,
-    /// Run whose policy is the expert; without it the task's own expert is.
+    /// Run whose policy demonstrates; by default the task's own expert does.
     #[arg(long, value_name = "RUN")]
     policy: Option<PathBuf>,
-    /// Who demonstrates in an environment of Python: called with the environment when an episode has begun,
-    /// it gives what makes actions of observations.
+    /// Expert for a Python environment: a function that is called with the environment at the start of each episode
+    /// and returns a function from observations to actions.
     #[arg(long, value_name = "MODULE:FUNCTION", conflicts_with = "policy")]
     expert: Option<String>,
-    /// A value of the environment, such as environment.kwargs.x=3, or of demonstrations.; may be given more than
-    /// once.
+    /// Sets an environment or demonstrations key, such as environment.kwargs.x=3; can be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Seed of the starts and goals.
@@ -50,7 +48,7 @@ pub(crate) struct Arguments {
     /// MCAP file to write.
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
-    /// Replaces a file that is there; never anything of a run.
+    /// Overwrites an existing file, but never one in a run's folder.
     #[arg(long)]
     force: bool,
 }
@@ -76,8 +74,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// What `--set` names. It is of the environment, since a recording has nothing else, and says nothing
-/// against the flags.
+/// Returns the keys that `--set` names. They must be of the environment or the demonstrations, since a recording has no
+/// others, and must not contradict the flags.
 fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
     let Arguments { coverage, noise, policy, expert, settings, .. } = arguments;
     let named = set_by_user(settings)?;
@@ -93,7 +91,9 @@ fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
     }
     let of_expert = format!("demonstrations.{EXPERT}");
     if policy.is_some() && named.contains_key(&of_expert) {
-        return Err(wrong_usage(format!("--set {of_expert}: expected no expert beside --policy")));
+        return Err(wrong_usage(format!(
+            "--set {of_expert}: expected no expert together with --policy"
+        )));
     }
     let flags = [
         coverage.map(|share| format!("demonstrations.coverage={}", Value::Float(share))),
@@ -104,8 +104,8 @@ fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
     Ok(named)
 }
 
-/// What the flags make of the setting that a task's demonstrations are recorded in. Coverage and noise of
-/// the task's file are for its runs: unless they are given they are the environment's own.
+/// Returns the setting that the demonstrations are recorded in, with the flags applied. The coverage and noise of the
+/// task's file are for its runs: unless the user gives them here, they are the environment's own.
 fn setting(arguments: &Arguments, named: &BTreeMap<String, Value>, config: &RunConfig) -> Setting {
     let Arguments { coverage, noise, expert, .. } = arguments;
     let given = |key: &str| {

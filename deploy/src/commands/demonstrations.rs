@@ -1,4 +1,4 @@
-//! `goalward demonstrations`: files of demonstrations made of data sets, by the Python package `goalward`.
+//! `goalward demonstrations`: converts data sets to files of demonstrations, by the Python package `goalward`.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -9,7 +9,7 @@ use crate::figures::Figures;
 use crate::{destination, programs, tasks};
 use terminal::refusal::wrong_usage;
 
-/// Names the interpreter that has the package, as that of environments of Python.
+/// Environment variable that names the interpreter that has the package; it is also that of Python environments.
 const INTERPRETER: &str = "GOALWARD_PYTHON";
 
 /// The part of the package that reads and writes demonstrations.
@@ -18,7 +18,7 @@ const MODULE: &str = "goalward.demonstrations";
 /// The verbs of `goalward demonstrations`.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Verb {
-    /// Make a file of demonstrations of a data set: npz, CSV, Minari, LeRobot, robomimic, MCAP or rosbag2.
+    /// Convert a data set to a file of demonstrations: npz, CSV, Minari, LeRobot, robomimic, MCAP or rosbag2.
     Import(Import),
     /// Say what a file of demonstrations holds.
     Info {
@@ -37,34 +37,34 @@ pub(crate) struct Import {
     /// Task: a name, the path of a task's file, or an environment of Python such as gym:FetchPush-v4.
     #[arg(long)]
     task: String,
-    /// A value of the task's environment, such as environment.kwargs.x=3; may be given more than once.
+    /// Sets a key of the task's environment, such as environment.kwargs.x=3; can be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// MCAP file to write.
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
-    /// Replaces a file that is there; never anything of a run.
+    /// Overwrites an existing file, but never one in a run's folder.
     #[arg(long)]
     force: bool,
-    /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; found out unless it is given.
+    /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; detected by default.
     #[arg(long)]
     format: Option<String>,
-    /// Observation keys of the data set, in the order of the task; all that fit unless they are given.
+    /// Observation keys of the data set, in the order of the task's observation; by default all of them.
     #[arg(long, value_name = "KEY,KEY")]
     keys: Option<String>,
-    /// Which episodes reach the goal: `all`, each with its last observation, or the key that tells.
+    /// Which episodes reach the goal: `all`, each at its last observation, or the key of a success signal.
     #[arg(long, value_name = "all|KEY")]
     success: Option<String>,
-    /// Whether the keys have to be named as the task's labels are: match or ignore.
+    /// Whether the keys must match the names in the task's labels: match (the default) or ignore.
     #[arg(long, value_name = "match|ignore")]
     labels: Option<String>,
-    /// Takes so many episodes at most.
+    /// Takes at most this many episodes.
     #[arg(long)]
     episodes: Option<u64>,
 }
 
 impl Import {
-    /// What the package is told of the data set.
+    /// Returns the flags that tell the package what to take from the data set.
     fn selection(&self) -> Vec<String> {
         let Import { format, keys, success, labels, .. } = self;
         let episodes = self.episodes.map(|count| count.to_string());
@@ -80,7 +80,7 @@ impl Import {
     }
 }
 
-/// Does what the verb says.
+/// Runs the verb.
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Import(arguments) => import(arguments),
@@ -102,7 +102,7 @@ fn import(arguments: &Import) -> Result<()> {
     })
 }
 
-/// Runs the package, which says itself what it did, or why it did not.
+/// Runs the package, which itself says what it did, or why it did not.
 fn package(verb: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Result<()> {
     let interpreter = std::env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
     let named = |what: &str| format!("expected {what} {interpreter}, or where {INTERPRETER} says");

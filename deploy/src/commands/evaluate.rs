@@ -1,6 +1,6 @@
 //! `goalward evaluate`: runs episodes with a run's newest policy.
 //!
-//! The actor does it and prints the result as JSON; this shows them to people.
+//! The actor runs them and prints the result as JSON; this module shows it to people.
 
 use std::path::PathBuf;
 
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
-/// What the actor says.
+/// The actor's report.
 #[derive(Debug, Deserialize, Serialize)]
 struct Evaluation {
     episodes: u64,
@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let actions = arguments.actions.unwrap_or(config.evaluation.actions);
     let other_seed = arguments.seed.filter(|seed| *seed != config.seed);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
-    // The one that the actor takes: a damaged one is passed over.
+    // The checkpoint that the actor takes, which passes over damaged ones, too.
     if let Some(found) = checkpoint::newest(&folder, &[POLICY_FILE])?.newest {
         let file = folder.evaluation_file(found.iteration, episodes, actions, other_seed);
         destination::own_file(&file, arguments.force)?;

@@ -1,4 +1,4 @@
-//! `goalward experiment`: the runs of plans, from the first to the last that is missing.
+//! `goalward experiment`: trains the missing runs of plans.
 
 use std::fs;
 use std::path::PathBuf;
@@ -30,16 +30,16 @@ pub(crate) struct Arguments {
     /// Folder of the runs and the demonstrations.
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// Runs trained at once; half of the cores unless it is given. With more than one each run has
-    /// one actor and one thread per process. Results do not depend on it.
+    /// Runs to train at once; by default half the number of cores. With more than one, each run has one actor and one
+    /// thread per process. Results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: Option<u16>,
-    /// Counts runs that another build of goalward has finished and continues those that it has
-    /// begun. Curves keep them apart.
+    /// Counts runs that another build of goalward finished, and continues those that it began. Curves keep the builds
+    /// apart.
     #[arg(long)]
     other_build: bool,
-    /// Only say what is done, what is missing, and how many core-hours it takes; with --on what the cluster would be
-    /// given.
+    /// Only prints what is done, what is missing and how many core-hours it takes; with --on, what would be submitted
+    /// to the cluster.
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
@@ -48,7 +48,7 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
-/// What plans ask for, and where it lies.
+/// The runs that plans ask for, and the folder that they are in.
 struct Planned {
     plans: Vec<Plan>,
     runs: Vec<PlannedRun>,
@@ -61,7 +61,7 @@ impl Planned {
     }
 }
 
-/// Trains what is missing of plans.
+/// Trains the missing runs of plans.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { plans, quick, out, jobs, other_build, dry_run, .. } = arguments;
     let plans = read_all(plans, *quick)?;
@@ -95,13 +95,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let left = planned.left();
     print_standing(arguments, &mut planned, left, &next)?;
     if ended.is_stopped {
-        print_remark(&format!("stopped; go on with\n  {}", own_line(arguments)));
+        print_remark(&format!("stopped; continue with\n  {}", own_line(arguments)));
         return Err(stopped());
     }
     if !ended.failed.is_empty() {
         let folder = planned.archive.runs();
         bail!(
-            "{} of {} runs failed; what each has printed is in {}/NAME.txt: {}",
+            "{} of {} runs failed; the output of each is in {}/NAME.txt: {}",
             ended.failed.len(),
             planned.runs.len(),
             folder.display(),
@@ -110,12 +110,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     if !ended.elsewhere.is_empty() {
         let names = ended.elsewhere.join(", ");
-        print_remark(&format!("trained by somebody else right now: {names}"));
+        print_remark(&format!("being trained by another process: {names}"));
     }
     Ok(())
 }
 
-/// What would be done: by this machine, or by a cluster.
+/// Prints what this machine, or a cluster, would do.
 fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
     let left = planned.left();
     if let Some(engine) = arguments.cluster.on.filter(|_| left.runs > 0) {
@@ -128,7 +128,7 @@ fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<
     print_standing(arguments, planned, left, &next)
 }
 
-/// Has a cluster train what is missing, if the user wishes, and looks on, likewise.
+/// Has a cluster train the missing runs and shows their progress, each if the user asks for it.
 fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
     let missing = planned.left().runs;
     let look_on = format!("look on with\n  {} --watch", own_line(arguments));
@@ -157,7 +157,7 @@ fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
             Err(stopped())
         }
         Watched::Over => bail!(
-            "nobody trains what is missing any more; what each run has printed is in {}/NAME.txt",
+            "the missing runs are no longer being trained; the output of each run is in {}/NAME.txt",
             planned.archive.runs().display()
         ),
     }
@@ -170,7 +170,7 @@ fn order(arguments: &Arguments, engine: Engine, missing: usize) -> Result<Order>
     cluster.order(engine, missing, jobs.map_or(1, usize::from), (plans, out), flags)
 }
 
-/// What the runs that are missing cost, and how to train them.
+/// Says what the missing runs cost.
 fn in_words(left: &Left) -> String {
     let Left { runs, core_hours, unknown } = left;
     if *runs == 0 {
@@ -178,7 +178,7 @@ fn in_words(left: &Left) -> String {
     }
     let others = match unknown {
         0 => String::new(),
-        some => format!(", {some} aside that nobody has measured"),
+        some => format!(", not counting {some} with unknown costs"),
     };
     format!("; {runs} more take about {core_hours:.1} core-hours{others}:")
 }
@@ -187,17 +187,17 @@ fn half_of_the_cores() -> usize {
     std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1))
 }
 
-/// What of plans is done, and what is left.
+/// The state of plans: what is done, and what is left.
 #[derive(Serialize)]
 struct Standing {
     curves: Vec<CurveStanding>,
     runs_left: usize,
     core_hours_left: f64,
-    /// Of the runs left those whose cost nobody has measured.
+    /// Runs left whose cost was not measured.
     not_measured: usize,
 }
 
-/// Prints how the plans stand, and for people what is `next`.
+/// Prints the state of the plans and, for people, `next`.
 fn print_standing(
     arguments: &Arguments,
     planned: &mut Planned,
@@ -218,7 +218,7 @@ fn print_standing(
     })
 }
 
-/// The same command again.
+/// Returns the command that runs the same experiment again on this machine.
 fn own_line(arguments: &Arguments) -> String {
     let out = quoted(arguments.out.display());
     let jobs = arguments.jobs.map_or(String::new(), |jobs| format!(" --jobs {jobs}"));
@@ -227,7 +227,7 @@ fn own_line(arguments: &Arguments) -> String {
     format!("{goalward} experiment {plans}{jobs}{other_build} --out {out}")
 }
 
-/// The command that draws what is there.
+/// Returns the command that makes a report of the runs so far.
 fn report_line(arguments: &Arguments) -> String {
     let (goalward, out) = (programs::own_command(), quoted(arguments.out.display()));
     format!("{goalward} report {} --experiments {out} --out {out}/report --force", plans(arguments))

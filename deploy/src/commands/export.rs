@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     /// Kind of the files: onnx takes raw observations and gives actions; safetensors has weights alone.
     #[arg(long, value_enum, default_value_t = Format::Onnx)]
     format: Format,
-    /// Iterations that the checkpoint is after; by default the newest one.
+    /// Checkpoint to export, by its number of iterations; by default the newest.
     #[arg(long, value_name = "N")]
     checkpoint: Option<u64>,
     /// Folder for the files.
@@ -85,7 +85,7 @@ fn export_all(config: &RunConfig, arguments: &Arguments) -> Result<Vec<Exported>
     Ok(exported)
 }
 
-/// Lets a program write its file.
+/// Has a program write its file.
 fn export(
     of: &'static str,
     program: &Program,

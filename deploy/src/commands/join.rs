@@ -1,4 +1,4 @@
-//! `goalward join`: this machine's actors for a run of another machine.
+//! `goalward join`: actors on this machine for a run on another machine.
 
 use std::ffi::OsString;
 use std::fs::{self, DirEntry};
@@ -22,25 +22,25 @@ use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Joining, Outcome, Source, runtime, take_part};
 
-/// Most actors that a machine brings unasked: those of the run and of other machines want places as well.
+/// Most actors that a machine brings by default, since the run and other machines need places, too.
 const MOST_UNASKED: u64 = MAX_ACTORS as u64 / 2;
 
-/// What the name of a joining's folder begins with; it lies among temporary files.
+/// Prefix of the name of the temporary folder of a `goalward join`.
 const FOLDER: &str = "goalward-join-";
 
-/// One that is younger may not be locked yet by whoever made it.
+/// A folder that is younger may not have been locked yet by the process that made it.
 const YOUNG: Duration = Duration::from_secs(10);
 
 /// Flags of `goalward join`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Where the run listens; by default what its key says.
+    /// Address at which the run listens; by default the one in its key.
     #[arg(value_name = "HOST:PORT")]
     address: Option<String>,
     /// The run's file join.toml, or a copy of it.
     #[arg(long, value_name = "FILE", required_unless_present = "run")]
     key: Option<PathBuf>,
-    /// Folder of the run, where both machines have it.
+    /// Folder of the run, if both machines share it.
     #[arg(long, value_name = "DIR", conflicts_with = "key")]
     run: Option<PathBuf>,
     /// Actor processes on this machine; by default one for each core, but at most 32: a run has 64 in all.
@@ -49,7 +49,7 @@ pub(crate) struct Arguments {
     /// What this machine is called; by default its host name.
     #[arg(long)]
     name: Option<String>,
-    /// Joins with another build than the run's, if its actor acts the same.
+    /// Joins although this build differs from the run's, if its actor produces the same episodes.
     #[arg(long)]
     other_build: bool,
 }
@@ -114,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// Removes what joinings of this user that were killed have left.
+/// Removes what `goalward join` processes of this user left when they were killed.
 fn sweep(temporary: &Path) {
     let entries = fs::read_dir(temporary).into_iter().flatten().flatten();
     let is_one =
@@ -126,10 +126,10 @@ fn sweep(temporary: &Path) {
     }
 }
 
-/// Removes the folder of a joining, and what it has in shared memory, if nobody has its lock.
+/// Removes the folder of a `goalward join`, and what it has in shared memory, unless another process holds its lock.
 ///
 /// # Errors
-/// When a process of it still lives, or the system refuses.
+/// When one of its processes still lives, or the system refuses.
 fn remove_if_left(path: &Path) -> Result<()> {
     let found = fs::symlink_metadata(path)?;
     let is_ours = found.is_dir() && found.uid() == rustix::process::geteuid().as_raw();
@@ -145,7 +145,7 @@ fn remove_if_left(path: &Path) -> Result<()> {
     Ok(fs::remove_dir_all(path)?)
 }
 
-/// Lays out the folder that actors work in; false if the user does not want to.
+/// Lays out the folder that actors work in; returns false if the user stops it.
 fn lay_out(folder: &RunFolder, key: &Path, address: Option<&str>) -> Result<bool> {
     fs::create_dir(folder.output())?;
     let mut gateway = Program::Gateway.command()?;

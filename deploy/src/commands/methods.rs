@@ -1,4 +1,4 @@
-//! `goalward methods`: the methods there are.
+//! `goalward methods`: lists the methods.
 
 use anyhow::Result;
 use run::tasks;
@@ -24,7 +24,7 @@ struct Method {
     needs_actions: bool,
 }
 
-/// Prints all methods, as NAVIGATION has them.
+/// Prints all methods, as they are configured for NAVIGATION.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let methods = tasks::methods().into_iter().map(method).collect::<Result<Vec<_>>>()?;
     arguments.figures.print(&methods, |methods| table(methods))

@@ -21,17 +21,16 @@ use crate::programs::Program;
 use crate::supervisor::runtime;
 use crate::{answer, processes, progress_file, scenes};
 
-/// How much the page and what it starts yield to training; 19 is most.
+/// Niceness of the page and of what it starts, which yield to training; 19 is most.
 const NICENESS: i32 = 10;
 
 /// Flags of `goalward page`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folders of runs, or folders that have such.
+    /// Folders of runs, or folders that contain them.
     #[arg(default_value = "runs", value_name = "RUNS")]
     folders: Vec<PathBuf>,
-    /// The address to listen on. Another than this machine's own asks browsers for the token in the
-    /// address that is printed.
+    /// The address to listen on. If it is not a loopback address, browsers need the token in the printed address.
     #[arg(long, default_value = "127.0.0.1")]
     host: IpAddr,
     /// The port; 0 takes a free one.
@@ -50,7 +49,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
         })?;
     }
-    // Where the system does not let it yield, it does not.
+    // If the system refuses, the page runs with normal priority.
     rustix::process::nice(NICENESS).ok();
     runtime()?.block_on(async {
         let listen = |port| {
@@ -73,7 +72,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     })
 }
 
-/// Waits until whoever holds the standard input is gone.
+/// Waits until the standard input ends, because the process that held it is gone.
 async fn end_of_input() {
     let (ended, wait) = tokio::sync::oneshot::channel();
     let waiting = std::thread::Builder::new().name("input".to_owned()).spawn(move || {
@@ -85,7 +84,7 @@ async fn end_of_input() {
     }
 }
 
-/// The programs of the runs themselves.
+/// Asks the programs of the runs themselves.
 struct OfRuns;
 
 impl Programs for OfRuns {

@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     /// Folder of the report.
     #[arg(long, value_name = "DIR", default_value = "report")]
     out: PathBuf,
-    /// Replaces the files of a report that is there; never anything of a run.
+    /// Overwrites an existing report, but nothing of a run.
     #[arg(long)]
     force: bool,
     /// Takes the plans at the reduced size of their table `quick`.
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     /// Folder of the plans' runs, as given to `goalward experiment --out`.
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     experiments: PathBuf,
-    /// Writes the curves of every run for TensorBoard, too, into DIR/NAME of the run.
+    /// Also writes the curves of every run for TensorBoard, to DIR/NAME, where NAME is that of the run's folder.
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
 }
@@ -81,7 +81,7 @@ fn refuse_twice(folders: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// The folder within `folder` for the event file of each run, which some figures may share.
+/// Returns the folder of each run's event file within `folder`; several figures may share a run.
 fn event_folders(figures: &[Figure], folder: &Path) -> Result<BTreeMap<PathBuf, RunFolder>> {
     let mut folders = BTreeMap::new();
     let curves = figures.iter().flat_map(|figure| &figure.panels).flat_map(|panel| &panel.curves);
@@ -111,7 +111,7 @@ fn write_event_files(folders: BTreeMap<PathBuf, RunFolder>) -> Result<()> {
     Ok(())
 }
 
-/// The programs of the runs themselves.
+/// Asks the programs of the runs themselves.
 struct OfRuns;
 
 impl Programs for OfRuns {
@@ -135,7 +135,7 @@ impl Programs for OfRuns {
     }
 }
 
-/// What a program says that is asked. What it says when it fails is part of the error: the page is read
+/// Returns what a program answers to `ask`. If it fails, its last words become the error, since the page is read
 /// elsewhere.
 fn told<T>(program: &mut Command, ask: impl FnOnce(&mut Command) -> Result<T>) -> Result<T> {
     let mut said = tempfile::tempfile().context("a file for what a program says")?;

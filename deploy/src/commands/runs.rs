@@ -13,13 +13,13 @@ use terminal::refusal::wrong_usage;
 
 use crate::figures::Figures;
 
-/// What stands for what is not known.
+/// Stands for an unknown value.
 const UNKNOWN: &str = "-";
 
 /// Flags of `goalward runs`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder that has the folders of runs.
+    /// Folder that contains the folders of runs.
     #[arg(default_value = "runs")]
     folder: PathBuf,
     #[command(flatten)]
@@ -35,7 +35,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     arguments.figures.print(&lines, |lines| table(lines, folder))
 }
 
-/// The runs right in a folder, and when each was begun.
+/// Returns the runs directly in a folder, and when each was begun.
 fn runs_in(folder: &Path) -> Result<Vec<(SystemTime, PathBuf)>> {
     let entries = folder.read_dir().map_err(|error| {
         wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
@@ -51,7 +51,7 @@ fn runs_in(folder: &Path) -> Result<Vec<(SystemTime, PathBuf)>> {
     Ok(runs)
 }
 
-/// What is to be said of a run; one that cannot be read costs its line and is named.
+/// Returns the overview of a run. A run that cannot be read is named in a remark and left out.
 fn line(path: PathBuf) -> Option<Overview> {
     Overview::of(&RunFolder::new(path), print_remark)
         .inspect_err(|error| print_remark(&error.to_string()))

@@ -1,4 +1,4 @@
-//! `goalward scale`: more or fewer actors for a run that is being trained.
+//! `goalward scale`: changes the number of actors of a run that is being trained.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -16,10 +16,10 @@ use crate::processes::Processes;
 use terminal::print::{print_line, print_remark};
 use terminal::refusal::wrong_usage;
 
-/// How long another machine may take to have as many actors as it is to.
+/// How long another machine may take to have the wanted number of actors.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// How often it is looked at.
+/// Time between two looks at the machine.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Flags of `goalward scale`.
@@ -27,22 +27,22 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 pub(crate) struct Arguments {
     /// Folder of the run.
     run: PathBuf,
-    /// Actor processes from now on; none needs actors of other machines.
+    /// New number of actor processes; 0 on the learner's machine requires a run that other machines can join.
     #[arg(long, value_parser = clap::value_parser!(u64).range(..=MAX_ACTORS as u64))]
     actors: u64,
-    /// The machine that is to have them, as `goalward status` names it; by default the one that learns.
+    /// Machine that runs them, as `goalward status` names it; by default the learner's machine.
     #[arg(long, value_name = "NAME")]
     host: Option<String>,
 }
 
-/// Tells the supervisor of a run, or its gateway, how many actors there are to be.
+/// Tells the supervisor of a run, or its gateway, how many actors are wanted.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { run, actors, host } = arguments;
     let folder = RunFolder::new(run);
     folder.config()?;
     if !folder.is_trained() {
         return Err(wrong_usage(format!(
-            "nobody trains the run in {}; --resume takes --actors {actors}",
+            "{}: expected a run that is training, found none; `train --resume` takes --actors {actors}",
             run.display()
         )));
     }
@@ -72,13 +72,13 @@ fn actors_here(folder: &RunFolder) -> Result<u64> {
     Ok(found.map_or(0, |processes| processes.actors_here() as u64))
 }
 
-/// Places of a run that machines take beside the one called `host`, each at least one.
+/// Returns the places of a run that other machines than `host` take, at least one each.
 fn places_of_others(present: &[Host], host: &str) -> u64 {
     let others = present.iter().filter(|other| other.name != host);
     others.map(|other| other.actors.max(1)).sum()
 }
 
-/// Checks that a run has places for so many actors of one machine beside those that are taken.
+/// Checks that a run has places for `actors` actors of one machine, besides those that are `taken`.
 fn require_places(actors: u64, taken: u64) -> Result<()> {
     let room = (MAX_ACTORS as u64).saturating_sub(taken);
     let words = format!(
@@ -89,7 +89,8 @@ fn require_places(actors: u64, taken: u64) -> Result<()> {
     Ok(())
 }
 
-/// Waits until a machine has so many actors; says what there is to say if that takes long.
+/// Waits until a machine has `actors` actors; returns a remark if that takes longer than `patience` or the run ends
+/// before.
 fn await_actors(folder: &RunFolder, host: &str, actors: u64, patience: Duration) -> Option<String> {
     let begun = Instant::now();
     loop {
@@ -99,7 +100,7 @@ fn await_actors(folder: &RunFolder, host: &str, actors: u64, patience: Duration)
             return None;
         }
         if begun.elapsed() >= patience || !folder.is_trained() {
-            let Some(found) = found else { return Some(format!("{host} takes part no more")) };
+            let Some(found) = found else { return Some(format!("{host} left the run")) };
             let log = folder.output().join("gateway.log");
             return Some(format!(
                 "{host} has {found} actors so far, {actors} are wanted: its `goalward join` or {} may \
@@ -114,7 +115,7 @@ fn await_actors(folder: &RunFolder, host: &str, actors: u64, patience: Duration)
 fn require_host(present: &[Host], host: &str) -> Result<()> {
     let names: Vec<&str> = present.iter().map(|host| host.name.as_str()).collect();
     let expected = match names.is_empty() {
-        true => "expected a machine that takes part, and none does".to_owned(),
+        true => "expected a machine that has joined the run, and none has".to_owned(),
         false => format!("expected one of the machines that take part, {}", names.join(", ")),
     };
     ensure!(names.contains(&host), wrong_usage(format!("--host: {expected}, found {host}")));
@@ -147,7 +148,7 @@ mod tests {
         Hosts { present: vec![host("node-1")], expelled: Vec::new() }.write(&folder).unwrap();
         let remark = |host| await_actors(&folder, host, 2, Duration::ZERO);
         assert_eq!(remark("node-1"), None);
-        assert_eq!(remark("node-2").as_deref(), Some("node-2 takes part no more"));
+        assert_eq!(remark("node-2").as_deref(), Some("node-2 left the run"));
         let remark = await_actors(&folder, "node-1", 8, Duration::ZERO).unwrap();
         assert!(remark.starts_with("node-1 has 2 actors so far, 8 are wanted"), "{remark}");
     }
@@ -160,7 +161,8 @@ mod tests {
         let words =
             "--host: expected one of the machines that take part, node-1, node-2, found node-7";
         assert_eq!(refused(&present), words);
-        let words = "--host: expected a machine that takes part, and none does, found node-7";
+        let words =
+            "--host: expected a machine that has joined the run, and none has, found node-7";
         assert_eq!(refused(&[]), words);
     }
 }

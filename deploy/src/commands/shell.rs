@@ -1,4 +1,4 @@
-//! `goalward completions` and `goalward manual`: the command line as shells and `man` know it.
+//! `goalward completions` and `goalward manual`: describes the command line to shells and `man`.
 
 use std::fs;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ pub(crate) struct Manual {
     out: PathBuf,
 }
 
-/// Prints the completions of a shell.
+/// Prints the completion script for a shell.
 pub(crate) fn completions(arguments: &Completions, mut command: Command) {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "goalward", &mut script);

@@ -17,7 +17,7 @@ use crate::processes::Processes;
 /// How long a run may take to end.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// How often it is looked at.
+/// Time between two looks at the run.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// Flags of `goalward stop`.
@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     folder.config()?;
     let shown = arguments.run.display();
     if !folder.is_trained() {
-        return Err(wrong_usage(format!("nobody trains the run in {shown}")));
+        return Err(wrong_usage(format!("{shown}: expected a run that is training, found none")));
     }
     kill_process(supervisor(&folder)?, Signal::INT).context("stopping the supervisor")?;
     let begun = Instant::now();
@@ -44,7 +44,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         std::thread::sleep(LOOK_EVERY);
     }
     if matches!(Summary::of_run(&folder), Ok(Some(_))) {
-        print_line("the run had come to its end");
+        print_line("the run had already ended");
         return Ok(());
     }
     print_line(&format!("stopped; continue it with\n  {}", how_to_resume(&folder)));
@@ -58,6 +58,9 @@ fn supervisor(folder: &RunFolder) -> Result<Pid> {
     let id = id.and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
     id.with_context(|| {
         let shown = folder.path().display();
-        format!("expected the supervisor of the run in {shown} on its bus, found none: it is starting, or in another container")
+        format!(
+            "expected the supervisor of the run in {shown} on its bus, found none: it is starting, \
+             or in another container"
+        )
     })
 }

@@ -1,5 +1,4 @@
-//! `goalward task`: the file of a task that is an environment of Python, which is started once to say
-//! what it is.
+//! `goalward task`: writes the task's file of a Python environment, which is started once to describe itself.
 
 use std::path::PathBuf;
 
@@ -16,13 +15,13 @@ pub(crate) struct Arguments {
     /// The environment: gym:ID, gym:module:ID, or python:module:function.
     #[arg(value_name = "gym:ID|python:MODULE:FUNCTION")]
     task: String,
-    /// A value of the environment, such as environment.kwargs.x=3; may be given more than once.
+    /// Sets an environment key, such as environment.kwargs.x=3; can be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// The file to write.
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
-    /// Replaces a file that is there; never anything of a run.
+    /// Overwrites an existing file, but never one in a run's folder.
     #[arg(long)]
     force: bool,
 }
@@ -34,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         let expected = "expected gym:ID, gym:module:ID or python:module:function";
         return Err(wrong_usage(format!("{expected}, found {task}")));
     }
-    // Others belong to a run, not to its task.
+    // Other settings belong to a run, not to its task.
     let stranger = settings.iter().find(|setting| !setting.starts_with("environment."));
     if let Some(found) = stranger {
         return Err(wrong_usage(format!("--set: expected environment.KEY=VALUE, found {found}")));

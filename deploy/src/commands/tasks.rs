@@ -1,4 +1,4 @@
-//! `goalward tasks`: the tasks that Goalward brings.
+//! `goalward tasks`: lists the built-in tasks.
 
 use anyhow::Result;
 use protocol::task::{ActionSpec, ObservationSpec};
@@ -70,5 +70,6 @@ fn table(tasks: &[Task]) -> String {
     });
     let rows: Vec<_> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
     numbers::columns(&rows)
-        + "\nyour own: the path of its file, such as `goalward task gym:CartPole-v1 --out cart_pole.toml` writes\n"
+        + "\nfor your own task, give the path of its file; `goalward task gym:CartPole-v1 --out \
+           cart_pole.toml` writes one\n"
 }

@@ -1,4 +1,4 @@
-//! `goalward train`: a run from its first check to its last table.
+//! `goalward train`: trains a run, from the first check to the last table.
 
 use std::path::{Path, PathBuf};
 
@@ -29,17 +29,16 @@ use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped};
 
-/// What a run's folder can grow by, with room to spare.
+/// Bytes by which a run's folder can grow, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
 
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation (the default), fetch-pick, fetch-push, ant-reach, or a task of your own: the path
-    /// of its file.
+    /// Task: navigation (the default), fetch-pick, fetch-push, ant-reach, or the path of your own task's file.
     task: Option<String>,
-    /// Values to begin with: goalward (our best, the default), paper (its tables) or authors (what
-    /// produced their curves).
+    /// Preset to start from: goalward (our best values, the default), paper (the paper's tables) or authors (the
+    /// settings behind the authors' published curves).
     #[arg(long, value_parser = choices::presets())]
     preset: Option<String>,
     /// Method: goal-proximity (the default), a baseline such as gail, gaifo, gaifo-s, bc, bco or sqil,
@@ -52,42 +51,41 @@ pub(crate) struct Arguments {
     /// Environment steps to train for.
     #[arg(long, allow_negative_numbers = true)]
     steps: Option<u64>,
-    /// Part of starts and goals that demonstrations may use, above 0 and at most 1.
+    /// Fraction of the starts and goals that demonstrations may use, above 0 and at most 1.
     #[arg(long, allow_negative_numbers = true)]
     coverage: Option<f64>,
-    /// How far the agent's starts and goals spread, in the task's own measure: a factor of the
-    /// demonstrations' ranges (fetch-pick, fetch-push), or half the width of the noise on the
-    /// starting pose (ant-reach).
+    /// Spread of the agent's starts and goals, in the task's own unit: a factor on the ranges of the demonstrations
+    /// (fetch-pick, fetch-push), or half the width of the noise on the starting pose (ant-reach).
     #[arg(long, allow_negative_numbers = true)]
     noise: Option<f64>,
     /// Actor processes; their number never changes the result.
     #[arg(long, allow_negative_numbers = true)]
     actors: Option<u64>,
-    /// Demonstrations to learn from; without it the task's expert records some.
+    /// Demonstrations to learn from; by default the task's expert records them.
     #[arg(long, value_name = "FILE.mcap")]
     demonstrations: Option<PathBuf>,
     /// Folder of the run; by default the next free runs/TASK-NUMBER.
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// Changes any key of the task's file, such as ppo.clip=0.3; can be given again.
+    /// Sets a configuration key, such as ppo.clip=0.3; can be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Continues the run in --run DIR from its newest checkpoint.
     #[arg(long)]
     resume: bool,
-    /// Only says what would be trained, once everything has been checked.
+    /// Checks everything and prints what would be trained, but does not train.
     #[arg(long)]
     dry_run: bool,
-    /// Writes the run's curves for TensorBoard meanwhile, into DIR/NAME of the run.
+    /// Writes the run's curves for TensorBoard during training, to DIR/NAME, where NAME is that of the run's folder.
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
-    /// Serves no page of the run meanwhile; see `goalward page`.
+    /// Does not serve the run's web page during training; see `goalward page`.
     #[arg(long)]
     no_page: bool,
     #[command(flatten)]
     listening: ListenOptions,
-    /// Continues a run that another build of goalward trained, or whose environment's module of Python was
-    /// changed, though its result may then be that of neither; the log names both.
+    /// Continues a run although another build of goalward trained it, or a Python module of its environment has
+    /// changed since. The result may then be that of neither version; the log names both.
     #[arg(long, requires = "resume")]
     other_build: bool,
     #[command(flatten)]
@@ -160,7 +158,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     view.finish();
     drop(events);
     if outcome.is_err() {
-        // Whatever failed first, this is why.
+        // If the folder is no longer in its place, that is the cause of any failure.
         place.check()?;
     }
     match outcome? {
@@ -177,7 +175,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
 }
 
-/// Everything that can be known to be wrong before the run has a folder. Gives what else is to be said.
+/// Checks everything that can be checked before the run has a folder. Returns remarks for the user.
 fn check(plan: &Plan) -> Result<Vec<String>> {
     let long = Machine::here().require_room_for(&plan.config)?;
     let file = file_of(&plan.folder, &plan.config);
@@ -218,15 +216,15 @@ fn prepare_and_supervise(
     block_on_supervision(folder, &source, view)
 }
 
-/// What a run left in shared memory that ended with its supervisor killed.
+/// Removes what a run left in shared memory if it finished after its supervisor was killed.
 fn clean_up_after(folder: &RunFolder) -> Result<()> {
-    // Without the lock its supervisor still lives, and does it.
+    // If another process holds the lock, the supervisor still lives and does this itself.
     let Ok(_lock) = plan::lock(folder) else { return Ok(()) };
     let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(()) };
     runtime()?.block_on(remove_from_bus(&address))
 }
 
-/// The deepest folder on the way to `path` that exists.
+/// Returns the deepest existing folder on the way to `path`.
 fn existing_part(path: &Path) -> PathBuf {
     let existing = path.ancestors().find(|part| part.is_dir());
     existing.unwrap_or(Path::new(".")).to_owned()
@@ -242,7 +240,7 @@ fn start_line(plan: &Plan, doing: &str) -> String {
     let config = &plan.config;
     let RunConfig { task, method, preset, seed, resources, .. } = config;
     format!(
-        "{doing} {task} by {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
+        "{doing} {task} with {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
         plan.folder.path().display(),
         numbers::count(config.steps_wanted()),
         resources.actors,
@@ -277,17 +275,17 @@ impl Planned {
     }
 }
 
-/// What a run would change in the defaults of its task, preset and method, and what it costs.
+/// How a run differs from the defaults of its task, preset and method, and what it costs.
 #[derive(Debug, Serialize)]
 struct Changes {
     settings: Vec<Difference>,
-    /// Seconds of one core, as far as anybody has measured it.
+    /// Core-seconds, if they were measured.
     processor_s: Option<f64>,
 }
 
 impl Changes {
     fn of(config: &RunConfig, task: Option<&str>, settings: &[String]) -> Changes {
-        // A task of the user's own is known by what it was called.
+        // The defaults of a user's own task can be read only by the name that the user gave.
         let usual = task.and_then(|task| plan::usual(task, config, settings).ok());
         let settings = usual
             .map_or_else(|| repeat::differences(config), |usual| repeat::changes(config, &usual));
@@ -307,7 +305,7 @@ impl Changes {
     }
 }
 
-/// A run that is finished.
+/// A finished run.
 #[derive(Debug, Serialize)]
 struct Finished {
     run: PathBuf,

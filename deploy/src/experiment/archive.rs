@@ -1,9 +1,9 @@
-//! An experiment's folder: where runs, what they print and demonstrations lie in it.
+//! An experiment's folder: where its runs, their output and their demonstrations are.
 //!
-//! A run's folder is called `TASK-METHOD-sSEED-HASH`. The hash stands for all that decides the
-//! result, and for nothing else: not for the names of method and preset, whose values are in it. So
-//! a run that two figures show, or an ablation that is the default, lies in one folder, under the
-//! method's name that came first. The build of a program that the user's own task brings along is in it, too.
+//! A run's folder is called `TASK-METHOD-sSEED-HASH`. The hash stands for everything that decides the result and for
+//! nothing else. It leaves out the names of method and preset, since their values are in it; it includes the build of a
+//! program that the user's own task brings. A run that two figures show, or an ablation that equals the default, is
+//! thus in one folder, named after the method that came first.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,19 +18,19 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::planned_run::PlannedRun;
 
-/// Names of what other parts of a configuration spell out.
+/// Keys whose values only name what other keys spell out.
 const NAMES: [&str; 2] = ["method", "preset"];
 
 /// An experiment's folder.
 #[derive(Debug)]
 pub(crate) struct Archive {
     path: PathBuf,
-    /// Names of runs, those to come included, by hash.
+    /// Names of runs, including future ones, by hash.
     names: BTreeMap<String, String>,
 }
 
 impl Archive {
-    /// The experiment in the folder `path`, which need not exist yet.
+    /// Opens the experiment in the folder `path`, which need not exist yet.
     pub(crate) fn open(path: &Path) -> Archive {
         let mut archive = Archive { path: path.to_owned(), names: BTreeMap::new() };
         let entries = fs::read_dir(archive.runs()).into_iter().flatten().flatten();
@@ -45,17 +45,17 @@ impl Archive {
         archive
     }
 
-    /// Folder of the runs, and of what `goalward train` printed for each.
+    /// Returns the folder of the runs, and of what `goalward train` printed for each.
     pub(crate) fn runs(&self) -> PathBuf {
         self.path.join("runs")
     }
 
-    /// Folder of the demonstrations.
+    /// Returns the folder of the demonstrations.
     pub(crate) fn demonstrations(&self) -> PathBuf {
         self.path.join(SHARED_FOLDER)
     }
 
-    /// The name of a run, whether it is there or to come.
+    /// Returns the name of a run, which need not exist yet.
     pub(crate) fn name_of(&mut self, run: &PlannedRun) -> String {
         let RunConfig { task, method, seed, .. } = &run.config;
         let hash = identity(&run.config);
@@ -66,24 +66,24 @@ impl Archive {
         name.clone()
     }
 
-    /// The folder of a run, whether it is there or to come.
+    /// Returns the folder of a run, which need not exist yet.
     pub(crate) fn folder_of(&mut self, run: &PlannedRun) -> RunFolder {
         RunFolder::new(self.runs().join(self.name_of(run)))
     }
 
-    /// The demonstrations a run learns from: one file for all runs that need the same.
+    /// Returns the file of demonstrations that a run learns from: one file for all runs that need the same.
     pub(crate) fn demonstrations_of(&self, config: &RunConfig) -> PathBuf {
         let setting = serde_json::to_string(&config.demonstration_setting())
             .expect("a setting has only numbers and texts");
         let RunConfig { task, seed, demonstrations, .. } = config;
-        // Nothing for a task of ours.
+        // Empty for the built-in tasks.
         let program = task.program_sha256.as_deref().unwrap_or_default();
         let (episodes, hash) = (demonstrations.episodes, short_hash(&(setting + program)));
         self.demonstrations().join(format!("{task}-{episodes}-s{seed}-{hash}.mcap"))
     }
 }
 
-/// What two runs have in common that give the same result.
+/// Returns the hash that runs share if they give the same result.
 fn identity(config: &RunConfig) -> String {
     let mut values = serde_json::to_value(config).expect("a configuration has only plain values");
     if let Value::Object(values) = &mut values {

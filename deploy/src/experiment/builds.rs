@@ -1,4 +1,4 @@
-//! That all runs of an experiment are of the build at work, unless the user wants otherwise.
+//! Checks that all runs of an experiment are by this build, unless the user wants otherwise.
 
 use anyhow::Result;
 use protocol::build::Build;
@@ -8,10 +8,10 @@ use super::planned_run::PlannedRun;
 use report::origin::Origin;
 use terminal::refusal::wrong_usage;
 
-/// Looks at every run that was begun.
+/// Refuses runs that another build has begun.
 ///
 /// # Errors
-/// Of wrong usage, in a line that says how many runs are of another build and names one.
+/// Wrong usage, in a line that says how many runs are by another build and names one.
 pub(crate) fn refuse_other_builds(runs: &[PlannedRun], archive: &mut Archive) -> Result<()> {
     let mut others = Vec::new();
     for run in runs {
@@ -20,8 +20,8 @@ pub(crate) fn refuse_other_builds(runs: &[PlannedRun], archive: &mut Archive) ->
     }
     let Some((name, origin)) = others.first() else { return Ok(()) };
     Err(wrong_usage(format!(
-        "{}: expected runs of this build, {}, found {} of {} of another one, such as {name} by {}; \
-         --other-build counts and continues them, another --out trains all anew",
+        "{}: expected runs of this build, {}, found {} of {} by another build, such as {name} by \
+         {}; --other-build counts and continues them, another --out trains all of them again",
         archive.runs().display(),
         Build::own(),
         others.len(),

@@ -1,4 +1,4 @@
-//! What is left to train costs, by the pace of the runs that are finished, or as it was measured before.
+//! Estimates what the runs that are left to train cost, by the pace of finished runs or by earlier measurements.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -10,25 +10,23 @@ use super::archive::Archive;
 use super::planned_run::PlannedRun;
 use super::training::{Standing, Training};
 
-/// Seconds and planned steps of finished runs, added up: for each method of a task, for each task, and
-/// for all.
+/// Total seconds and planned steps of finished runs: for each method of a task, for each task, and for all.
 #[derive(Debug, Default)]
 pub(super) struct Estimate {
     measured: BTreeMap<Kind, (f64, u64)>,
 }
 
-/// A task and a method, either of which may be any.
+/// A task and a method; `None` stands for any.
 type Kind = (Option<String>, Option<String>);
 
-/// From the like to the unlike.
+/// Returns the kinds that a run belongs to, the most specific first.
 fn kinds(config: &RunConfig) -> [Kind; 3] {
     let task = Some(config.task.name.clone());
     [(task.clone(), Some(config.method.clone())), (task, None), (None, None)]
 }
 
 impl Estimate {
-    /// Takes into account that a run was finished in so many seconds. It is measured by the steps it
-    /// was planned with, for behavioral cloning takes none.
+    /// Adds a run that finished in `seconds`. It counts by its planned steps, since behavioral cloning takes none.
     pub(super) fn add(&mut self, config: &RunConfig, seconds: f64) {
         for kind in kinds(config) {
             let (all_seconds, steps) = self.measured.entry(kind).or_default();
@@ -37,8 +35,7 @@ impl Estimate {
         }
     }
 
-    /// Seconds that a run takes, by the most similar ones that are finished; not a number if there
-    /// are none.
+    /// Returns the seconds that a run takes, by the most similar finished runs; NaN if there are none.
     pub(super) fn seconds(&self, config: &RunConfig) -> f64 {
         kinds(config).iter().find_map(|kind| self.of_kind(kind, config)).unwrap_or(f64::NAN)
     }
@@ -48,7 +45,7 @@ impl Estimate {
         Some(seconds / steps.max(1) as f64 * config.steps as f64)
     }
 
-    /// The same, if a run of the same task and method is finished.
+    /// Returns the estimate from runs of the same task and method; `None` if none of them is finished.
     fn of_the_like(&self, config: &RunConfig) -> Option<f64> {
         self.of_kind(&kinds(config)[0], config)
     }
@@ -66,32 +63,32 @@ static MEASURED: LazyLock<BTreeMap<String, BTreeMap<String, OfLearner>>> = LazyL
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Cost {
-    /// Before its first step and after its last one.
+    /// Core-seconds before the first step and after the last one.
     beside: f64,
-    /// A million environment steps.
+    /// Core-seconds per million environment steps.
     million_steps: f64,
 }
 
-/// Core-seconds that a run of such a task, policy learner and reward model takes; none where nobody has
-/// measured them.
+/// Returns the core-seconds of a run as measured for its task, policy learner and reward model; `None` if they were not
+/// measured.
 pub(crate) fn measured(config: &RunConfig) -> Option<f64> {
     let of_learner = MEASURED.get(&config.task.name)?.get(config.learner.name())?;
     let Cost { beside, million_steps } = of_learner.get(config.reward.model.name)?;
     Some(beside + million_steps * config.steps as f64 / 1e6)
 }
 
-/// What is left of the runs of plans.
+/// The work that is left of the runs of plans.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Left {
     /// Runs that are not finished.
     pub(crate) runs: usize,
-    /// Hours that one core needs for them, those aside of which nothing is known.
+    /// Core-hours that they need, without runs of unknown cost.
     pub(crate) core_hours: f64,
-    /// Runs of a task and a method that nobody has measured.
+    /// Unfinished runs of unknown cost.
     pub(crate) unknown: usize,
 }
 
-/// What is left of runs.
+/// Returns the work that is left of `runs`.
 pub(crate) fn left(runs: &[PlannedRun], archive: &mut Archive) -> Left {
     let mut finished = Estimate::default();
     let mut missing = Vec::new();

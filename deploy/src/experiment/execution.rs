@@ -1,8 +1,8 @@
-//! Carries plans out: starts what is next, notices what has ended, says how it stands.
+//! Carries out plans: starts the next run, notices which runs have ended, and shows the progress.
 //!
-//! Every run is a `goalward train` of its own, which supervises its processes, locks its folder and
-//! can be continued. So nothing is lost if an experiment ends early, in whatever way: what is
-//! finished has a summary and is skipped, what has begun goes on from its newest checkpoint.
+//! Every run is a `goalward train` of its own, which supervises its processes, locks its folder and can be continued.
+//! So nothing is lost if an experiment ends early, in whatever way: a finished run has a summary and is skipped, and a
+//! run that has begun continues from its newest checkpoint.
 
 use std::collections::VecDeque;
 use std::process::ExitStatus;
@@ -23,7 +23,7 @@ use terminal::numbers;
 use terminal::refusal::WRONG_USAGE;
 use terminal::status_line::StatusLine;
 
-/// How often the processes are looked at if no signal says so.
+/// Time between two checks of the processes if no signal arrives.
 const TICK: Duration = Duration::from_millis(500);
 
 /// How an experiment ended.
@@ -33,15 +33,16 @@ pub(crate) struct Ended {
     pub(crate) is_stopped: bool,
     /// Runs that failed.
     pub(crate) failed: Vec<String>,
-    /// Runs that somebody else trains right now.
+    /// Runs that another process is training.
     pub(crate) elsewhere: Vec<String>,
 }
 
-/// Trains runs in their order, `jobs` at a time; those that are finished are skipped. Runs that
-/// another build has begun fail unless `other_build` continues them.
+/// Trains runs in their order, `jobs` at a time, and skips finished ones. Runs that another build has begun fail,
+/// unless `other_build` is set: then they are continued.
 ///
 /// # Errors
-/// When a process cannot start. A run that fails is no error.
+/// When signals cannot be listened for, or the system cannot say how a process ended. A run that cannot start or fails
+/// is no error.
 pub(crate) fn execute(
     runs: &[PlannedRun],
     archive: &mut Archive,
@@ -77,29 +78,29 @@ pub(crate) fn execute(
 struct Execution {
     jobs: usize,
     other_build: bool,
-    /// Of all plans, each once.
+    /// Number of runs of all plans, each counted once.
     runs: usize,
     finished: usize,
     waiting: VecDeque<Training>,
-    /// For the first of those that wait.
+    /// Records the demonstrations of the first waiting run.
     recorder: Option<Recorder>,
     running: Vec<(Training, Child)>,
-    /// Those that somebody else has been found to train.
+    /// Runs that another process was found to be training.
     elsewhere: Vec<Training>,
     estimate: Estimate,
     line: StatusLine,
     ended: Ended,
 }
 
-/// What was begun for a run that was next.
+/// What was begun for the next run.
 enum Begun {
     Training(Child),
     Recording(Recorder),
-    /// Somebody else has trained it meanwhile.
+    /// Nothing, since another process has finished the run in the meantime.
     Nothing,
-    /// Somebody else trains it.
+    /// Nothing, since another process is training the run.
     Elsewhere,
-    /// Somebody else records its demonstrations.
+    /// Nothing yet, since another process is recording the run's demonstrations.
     Later,
 }
 
@@ -127,7 +128,8 @@ impl Execution {
         }
     }
 
-    /// Starts what is next, if there is room for it; returns whether there was anything to do.
+    /// Starts the next run or the recording of its demonstrations, if there is room for it; returns whether there was
+    /// anything to do.
     fn start_next(&mut self) -> bool {
         if self.recorder.is_some() || self.running.len() >= self.jobs {
             return false;
@@ -168,7 +170,7 @@ impl Execution {
         Recorder::start(&training.run.config, file).map(Begun::Recording)
     }
 
-    /// Notices what has ended; returns whether anything has.
+    /// Notices what has ended; returns whether a run has.
     fn reap(&mut self) -> Result<bool> {
         let mut is_news = false;
         for (training, mut child) in std::mem::take(&mut self.running) {
@@ -222,11 +224,11 @@ impl Execution {
     }
 
     fn leave_to_others(&mut self, training: Training) {
-        self.line.note(&format!("the run {} is being trained by somebody else", training.name));
+        self.line.note(&format!("the run {} is being trained by another process", training.name));
         self.elsewhere.push(training);
     }
 
-    /// Takes back what somebody else has finished, or does not train any more.
+    /// Takes back the runs that other processes have finished or stopped training.
     fn look_elsewhere(&mut self) {
         let (trained, left): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.elsewhere).into_iter().partition(Training::is_elsewhere);
@@ -234,7 +236,7 @@ impl Execution {
         self.waiting.extend(left);
     }
 
-    /// Passes the user's wish on; the second time runs end at once.
+    /// Passes on the user's request to stop; the second time, runs end at once.
     fn stop(&mut self) {
         if !std::mem::replace(&mut self.ended.is_stopped, true) {
             self.line.note("stopping: every run writes a checkpoint (Ctrl-C again: at once)");
@@ -277,7 +279,7 @@ impl Execution {
     }
 }
 
-/// A run that is under way.
+/// Describes a run that is being trained.
 fn words(training: &Training, standing: Option<Standing>) -> String {
     let name = &training.name;
     match standing {

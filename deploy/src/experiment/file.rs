@@ -1,4 +1,4 @@
-//! A plan as its file has it, `deploy/experiments/*.toml`; nothing in it is checked but its form.
+//! A plan as it is in its file, `deploy/experiments/*.toml`; only its form is checked here.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use terminal::refusal::wrong_usage;
 
-/// Longest reason why a file is no plan, characters.
+/// Longest reason given for refusing a plan, characters.
 pub(super) const REASON_CHARS: usize = 500;
 
 /// A plan.
@@ -26,7 +26,7 @@ pub(super) struct PlanFile {
     /// Settings of every panel.
     #[serde(default)]
     pub(super) set: Vec<String>,
-    /// Pictures, the most important first.
+    /// Panels, the most important first.
     #[serde(default, rename = "panel")]
     pub(super) panels: Vec<PanelEntry>,
     /// What `--quick` changes.
@@ -34,22 +34,22 @@ pub(super) struct PlanFile {
     pub(super) quick: Quick,
 }
 
-/// A picture.
+/// A panel, which is one picture.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PanelEntry {
     pub(super) name: String,
     pub(super) title: String,
-    /// A name, or the path of a task's file.
+    /// Name of the task, or path of the task's file.
     pub(super) task: String,
-    /// Of the task's file.
+    /// Preset of the task's file.
     pub(super) preset: Option<String>,
-    /// Environment steps; without it those of the task's file.
+    /// Environment steps; if `None`, those of the task's file.
     pub(super) steps: Option<u64>,
     /// Settings of every curve.
     #[serde(default)]
     pub(super) set: Vec<String>,
-    /// Methods instead of the plan's.
+    /// Methods that replace the plan's.
     pub(super) methods: Option<Vec<String>>,
     /// Success rates of published curves, by method.
     #[serde(default)]
@@ -65,7 +65,7 @@ pub(super) struct PanelEntry {
 pub(super) struct CurveEntry {
     pub(super) name: String,
     pub(super) method: String,
-    /// Instead of the panel's.
+    /// Preset that replaces the panel's.
     pub(super) preset: Option<String>,
     #[serde(default)]
     pub(super) set: Vec<String>,
@@ -78,12 +78,12 @@ pub(super) struct CurveEntry {
 pub(super) struct Quick {
     pub(super) steps: Option<u64>,
     pub(super) seeds: Option<Vec<u64>>,
-    /// Only these panels.
+    /// Panels to keep; all if `None`.
     pub(super) panels: Option<Vec<String>>,
-    /// Settings laid over everything.
+    /// Settings that override those of the plan.
     #[serde(default)]
     pub(super) set: Vec<String>,
-    /// Settings laid over those of single methods.
+    /// Settings by method, which override all others.
     #[serde(default)]
     pub(super) method: BTreeMap<String, Vec<String>>,
 }
@@ -92,7 +92,7 @@ impl PlanFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// Of wrong usage, in one line, when it is missing or is no plan.
+    /// Wrong usage, in one line, when the file is missing or is no plan.
     pub(super) fn read(path: &Path) -> Result<PlanFile> {
         let shown = path.display();
         let text = std::fs::read_to_string(path)

@@ -1,20 +1,20 @@
-//! Experiments: plans of many runs, tasks x methods x settings x seeds, run to the end of the last.
+//! Experiments: plans of many runs (tasks x methods x settings x seeds), trained until all are finished.
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `file` | a plan as its file has it |
-//! | `plan` | a plan, checked: figures, panels, curves, and every run's whole configuration |
+//! | `file` | a plan as it is in its file |
+//! | `plan` | a checked plan: figures, panels, curves, and every run's whole configuration |
 //! | `planned_run` | one of these runs |
-//! | `archive` | what lies where in an experiment's folder; a run is in it once |
-//! | `builds` | that all runs are of the build at work |
-//! | `execution` | which run is next, what became of it, Ctrl-C |
-//! | `training`, `recorder` | a `goalward train` for a run, and before it an expert for its demonstrations |
-//! | `watching` | how it stands while others train |
-//! | `estimate` | the time that is left, and the core-hours |
+//! | `archive` | the layout of an experiment's folder, which holds each run once |
+//! | `builds` | checks that all runs are by this build |
+//! | `execution` | starts the runs in order, notes how they end, handles Ctrl-C |
+//! | `training`, `recorder` | `goalward train` for a run, and before it the expert that records its demonstrations |
+//! | `watching` | shows the progress of runs that other processes train |
+//! | `estimate` | the time and the core-hours that are left |
 //! | `overview` | what is done and what is missing |
 //!
-//! A run is known by what decides its result, so two figures that show the same run share it, and a
-//! plan that was interrupted, extended or reordered runs only what is missing.
+//! A run is identified by what decides its result, so two figures that show the same run share it, and a plan that was
+//! interrupted, extended or reordered trains only the missing runs.
 
 mod archive;
 mod builds;
@@ -46,15 +46,15 @@ pub(crate) use watching::{Watched, watch};
 use report::figure::Figure;
 use report::origin::apart;
 
-/// The figure of a plan whose runs lie in the experiment's folder `out`.
+/// Returns the figure of a plan whose runs are in the experiment's folder `out`.
 ///
 /// # Errors
-/// When the plan is not sound.
+/// When the plan is invalid.
 pub(crate) fn figure_of_plan(path: &Path, out: &Path, quick: bool) -> Result<Figure> {
     Ok(figure_of(&Plan::read(path, quick)?, &mut Archive::open(out)))
 }
 
-/// The same of a plan that has been read.
+/// Returns the figure of a plan that has been read.
 pub(crate) fn figure_of(plan: &Plan, archive: &mut Archive) -> Figure {
     apart(plan.figure(archive))
 }

@@ -1,4 +1,4 @@
-//! What of a figure is done, what is missing, and how well the finished runs do.
+//! Which runs of a figure are done and which are missing, and how well the finished ones do.
 
 use run::summary::Summary;
 use serde::Serialize;
@@ -7,7 +7,7 @@ use report::figure::{Curve, Figure};
 use terminal::numbers;
 use terminal::print::print_remark;
 
-/// How a curve of a figure stands.
+/// The state of a curve of a figure.
 #[derive(Debug, Serialize)]
 pub(crate) struct CurveStanding {
     figure: String,
@@ -15,13 +15,13 @@ pub(crate) struct CurveStanding {
     curve: String,
     runs: usize,
     finished: usize,
-    /// Mean of the finished runs.
+    /// Mean success rate of the finished runs.
     success_rate: Option<f64>,
-    /// The end of the authors' curve.
+    /// Success rate at the end of the authors' curve.
     authors: Option<f64>,
 }
 
-/// How the curves of a figure stand.
+/// Returns the state of the curves of a figure.
 pub(crate) fn curves(figure: &Figure) -> Vec<CurveStanding> {
     let of_panel = figure.panels.iter().flat_map(|panel| {
         panel.curves.iter().map(|curve| {
@@ -41,7 +41,7 @@ pub(crate) fn curves(figure: &Figure) -> Vec<CurveStanding> {
     of_panel.collect()
 }
 
-/// Those of `curves` that are of a figure, as a table below its title.
+/// Returns those of `curves` that belong to a figure, as a table below its title.
 pub(crate) fn table(figure: &Figure, curves: &[CurveStanding]) -> String {
     let mut rows = vec![["panel", "curve", "seeds", "success", "authors"].map(str::to_owned)];
     let rate = |rate: Option<f64>, digits| numbers::percent(rate.unwrap_or(f64::NAN), digits);
@@ -57,14 +57,14 @@ pub(crate) fn table(figure: &Figure, curves: &[CurveStanding]) -> String {
     format!("{}: {}\n{}", figure.name, figure.title, numbers::columns(&rows))
 }
 
-/// Of the runs that are finished.
+/// Returns the success rates of the finished runs.
 fn success_rates(curve: &Curve) -> Vec<f64> {
     let finished = curve.runs.iter().filter_map(|run| Summary::of_finished(run, print_remark));
     finished.map(|summary| success(&summary)).collect()
 }
 
-/// Of the last training episodes, as in the paper's curves; of the evaluation, where a method has no
-/// training episodes.
+/// Returns the success rate of the last training episodes, as in the paper's curves, or of the evaluation if the method
+/// has no training episodes.
 fn success(summary: &Summary) -> f64 {
     let Summary { episodes, evaluation, success_rate, .. } = summary;
     let rate = if *episodes == 0 { evaluation.success_rate } else { *success_rate };

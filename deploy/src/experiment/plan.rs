@@ -1,4 +1,4 @@
-//! A plan, checked: every run it asks for, with its whole configuration.
+//! A checked plan: every run that it asks for, with its whole configuration.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
@@ -35,14 +35,14 @@ struct PlannedPanel {
 struct PlannedCurve {
     name: String,
     anchor: Option<f64>,
-    /// One for each seed.
+    /// One run for each seed.
     runs: Vec<PlannedRun>,
 }
 
 /// Reads plans that are to be carried out together.
 ///
 /// # Errors
-/// Of wrong usage, when one is not sound, or two have the same name.
+/// Wrong usage, when a plan is invalid, or two have the same name.
 pub(crate) fn read_all(paths: &[impl AsRef<Path>], quick: bool) -> Result<Vec<Plan>> {
     let mut plans: Vec<Plan> = Vec::new();
     for path in paths {
@@ -57,7 +57,7 @@ pub(crate) fn read_all(paths: &[impl AsRef<Path>], quick: bool) -> Result<Vec<Pl
     Ok(plans)
 }
 
-/// The runs of plans, each once, in the order they are to be trained in.
+/// Returns the runs of plans, each once, in the order in which they are to be trained.
 pub(crate) fn queue(plans: &[Plan], archive: &mut Archive) -> Vec<PlannedRun> {
     let mut runs: Vec<_> = plans.iter().flat_map(Plan::runs).collect();
     runs.sort_by_key(|(seed, _)| *seed);
@@ -67,14 +67,14 @@ pub(crate) fn queue(plans: &[Plan], archive: &mut Archive) -> Vec<PlannedRun> {
 }
 
 impl Plan {
-    /// Reads a plan and checks it whole; `quick` takes it at its reduced size.
+    /// Reads a plan and checks all of it; with `quick`, the plan has its reduced size.
     ///
     /// # Errors
-    /// Of wrong usage, in one line that names the file, the panel and the curve.
+    /// Wrong usage, in one line that names the file, the panel and the curve.
     pub(crate) fn read(path: &Path, quick: bool) -> Result<Plan> {
         let file = PlanFile::read(path)?;
         let refused = |error: anyhow::Error| {
-            // Names in it are the file's.
+            // The message contains names from the file, which may be long.
             let words = shortened(&format!("{error:#}"), REASON_CHARS);
             wrong_usage(format!("{}: {words}", path.display()))
         };
@@ -94,7 +94,7 @@ impl Plan {
         }
         let mut panels = Vec::new();
         for panel in &file.panels {
-            // The whole plan is checked, also what is left out of a quick one.
+            // The whole plan is checked, including what a quick one leaves out.
             let planned = PlannedPanel::of(panel, &file, quick)
                 .map_err(|error| wrong_usage(format!("panel {}: {error:#}", panel.name)))?;
             let only = file.quick.panels.as_ref().filter(|_| quick);
@@ -107,14 +107,14 @@ impl Plan {
         Ok(Plan { name, title: file.title, panels })
     }
 
-    /// All runs, each with the place of its seed among those of its curve: the first seeds of all
-    /// curves come before the second ones.
+    /// Returns all runs, each with the place of its seed in its curve, so that the first seeds of all curves can be
+    /// trained before the second ones.
     pub(super) fn runs(&self) -> impl Iterator<Item = (usize, &PlannedRun)> {
         let curves = self.panels.iter().flat_map(|panel| &panel.curves);
         curves.flat_map(|curve| curve.runs.iter().enumerate())
     }
 
-    /// The plan as a figure, its runs where they are in `archive` or where they will be.
+    /// Returns the plan as a figure whose runs are where they are, or will be, in `archive`.
     pub(crate) fn figure(&self, archive: &mut Archive) -> Figure {
         let mut curve = |curve: &PlannedCurve| Curve {
             name: curve.name.clone(),
@@ -132,7 +132,7 @@ impl Plan {
     }
 }
 
-/// The curves of a panel: first its methods, then those with settings of their own.
+/// Returns the curves of a panel: first its methods, then those with settings of their own.
 fn curves_of(panel: &PanelEntry, methods: &[String]) -> Vec<CurveEntry> {
     let of_method = |method: &String| CurveEntry {
         name: method.clone(),
@@ -186,8 +186,8 @@ impl PlannedPanel {
     }
 }
 
-/// Notes which programs the tasks of a user's own have now, each read once: another build of one acts otherwise,
-/// so its runs are others.
+/// Sets the hashes of the programs of the user's own tasks; each program is read once. Another build of a program may
+/// act differently, so its runs are different ones.
 fn identify_programs(panels: &mut [PlannedPanel]) -> Result<()> {
     let mut known: BTreeMap<PathBuf, Option<String>> = BTreeMap::new();
     for panel in panels {
@@ -209,7 +209,7 @@ fn identify_programs(panels: &mut [PlannedPanel]) -> Result<()> {
     Ok(())
 }
 
-/// From the general to the special; a quick plan's are laid over all others.
+/// Returns the settings of a run, from general to specific; those of a quick plan override all others.
 fn settings_of(
     PlanFile { set, quick: at_reduced_size, .. }: &PlanFile,
     panel: &PanelEntry,
@@ -230,7 +230,7 @@ fn settings_of(
     settings
 }
 
-/// Checks that there are some, and each once.
+/// Checks that there is at least one name, and each only once.
 fn check_names<T: Ord + std::fmt::Display>(
     what: &str,
     names: impl IntoIterator<Item = T>,
@@ -248,7 +248,7 @@ fn check_names<T: Ord + std::fmt::Display>(
     Ok(())
 }
 
-/// Checks that what a quick plan names is in the plan.
+/// Checks that the panels and methods that the table `quick` names are in the plan.
 fn check_quick(file: &PlanFile) -> Result<()> {
     for name in file.quick.panels.iter().flatten() {
         if !file.panels.iter().any(|panel| panel.name == *name) {

@@ -10,20 +10,20 @@ use terminal::refusal::wrong_usage;
 /// A run that a plan asks for.
 #[derive(Clone, Debug)]
 pub(crate) struct PlannedRun {
-    /// Its task, as `goalward train` takes it.
+    /// Task, as `goalward train` takes it.
     pub(crate) task: String,
-    /// Its effective configuration, with the hash of the task's own program. It names a file of demonstrations
-    /// only if the plan does.
+    /// Effective configuration, with the hash of the task's own program. It names a file of demonstrations only if the
+    /// plan does.
     pub(crate) config: RunConfig,
-    /// What makes that configuration of the task's file and preset, as `goalward train --set` takes it.
+    /// Settings that make this configuration of the task's file and preset, as `goalward train --set` takes them.
     pub(crate) settings: Vec<String>,
 }
 
 impl PlannedRun {
-    /// The run of a method on a task, by a preset of the task's file.
+    /// Plans the run of a method on a task, with a preset of the task's file.
     ///
     /// # Errors
-    /// Of wrong usage, when the settings change what the plan says, or contradict their demonstrations.
+    /// Wrong usage, when the settings change the method or the seed, are invalid, or contradict the demonstrations.
     pub(super) fn of(
         task: &str,
         preset: Option<&str>,

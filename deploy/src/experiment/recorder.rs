@@ -1,4 +1,4 @@
-//! Demonstrations of an experiment: an actor of its own records them, where nobody has yet.
+//! Records demonstrations of an experiment, with an actor of its own, if they do not exist yet.
 
 use std::path::PathBuf;
 use std::process::ExitStatus;
@@ -14,14 +14,14 @@ use crate::output::Output;
 
 /// Demonstrations that are being recorded.
 pub(super) struct Recorder {
-    /// The process.
+    /// The process that records them.
     pub(super) child: Child,
     output: Output,
     file: PathBuf,
 }
 
 impl Recorder {
-    /// Lets the expert begin.
+    /// Starts the expert.
     pub(super) fn start(config: &RunConfig, file: PathBuf) -> Result<Recorder> {
         let output = Output::at(file.with_extension("txt"));
         let mut actor = Recording::for_run(config, &file).actor()?;
@@ -29,7 +29,7 @@ impl Recorder {
         Ok(Recorder { child, output, file })
     }
 
-    /// What it is doing, with how far it is as far as it has said so.
+    /// Describes the recording, with its progress as far as the actor has reported it.
     pub(super) fn words(&self) -> String {
         let end = self.output.end().unwrap_or_default();
         match end.lines().rev().find_map(headway::read) {
@@ -38,11 +38,11 @@ impl Recorder {
         }
     }
 
-    /// Checks that the expert `ended` well, or that somebody else was faster: the demonstrations have their
-    /// name then, or are about to.
+    /// Checks that the expert `ended` well, or that another process was faster: then the file exists or is being
+    /// written.
     ///
     /// # Errors
-    /// When it did not, with its last words.
+    /// When neither is the case, with the expert's last lines of output.
     pub(super) fn end(self, ended: ExitStatus) -> Result<()> {
         if ended.success() || self.file.exists() || is_being_written(&self.file) {
             return Ok(());

@@ -1,5 +1,5 @@
-//! Tests of plans: those of the paper's figures are sound, others are refused in words, and a run is
-//! known by what decides its result.
+//! Tests of plans: those of the paper's figures are valid, others are refused with a reason, and a run is identified by
+//! what decides its result.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,11 +12,11 @@ use super::*;
 use file::PlanFile;
 use planned_run::PlannedRun;
 
-/// Inputs damaged as those of every other reader of foreign bytes.
+/// The damaged inputs that every reader of foreign bytes is tested with.
 #[path = "../../../tests/fuzz/damage.rs"]
 mod damage;
 
-/// A sound plan, to be spoilt.
+/// A valid plan, from which tests make invalid ones.
 const PLAN: &str = r#"
 title = "A comparison"
 seeds = [1, 2]
@@ -87,7 +87,7 @@ fn a_curve_has_its_own_preset_or_its_panels() {
     let own = "name = \"lambda 1\"\npreset = \"authors\"";
     let all = runs(&of_the_panel.replace("name = \"lambda 1\"", own), false);
     let presets: Vec<_> = all.iter().map(|run| &run.config.preset).collect();
-    // With the paper's final bonus the method without it is a run of its own.
+    // With the paper's final bonus, the method without it is a run of its own.
     assert_eq!(presets[..4], ["paper", "paper", "authors", "goalward"]);
     assert_eq!((all[0].config.steps, all[1].config.reward.final_bonus), (3_000_000, false));
 }
@@ -129,7 +129,7 @@ fn demonstrations_are_shared_where_they_are_the_same() {
     assert_ne!(file(&all[2]), file(&noisy));
 }
 
-/// A plan of one panel over a task of the user's own, whose file and plan it writes.
+/// Writes the file of a user's own task, and a plan with a panel on it; returns the plan's path.
 fn plan_of_own_task(folder: &Path) -> PathBuf {
     fs::create_dir_all(folder.join("target/release")).unwrap();
     let task = folder.join("reacher.toml");
@@ -177,7 +177,7 @@ fn a_program_that_was_built_anew_makes_other_runs_and_demonstrations() {
     assert!(before.iter().any(|(task, ..)| task == "reacher"));
 }
 
-/// Recorded results lie under these names.
+/// Recorded results are stored under these names.
 #[test]
 fn a_task_of_ours_has_the_names_it_always_had() {
     let run = &runs(PLAN, false)[2];
@@ -227,7 +227,7 @@ fn what_is_wrong_is_named() {
     assert!(read_all(&same, false).unwrap_err().to_string().contains("another plan is called"));
 }
 
-/// The plans that come with Goalward, those of figures first.
+/// Returns the plans that come with Goalward, those of figures first.
 fn figures() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments");
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
@@ -244,14 +244,14 @@ fn the_plans_of_the_figures_are_sound() {
     let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9].map(|number| format!("figure{number}"));
     assert_eq!(
         (&names[..9], &names[9..]),
-        (&numbers[..], &["no-online", "paper"].map(str::to_owned)[..])
+        (&numbers[..], &["no-online", "no-termination", "paper"].map(str::to_owned)[..])
     );
     let asked = plans.iter().flat_map(Plan::runs).count();
     let trained = queue(&plans, &mut archive).len();
     assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
 }
 
-/// Those of the figures are to be done within an hour on two cores, build and report included.
+/// The quick plans of the figures must be done within an hour on two cores, including build and report.
 #[test]
 fn all_quick_plans_together_are_small() {
     let plans = read_all(&figures()[..9], true).unwrap();
@@ -260,7 +260,7 @@ fn all_quick_plans_together_are_small() {
     assert!(runs.iter().all(|run| run.config.steps <= 60_000));
 }
 
-/// Gives a reader of plans damaged ones; it accepts them, or says why not in one line.
+/// Gives damaged plans to a reader, which must accept them or say why not in one line.
 fn fuzz(cases: u32, read: impl Fn(&Path) -> anyhow::Result<()>) {
     let directory = tempfile::tempdir().unwrap();
     let stream = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
@@ -284,6 +284,6 @@ fn fuzz(cases: u32, read: impl Fn(&Path) -> anyhow::Result<()>) {
 fn any_bytes_are_a_plan_or_a_line() {
     let cases = std::env::var("GOALWARD_FUZZ_CASES").map_or(10_000, |cases| cases.parse().unwrap());
     fuzz(cases, |path| PlanFile::read(path).map(drop));
-    // Every run of a plan is put together, which takes a while.
+    // `Plan::read` assembles every run of a plan, which takes a while.
     fuzz(cases / 50, |path| Plan::read(path, true).map(drop));
 }

@@ -15,23 +15,23 @@ use crate::child::Child;
 use crate::output::Output;
 use crate::{description, progress_file};
 
-/// A lease must not be handed out again because other runs keep an actor waiting, milliseconds.
+/// Lease timeout, milliseconds: so long that no lease is handed out again because other runs keep an actor waiting.
 const PATIENT_LEASE_TIMEOUT_MS: u64 = 120_000;
 
 /// What is to be trained, and where.
 pub(super) struct Training {
     /// The run.
     pub(super) run: PlannedRun,
-    /// Its name, that of its folder.
+    /// Name of the run and of its folder.
     pub(super) name: String,
-    /// Its folder.
+    /// Folder of the run.
     pub(super) folder: RunFolder,
-    /// The demonstrations that the experiment gives it.
+    /// File of demonstrations that the experiment provides.
     pub(super) demonstrations: Option<PathBuf>,
 }
 
 impl Training {
-    /// A run of a plan.
+    /// Creates the training of a planned run.
     pub(super) fn of(run: &PlannedRun, archive: &mut Archive) -> Training {
         let config = &run.config;
         let given = config.imitates() && config.demonstrations.file.is_none();
@@ -43,7 +43,7 @@ impl Training {
         }
     }
 
-    /// Whether another `goalward train` has the run right now.
+    /// Returns whether another `goalward train` is training the run.
     pub(super) fn is_elsewhere(&self) -> bool {
         self.folder.is_trained()
     }
@@ -51,37 +51,37 @@ impl Training {
     /// Checks that the task's own program is the one that gave the run its name.
     ///
     /// # Errors
-    /// When it was built anew since the plan was read, or cannot be read.
+    /// When the program was rebuilt since the plan was read, or cannot be read.
     pub(super) fn require_same_program(&self) -> Result<()> {
         let task = &self.run.config.task;
         let Some(program) = &task.program else { return Ok(()) };
         ensure!(
             description::program_sha256(task)? == task.program_sha256,
-            "{}: expected the program that the experiment began with, found one that was built anew: \
-             start the experiment again",
+            "{}: expected the program that the experiment began with, found a rebuilt one: start the \
+             experiment again",
             program.display()
         );
         Ok(())
     }
 
-    /// The demonstrations that are to be recorded before it starts.
+    /// Returns the file of demonstrations that is to be recorded before the run starts.
     pub(super) fn missing_demonstrations(&self) -> Option<PathBuf> {
         self.demonstrations.clone().filter(|file| !file.exists())
     }
 
-    /// Its summary, if it is finished.
+    /// Returns the run's summary if the run is finished.
     pub(super) fn summary(&self) -> Option<Summary> {
         Summary::of_run(&self.folder).unwrap_or(None)
     }
 
-    /// What it prints.
+    /// Returns the output of the run's `goalward train`.
     pub(super) fn output(&self) -> Output {
         let mut path = self.folder.path().as_os_str().to_owned();
         path.push(".txt");
         Output::at(path.into())
     }
 
-    /// How far it is, as far as it has said so.
+    /// Returns how far the run is, as far as it has said so.
     pub(super) fn standing(&self) -> Option<Standing> {
         let progress = progress_file::read(&self.folder)?;
         if progress.steps_wanted == 0 {
@@ -92,8 +92,8 @@ impl Training {
         Some(Standing { percent, success_rate })
     }
 
-    /// Starts `goalward train`, or goes on with it where it has begun. Where others run beside it,
-    /// each gets one core.
+    /// Starts `goalward train`, or continues a run that has begun. Where other runs train beside it, each gets one
+    /// actor, and one thread per process.
     pub(super) fn start(&self, is_alone: bool, other_build: bool) -> Result<Child> {
         let goalward = std::env::current_exe().context("finding goalward itself")?;
         let mut command = Command::new(goalward);
@@ -120,20 +120,20 @@ impl Training {
 /// How far a run is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Standing {
-    /// Percents of its steps that are learned from.
+    /// Percentage of the run's steps that were learned from.
     pub(super) percent: u64,
-    /// Of the last 100 training episodes; no number where there is none.
+    /// Success rate of the last 100 training episodes; NaN if there is none.
     pub(super) success_rate: f64,
 }
 
 impl Standing {
-    /// The part of its steps that is left.
+    /// Returns the fraction of the steps that is left.
     pub(super) fn part_left(self) -> f64 {
         1.0 - self.percent as f64 / 100.0
     }
 }
 
-/// Settings that share the machine out. They change no result.
+/// Returns settings that divide the machine between runs. They change no result.
 fn resources(config: &RunConfig, is_alone: bool) -> [String; 4] {
     let frugal = ResourceConfig {
         actors: 1,

@@ -1,4 +1,4 @@
-//! Looks on while others train the runs of plans.
+//! Shows the progress of plans whose runs other processes train.
 
 use std::time::Duration;
 
@@ -11,21 +11,21 @@ use crate::supervisor::{Signals, runtime};
 use terminal::numbers;
 use terminal::status_line::StatusLine;
 
-/// How often folders are looked at.
+/// Time between two looks at the folders.
 const TICK: Duration = Duration::from_secs(2);
 
-/// How the looking on ended.
+/// How watching ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Watched {
     /// Every run is finished.
     Finished,
-    /// Nobody trains what is missing any more.
+    /// The missing runs will not be trained any more.
     Over,
-    /// The user has seen enough.
+    /// The user stopped watching.
     Stopped,
 }
 
-/// Shows how runs stand until all are finished, or those who train them are done.
+/// Shows the progress of runs until all are finished, `is_over` returns true, or the user stops watching.
 ///
 /// # Errors
 /// When signals cannot be listened for.
@@ -39,7 +39,7 @@ pub(crate) fn watch(
     let watched = runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         loop {
-            // Asked first: what was finished before is then seen.
+            // Asked first, so that runs that finished before are still seen.
             let over = is_over();
             if show(&trainings, &mut line) {
                 return Ok(Watched::Finished);
@@ -57,7 +57,7 @@ pub(crate) fn watch(
     watched
 }
 
-/// Shows how the runs stand; returns whether all are finished.
+/// Shows the progress of the runs; returns whether all are finished.
 fn show(trainings: &[Training], line: &mut StatusLine) -> bool {
     let missing = trainings.iter().filter(|training| training.summary().is_none());
     let missing: Vec<&Training> = missing.collect();

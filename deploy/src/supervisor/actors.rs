@@ -1,4 +1,4 @@
-//! The actors of a run: started, started again when they die, and made more or fewer while it trains.
+//! The actors of a run: started, restarted when they die, and made more or fewer while it trains.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -18,27 +18,27 @@ use crate::machine::Machine;
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
-/// An actor leaves by itself when the run is over. The learner ends a moment later; if it does not,
-/// the actor was wrong and comes back.
+/// Pause before an actor that ended without an error is restarted. An actor leaves when the run is over, and the
+/// learner ends a moment later; if the learner does not, the run still needs the actor.
 const COMEBACK: Duration = Duration::from_secs(1);
 
-/// What the trajectories of a run come from.
+/// Where the trajectories of a run come from.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
-    /// Environments, in so many actors.
+    /// Environments that actors act in.
     Environments {
-        /// How many.
+        /// Number of actors.
         count: u64,
-        /// Their program.
+        /// Program of the actors.
         program: Program,
-        /// How actors of other machines join, if they may.
+        /// How actors on other machines join, if they may.
         listening: Option<Listening>,
     },
-    /// The log of a run, by one actor.
+    /// The log of a run, which one actor replays.
     Log {
         /// Folder of the log.
         log: PathBuf,
-        /// Iterations to take from it; all that it has if absent.
+        /// Iterations to take from the log; all of them if `None`.
         iterations: Option<u64>,
     },
 }
@@ -48,25 +48,25 @@ pub(super) struct Actors {
     folder: RunFolder,
     source: Source,
     working: Vec<Actor>,
-    /// Asked to stop; their leases are handed out again.
+    /// Actors that were asked to stop; their leases are handed out again.
     leaving: Vec<Process>,
-    /// Actors there have been. Names are never used twice: the last of a name may still be leaving.
+    /// Number of actors ever added. Names are never used twice: the last actor of a name may still be leaving.
     named: u64,
 }
 
 struct Actor {
     process: Process,
     deaths: Deaths,
-    /// Whether it has ended without an error.
+    /// Whether the actor has ended without an error.
     ended_well: bool,
-    /// When it is started again, if it has ended.
+    /// When the actor is to be started, if it does not run.
     start_at: Option<Instant>,
-    /// Whether it is left alone until then, because it has died too often.
+    /// Whether the actor is left alone until then, because it has died too often.
     rests: bool,
 }
 
 impl Actor {
-    /// Notes a death, and when to start again; says what is to be said about it.
+    /// Notes a death, and when to restart the actor; returns a remark about it.
     fn note_death(&mut self, how: &str) -> String {
         let (now, name) = (Instant::now(), self.process.name());
         let rest = self.deaths.note(now);
@@ -74,9 +74,9 @@ impl Actor {
         self.rests = rest.is_some();
         self.start_at = Some(now + rest.unwrap_or_default());
         match rest {
-            None => format!("{name} ended ({how}) and is started again"),
+            None => format!("{name} ended ({how}); restarting it"),
             Some(rest) => format!(
-                "{name} ended ({how}) {}: the run goes on without it and tries again in {} s",
+                "{name} ended ({how}) {}: the run continues without it and restarts it in {} s",
                 too_often(),
                 rest.as_secs()
             ),
@@ -89,13 +89,13 @@ fn too_often() -> String {
 }
 
 impl Actors {
-    /// The actors of the run in `folder`, none of them started.
+    /// Creates the actors of the run in `folder`, none of them started.
     pub(super) fn new(folder: &RunFolder, source: &Source) -> Self {
         let (folder, source) = (folder.clone(), source.clone());
         Actors { folder, source, working: Vec::new(), leaving: Vec::new(), named: 0 }
     }
 
-    /// Takes on all of them.
+    /// Adds all actors of the source.
     pub(super) fn take_on(&mut self) {
         match self.source {
             Source::Environments { count, .. } => self.scale(count),
@@ -103,7 +103,8 @@ impl Actors {
         }
     }
 
-    /// Has as many as are wanted, and says so. None are enough where others do the work.
+    /// Changes to the wanted number of actors if it is a new one, and says so. With `are_others`, it may be 0, since
+    /// other machines can do the work.
     pub(super) fn follow(
         &mut self,
         wanted: &mut ActorsWanted,
@@ -123,12 +124,11 @@ impl Actors {
                 view.note(&format!("actors: {count} from now on"));
                 self.scale(count);
             }
-            Some(Err(error)) => view.note(&format!("the number of actors stays: {error:#}")),
+            Some(Err(error)) => view.note(&format!("the number of actors is unchanged: {error:#}")),
         }
     }
 
-    /// Takes actors on, or asks the last ones to stop, until there are so many. The one actor of a log
-    /// stays the only one.
+    /// Adds actors, or asks the last ones to stop, until there are `count`. The one actor of a log stays the only one.
     fn scale(&mut self, count: u64) {
         if matches!(self.source, Source::Log { .. }) {
             return;
@@ -170,12 +170,11 @@ impl Actors {
         arguments
     }
 
-    /// Starts actors that were taken on or have ended; returns whether one has come to the end of its
-    /// log.
+    /// Starts actors that were added or have ended; returns whether one has reached the end of its log.
     ///
     /// # Errors
-    /// When all of them die too often and no other machine has any, or one says that every other would die as
-    /// well.
+    /// When all actors die too often and no other machine has any, or when one ends with [`FINAL_CODE`], since every
+    /// other would fail the same way.
     pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<bool> {
         for process in &mut self.leaving {
             process.reap()?;
@@ -190,7 +189,7 @@ impl Actors {
                     (actor.ended_well, actor.start_at) = (true, Some(Instant::now() + COMEBACK));
                 }
                 Some(status) if status.code() == Some(i32::from(FINAL_CODE)) => {
-                    return Err(actor.process.give_up(status, "and would come to the same again"));
+                    return Err(actor.process.give_up(status, "and would fail the same way again"));
                 }
                 Some(status) => failure = Some(status.to_string()),
                 None => {}
@@ -219,7 +218,7 @@ impl Actors {
         Ok(())
     }
 
-    /// The other machines that take part.
+    /// Returns the other machines that take part.
     fn hosts(&self) -> Hosts {
         match self.source {
             Source::Environments { listening: Some(_), .. } => Hosts::of_run(&self.folder),
@@ -227,13 +226,13 @@ impl Actors {
         }
     }
 
-    /// Whether all actors are left alone, and no other machine has any.
+    /// Returns whether all actors are left alone and no other machine has any.
     fn nobody_works(&self, hosts: &Hosts) -> bool {
         let others_work = hosts.present.iter().any(|host| host.actors > 0);
         !others_work && self.working.iter().all(|actor| actor.rests)
     }
 
-    /// All processes, those included that are leaving.
+    /// Returns all processes, including those that are leaving.
     pub(super) fn processes(&mut self) -> impl Iterator<Item = &mut Process> {
         self.working.iter_mut().map(|actor| &mut actor.process).chain(&mut self.leaving)
     }

@@ -1,6 +1,5 @@
-//! The supervisor's place on the bus: a thread that receives progress and cleans up behind the
-//! dead. Ports belong to the thread that made them, so the thread keeps them and sends on what it
-//! receives.
+//! The supervisor's end of the bus: a thread that receives progress and cleans up after dead processes. Ports belong to
+//! the thread that made them, so the thread keeps them and passes on what it receives.
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -14,13 +13,13 @@ use protocol::messages::Progress;
 use run::process::Stop;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-/// Nothing on the bus notices a death by itself.
+/// Time between two clean-ups, since nothing on the bus notices a death by itself.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
-/// Progress waiting to be shown; what comes while it is full is left out.
+/// Most progress messages that wait to be shown; those that arrive while the queue is full are dropped.
 const WAITING: usize = 4;
 
-/// The thread.
+/// The thread that watches the bus.
 pub(super) struct BusWatch {
     received: Receiver<Result<Progress, Error>>,
     stop: Stop,
@@ -28,7 +27,7 @@ pub(super) struct BusWatch {
 }
 
 impl BusWatch {
-    /// Joins the bus.
+    /// Starts the thread, which joins the bus.
     pub(super) fn start(address: &BusAddress) -> Result<Self> {
         let (sender, received) = channel(WAITING);
         let stop = Stop::default();
@@ -44,13 +43,13 @@ impl BusWatch {
         Ok(BusWatch { received, stop, thread })
     }
 
-    /// The next progress. Fails when the bus does.
+    /// Waits for the next progress. Fails when the bus does.
     pub(super) async fn next(&mut self) -> Result<Progress> {
         let received = self.received.recv().await;
         Ok(received.context("the thread that watches the bus is gone")??)
     }
 
-    /// Leaves the bus.
+    /// Leaves the bus and ends the thread.
     pub(super) fn end(self) {
         self.stop.request();
         drop(self.received);
@@ -74,7 +73,7 @@ fn watch(
         doorbell.wait(CLEAN_UP_EVERY)?;
         while let Some(bytes) = progress.receive()? {
             match Progress::decode(bytes) {
-                // What comes while the view is busy is left out.
+                // Progress that arrives while the view is busy is dropped.
                 Ok(progress) => {
                     sender.try_send(Ok(progress)).ok();
                 }
@@ -84,7 +83,7 @@ fn watch(
         if cleaned.elapsed() >= CLEAN_UP_EVERY {
             let dead = bus.clean_up();
             if dead > 0 {
-                tracing::debug!("cleaned up behind {dead} dead processes");
+                tracing::debug!("removed what {dead} dead processes left on the bus");
             }
             cleaned = Instant::now();
         }

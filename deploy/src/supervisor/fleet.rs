@@ -12,7 +12,7 @@ use super::process::Process;
 use super::signals::Signals;
 use crate::programs::Program;
 
-/// How long processes may take to stop when the learner is done.
+/// Longest time that processes may take to stop.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The processes of a run.
@@ -20,12 +20,12 @@ pub(super) struct Fleet {
     pub(super) learner: Process,
     pub(super) service: Process,
     pub(super) actors: Actors,
-    /// Lets actors of other machines in, if they may come.
+    /// Lets actors on other machines join, if they may.
     pub(super) gateway: Option<Gateway>,
 }
 
 impl Fleet {
-    /// The processes of the run in `folder`, none of them started.
+    /// Creates the processes of the run in `folder`, none of them started.
     pub(super) fn new(folder: &RunFolder, source: &Source) -> Self {
         let process = |program, name, verb: &[OsString]| {
             let run = [OsString::from("--run"), folder.path().into()];
@@ -39,7 +39,7 @@ impl Fleet {
         }
     }
 
-    /// Starts learner and service; the actors when they are looked after.
+    /// Starts learner, service and gateway. The actors start when they are looked after.
     pub(super) fn start(&mut self) -> Result<()> {
         self.start_core()?;
         if let Some(gateway) = &mut self.gateway {

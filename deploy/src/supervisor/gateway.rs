@@ -1,5 +1,4 @@
-//! The gateway of a run that listens for other machines: started again when it dies, and never the end of
-//! the run.
+//! The gateway of a run that other machines can join. It is restarted when it dies, and its death never ends the run.
 
 use std::time::{Duration, Instant};
 
@@ -13,22 +12,22 @@ use super::restart::Deaths;
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
-/// How long one that has died is left alone.
+/// Pause before a gateway that has died is restarted.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// How often it is looked who takes part.
+/// Time between two looks at the machines that take part.
 const LOOK_AT_HOSTS: Duration = Duration::from_millis(500);
 
 /// The gateway of a run.
 pub(super) struct Gateway {
     pub(super) process: Process,
     deaths: Deaths,
-    /// When it is started again, if it has ended.
+    /// When the gateway is restarted, if it has ended.
     start_at: Option<Instant>,
     told: Told,
 }
 
-/// The machines that the user was told of.
+/// The machines that the user was told about.
 #[derive(Default)]
 struct Told {
     looked: Option<Instant>,
@@ -36,7 +35,7 @@ struct Told {
 }
 
 impl Gateway {
-    /// That of the run in `folder`, not started; none if nobody may join.
+    /// Returns the gateway of the run in `folder`, not started; `None` if no machine may join.
     pub(super) fn of(folder: &RunFolder, source: &Source) -> Option<Gateway> {
         let Source::Environments { listening, .. } = source else { return None };
         let arguments = listening.as_ref()?.arguments(folder);
@@ -45,10 +44,11 @@ impl Gateway {
         Some(Gateway { process, deaths, start_at: None, told })
     }
 
-    /// Starts it again when it has died: hosts come back by themselves.
+    /// Restarts the gateway when it has died, and tells the user which machines come and go. Hosts reconnect by
+    /// themselves.
     ///
     /// # Errors
-    /// When the system does not say how it ended.
+    /// When the system cannot say how the gateway ended.
     pub(super) fn look_after(&mut self, folder: &RunFolder, view: &ProgressView) -> Result<()> {
         let mut failure = self.process.reap()?.map(|status| status.to_string());
         if self.start_at.is_some_and(|at| at <= Instant::now()) {
@@ -69,7 +69,7 @@ impl Gateway {
 }
 
 impl Told {
-    /// Says which machines have come and gone since the last look.
+    /// Says which machines have joined, left or been expelled since the last look.
     fn look(&mut self, folder: &RunFolder, view: &ProgressView) {
         if self.looked.is_some_and(|looked| looked.elapsed() < LOOK_AT_HOSTS) {
             return;
@@ -79,10 +79,10 @@ impl Told {
         let is_among =
             |host: &Host, hosts: &Hosts| hosts.present.iter().any(|other| other.name == host.name);
         for host in hosts.present.iter().filter(|host| !is_among(host, &self.hosts)) {
-            view.note(&format!("{} takes part{}", host.name, host.other_build()));
+            view.note(&format!("{} joined the run{}", host.name, host.other_build()));
         }
         for host in self.hosts.present.iter().filter(|host| !is_among(host, &hosts)) {
-            view.note(&format!("{} takes part no more", host.name));
+            view.note(&format!("{} left the run", host.name));
         }
         for expelled in hosts.expelled.iter().filter(|one| !self.hosts.expelled.contains(one)) {
             view.note(&format!("{} is expelled: {}", expelled.name, expelled.why));

@@ -1,4 +1,4 @@
-//! Watches over actors that take part in a run of another machine.
+//! Supervises actors that take part in a run on another machine.
 
 use std::ffi::OsString;
 use std::time::Duration;
@@ -15,24 +15,24 @@ use super::{Outcome, clear_bus, fleet};
 use crate::programs::Program;
 use crate::progress::ProgressView;
 
-/// How often the processes are looked after if no signal says so.
+/// Time between two checks of the processes if no signal arrives.
 const TICK: Duration = Duration::from_millis(250);
 
-/// A machine that takes part in a run of another one.
+/// A machine that takes part in a run on another one.
 pub(crate) struct Joining {
     /// Folder that was laid out for its actors.
     pub(crate) folder: RunFolder,
-    /// What the gateway is to do.
+    /// Arguments of the gateway.
     pub(crate) gateway: Vec<OsString>,
-    /// The actors.
+    /// The actors to start.
     pub(crate) source: Source,
 }
 
 /// Takes part until the run is over or the user stops it.
 ///
 /// # Errors
-/// When the gateway is refused or does not hear of the run for long, or every actor dies too often. No
-/// process is left behind.
+/// When the gateway is refused or hears nothing from the run for too long, or when all actors die too often. No process
+/// is left behind.
 pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<Outcome> {
     let Joining { folder, gateway, source } = joining;
     let mut signals = Signals::listen()?;
@@ -61,7 +61,7 @@ async fn watch(
             if status.success() {
                 return Ok(Outcome::Finished);
             }
-            return Err(gateway.give_up(status, "and this machine takes no part any more"));
+            return Err(gateway.give_up(status, "and this machine has left the run"));
         }
         actors.follow(&mut wanted, true, view);
         actors.look_after(view)?;

@@ -1,9 +1,9 @@
-//! Watches over a run: starts its processes, starts again what dies, shows progress, ends it all.
+//! Supervises a run: starts its processes, restarts those that die, shows progress, and ends them all.
 //!
-//! An actor that dies is started again under its name; its leases are handed out again by the
-//! learner. One that dies again and again is left alone for a while, as long as another works, here or
-//! on another machine. Learner and proximity service hold one state between them, so if one dies both are
-//! started again, and continue from their last common checkpoint. Neither changes the result.
+//! An actor that dies is restarted under its name, and the learner hands out its leases again. An actor that dies again
+//! and again is left alone for a while, as long as another one works, here or on another machine. Learner and proximity
+//! service share one state: if one of them dies, both are restarted from their last common checkpoint. None of this
+//! changes the result.
 
 mod actors;
 mod bus_watch;
@@ -36,7 +36,7 @@ pub(crate) use joined::{Joining, take_part};
 use restart::{CoreRestarts, MOST_RESTARTS};
 pub(crate) use signals::Signals;
 
-/// How often the processes are looked after if no signal says so.
+/// Time between two checks of the processes if no signal arrives.
 const TICK: Duration = Duration::from_millis(250);
 
 /// How long the learner may take to finish its iteration and write a checkpoint.
@@ -45,8 +45,7 @@ const CHECKPOINT_PATIENCE: Duration = Duration::from_secs(60);
 /// How long the service may take to stop when the learner has died.
 const SURVIVOR_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long processes of a supervisor that died are waited for: their learner may be writing a
-/// checkpoint.
+/// How long to wait for the processes of a dead supervisor: their learner may be writing a checkpoint.
 const PREDECESSOR_PATIENCE: Duration = Duration::from_secs(60);
 
 /// How long processes that the supervisor did not start may take to notice the end of the run.
@@ -55,24 +54,24 @@ const FAREWELL_PATIENCE: Duration = Duration::from_secs(5);
 /// How a run's training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// It is finished.
+    /// The run is finished.
     Finished,
-    /// The user stopped it; it can be continued.
+    /// The user stopped the run; it can be continued.
     Stopped,
-    /// The log it learned from has no more.
+    /// The log that the run learned from has ended.
     EndOfLog,
 }
 
-/// What supervision runs in, and whatever else waits for processes and signals.
+/// Creates the tokio runtime for supervision and for everything else that waits for processes and signals.
 ///
 /// # Errors
-/// When the system does not have it.
+/// When the system cannot provide it.
 pub(crate) fn runtime() -> Result<tokio::runtime::Runtime> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
     runtime.enable_all().build().context("preparing to wait")
 }
 
-/// Starts a run's processes and watches over them to its end.
+/// Starts a run's processes and supervises them to its end.
 ///
 /// # Errors
 /// As [`supervise`].
@@ -84,8 +83,8 @@ pub(crate) fn block_on_supervision(
     runtime()?.block_on(supervise(folder, source, view))
 }
 
-/// Trains the run in `folder`, which has its configuration and demonstrations, to its end, or to that
-/// of the log it learns from.
+/// Trains the run in `folder`, which has its configuration and demonstrations, to its end or to the end of the log that
+/// it learns from.
 ///
 /// # Errors
 /// When a process cannot start or dies too often, or the bus fails. No process is left behind.
@@ -118,8 +117,8 @@ async fn supervise(
     outcome
 }
 
-/// Removes what a run left in shared memory after its processes `ended`. What cannot be removed is noted:
-/// how the run came out is what its user is to hear of.
+/// Removes what a run left in shared memory after its processes `ended`. A failure is only noted, since the user is to
+/// learn how the run itself came out.
 async fn clear_bus(ended: Result<()>, address: &BusAddress, view: &ProgressView) {
     let removed = match ended {
         Ok(()) => remove_from_bus(address).await,
@@ -130,7 +129,7 @@ async fn clear_bus(ended: Result<()>, address: &BusAddress, view: &ProgressView)
     }
 }
 
-/// Removes it once processes that nobody watches over have noticed the run's end.
+/// Removes a run's bus once processes without a supervisor have noticed the end of the run.
 pub(crate) async fn remove_from_bus(address: &BusAddress) -> Result<()> {
     let deadline = tokio::time::Instant::now() + FAREWELL_PATIENCE;
     while address.is_anyone_alive()? && tokio::time::Instant::now() < deadline {
@@ -139,14 +138,14 @@ pub(crate) async fn remove_from_bus(address: &BusAddress) -> Result<()> {
     Ok(address.remove()?)
 }
 
-/// The iterations of the newest checkpoint that holds; what is passed over for it, the user is told.
+/// Returns the iterations of the newest intact checkpoint, and tells the user about damaged ones that were passed over.
 fn settle_checkpoints(folder: &RunFolder, view: &ProgressView) -> Result<Option<u64>> {
     let found = checkpoint::settle(folder)?;
     found.remarks().iter().for_each(|remark| view.note(remark));
     Ok(found.newest.map(|newest| newest.iteration))
 }
 
-/// Waits for the processes of a supervisor that died; returns false if the user does not want to.
+/// Waits for the processes of a dead supervisor to end; returns false if the user does not want to wait.
 async fn await_predecessors(
     address: &BusAddress,
     signals: &mut Signals,
@@ -201,7 +200,7 @@ impl Supervision<'_> {
         }
     }
 
-    /// Shows progress on the terminal, and to whoever looks into the folder.
+    /// Shows progress on the terminal and writes it to the run's folder.
     fn show(&mut self, progress: &Progress) {
         self.view.show(progress);
         if let Err(error) = progress_file::write(self.folder, progress) {
@@ -209,7 +208,7 @@ impl Supervision<'_> {
         }
     }
 
-    /// Notices deaths and starts again what died; returns how the run has ended, if it has.
+    /// Notices deaths and restarts what died; returns the outcome if the run has ended.
     async fn look_after(&mut self) -> Result<Option<Outcome>> {
         self.place.check()?;
         if let Some(status) = self.fleet.learner.reap()? {
@@ -241,7 +240,7 @@ impl Supervision<'_> {
         self.folder.summary_file().exists()
     }
 
-    /// Starts learner and proximity service again, one of which has died, unless the run is finished.
+    /// Restarts learner and proximity service, one of which has died, unless the run is finished.
     async fn restart_core(
         &mut self,
         dead: CoreProcess,
@@ -250,11 +249,11 @@ impl Supervision<'_> {
         let Fleet { learner, service, .. } = &mut self.fleet;
         if status.code() == Some(i32::from(FINAL_CODE)) {
             let dead = if let CoreProcess::Learner = dead { learner } else { service };
-            return Err(dead.give_up(status, "and would come to the same again"));
+            return Err(dead.give_up(status, "and would fail the same way again"));
         }
         let (dead, survivor, patience) = match dead {
             CoreProcess::Learner => (learner, service, SURVIVOR_PATIENCE),
-            // It waits for an answer that does not come, and does again what it has not recorded.
+            // The learner waits for an answer that does not come, and repeats what it has not recorded.
             CoreProcess::Service => (service, learner, Duration::ZERO),
         };
         survivor.ask_to_stop();
@@ -276,27 +275,27 @@ impl Supervision<'_> {
             None => "the beginning".to_owned(),
         };
         self.view.note(&format!(
-            "{} ended ({status}); learner and proximity service go on from {place}",
+            "{} ended ({status}); restarting learner and proximity service from {place}",
             dead.name()
         ));
         self.fleet.start_core()?;
         Ok(None)
     }
 
-    /// Ends the run as the user wishes.
+    /// Stops the run at the user's request.
     async fn stop(&mut self) -> Result<Outcome> {
         self.view.note(
-            "stopping: the learner finishes its iteration and writes a checkpoint (Ctrl-C again: \
-             at once)",
+            "stopping: the learner finishes its iteration and writes a checkpoint (press Ctrl-C \
+             again to stop at once)",
         );
         self.end_learner().await?;
         Ok(self.unless_finished(Outcome::Stopped))
     }
 
-    /// Ends the learner with a checkpoint. The other processes are needed for it, so they end later.
+    /// Ends the learner with a checkpoint. The learner needs the other processes for it, so they end later.
     ///
     /// # Errors
-    /// When it could not write the checkpoint; not when the user does not wait for it.
+    /// When the learner could not write the checkpoint, but not when the user does not wait for it.
     async fn end_learner(&mut self) -> Result<()> {
         let learner = &mut self.fleet.learner;
         learner.ask_to_stop();
@@ -306,9 +305,11 @@ impl Supervision<'_> {
         };
         match status {
             Some(status) if status.success() => Ok(()),
-            Some(status) => Err(learner.give_up(status, "without a checkpoint of its last work")),
+            Some(status) => Err(learner.give_up(status, "without a checkpoint of its latest work")),
             None => {
-                self.view.note("the learner is killed; what follows its last checkpoint is redone");
+                self.view.note(
+                    "killing the learner; --resume repeats the work since its last checkpoint",
+                );
                 learner.kill().context("ending the learner")?;
                 let seconds = CHECKPOINT_PATIENCE.as_secs();
                 ensure!(is_asked_again, "expected a checkpoint within {seconds} s, found none");

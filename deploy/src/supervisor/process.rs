@@ -24,7 +24,7 @@ pub(super) struct Process {
 }
 
 impl Process {
-    /// A process that is not started yet.
+    /// Creates a process that is not started yet.
     pub(super) fn new(
         folder: &RunFolder,
         program: Program,
@@ -43,7 +43,7 @@ impl Process {
         self.running.is_some()
     }
 
-    /// Starts it.
+    /// Starts the process.
     pub(super) fn start(&mut self) -> Result<()> {
         let mut command = self.program.command()?;
         let command = command.args(&self.arguments).stdin(Stdio::piped());
@@ -52,7 +52,7 @@ impl Process {
         Ok(())
     }
 
-    /// How it ended, if it has since it was last started; told once.
+    /// Returns the exit status, once, if the process has ended since it was last started.
     pub(super) fn reap(&mut self) -> Result<Option<ExitStatus>> {
         let Some(running) = &mut self.running else { return Ok(None) };
         let status = running.reap().with_context(|| self.name.clone())?;
@@ -62,14 +62,14 @@ impl Process {
         Ok(status)
     }
 
-    /// Asks it to stop.
+    /// Asks the process to stop.
     pub(super) fn ask_to_stop(&mut self) {
         if let Some(running) = &mut self.running {
             running.end_input();
         }
     }
 
-    /// Ends it at once.
+    /// Kills the process.
     pub(super) fn kill(&mut self) -> Result<()> {
         if let Some(mut running) = self.running.take() {
             running.kill().with_context(|| self.name.clone())?;
@@ -77,7 +77,7 @@ impl Process {
         Ok(())
     }
 
-    /// Waits until it has ended by itself, but not longer than `patience`.
+    /// Waits up to `patience` until the process has ended by itself; returns its exit status if it has.
     pub(super) async fn ended(
         &mut self,
         children: &mut ChildSignals,
@@ -95,7 +95,7 @@ impl Process {
         }
     }
 
-    /// Words for an end that the run outlives: how it came, and when it is started again.
+    /// Describes an end that the run survives: how it came about, and when the process is restarted.
     pub(super) fn ended_for_now(&self, how: &str, pause: Duration) -> String {
         let seconds = pause.as_secs_f64();
         format!(
@@ -105,7 +105,7 @@ impl Process {
         )
     }
 
-    /// Words for the end of the whole run: why this process cannot go on.
+    /// Returns the error that ends the whole run: why this process cannot go on.
     pub(super) fn give_up(&self, how: impl Display, history: &str) -> anyhow::Error {
         anyhow::anyhow!("{} ended ({how}) {history}; {}", self.name, self.output.last_lines())
     }

@@ -1,4 +1,4 @@
-//! When a process that died is started again, and when it is left alone, or the run given up, instead.
+//! Decides when a dead process is restarted, when it is left alone for a while, and when the run is given up.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -12,10 +12,10 @@ pub(super) const DEATH_WINDOW: Duration = Duration::from_secs(30);
 /// Longest time that an actor is left alone.
 const LONGEST_REST: Duration = Duration::from_secs(600);
 
-/// Restarts of learner and proximity service without a new checkpoint in between.
+/// Most restarts of learner and proximity service without a new checkpoint in between.
 pub(super) const MOST_RESTARTS: u32 = 3;
 
-/// When one actor died lately, and how often it was left alone because of it.
+/// The recent deaths of one process, and how often it was left alone because of them.
 #[derive(Debug, Default)]
 pub(super) struct Deaths {
     recent: VecDeque<Instant>,
@@ -23,8 +23,8 @@ pub(super) struct Deaths {
 }
 
 impl Deaths {
-    /// Notes a death; returns how long the actor is to be left alone if it has died too often, longer
-    /// every time. Otherwise it is started again at once.
+    /// Notes a death. Returns how long to leave the process alone if it has died too often, longer every time; `None`
+    /// if it has not.
     pub(super) fn note(&mut self, now: Instant) -> Option<Duration> {
         self.recent.push_back(now);
         while self.recent.front().is_some_and(|&death| now.duration_since(death) > DEATH_WINDOW) {
@@ -40,7 +40,7 @@ impl Deaths {
     }
 }
 
-/// How often learner and proximity service were started again since the run last got further.
+/// The number of restarts of learner and proximity service since the newest checkpoint.
 #[derive(Debug, Default)]
 pub(super) struct CoreRestarts {
     checkpoint: Option<u64>,
@@ -48,8 +48,7 @@ pub(super) struct CoreRestarts {
 }
 
 impl CoreRestarts {
-    /// Notes a death, with the iteration of the newest checkpoint; returns whether both processes
-    /// are to be started again.
+    /// Notes a death, with the iteration of the newest checkpoint; returns whether both processes are to be restarted.
     pub(super) fn allow_restart(&mut self, newest_checkpoint: Option<u64>) -> bool {
         if newest_checkpoint != self.checkpoint {
             *self = CoreRestarts { checkpoint: newest_checkpoint, count: 0 };

@@ -1,17 +1,17 @@
-//! The signals that whoever watches over processes lives by.
+//! The signals that supervision reacts to.
 
 use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// All of them. Each half can be waited for on its own; what comes meanwhile is kept.
+/// All signals. Each field can be awaited on its own; a signal that arrives in the meantime is kept.
 pub(crate) struct Signals {
-    /// Wishes of the user that the run stop.
+    /// Requests of the user to stop the run.
     pub(crate) stop: StopSignals,
-    /// Deaths of children; one signal may stand for several.
+    /// Deaths of child processes; one signal may stand for several.
     pub(crate) child: ChildSignals,
 }
 
-/// Ctrl-C, a polite kill, the end of the terminal.
+/// Ctrl-C (SIGINT), SIGTERM, and the end of the terminal (SIGHUP).
 pub(crate) struct StopSignals {
     interrupt: Signal,
     terminate: Signal,
@@ -22,7 +22,7 @@ pub(crate) struct StopSignals {
 pub(crate) struct ChildSignals(Signal);
 
 impl Signals {
-    /// Takes the signals over from here on.
+    /// Begins to listen for the signals, which do not end the process from then on.
     pub(crate) fn listen() -> Result<Self> {
         let listen = |kind| signal(kind).context("listening for signals");
         Ok(Signals {

@@ -1,5 +1,5 @@
-//! What the command `goalward` says in a terminal: to people in short numbers, remarks and lines that
-//! update themselves, to scripts in exit codes.
+//! Terminal output of the command `goalward`: short numbers, remarks and lines that update themselves for people, exit
+//! codes for scripts.
 
 pub mod numbers;
 pub mod print;

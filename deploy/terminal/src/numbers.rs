@@ -1,13 +1,13 @@
-//! How numbers are written for people: every one short, none of them able to fail.
+//! Formats numbers for people: every result is short, and no function can fail.
 //!
-//! A number that cannot be known yet (not finite) is written as a dash.
+//! A number that is not known yet (not finite) is written as a dash.
 
 use std::fmt::Write;
 
-/// What stands for a number that is not known.
+/// Stands for an unknown number.
 const UNKNOWN: &str = "-";
 
-/// `1500000` as `1,500,000`.
+/// Formats `1500000` as `1,500,000`.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() * 4 / 3);
@@ -20,23 +20,23 @@ pub fn count(number: u64) -> String {
     text
 }
 
-/// `0.974` as `97 %`; one decimal where `decimals` asks for it.
+/// Formats a share with `decimals` decimals: `0.974` as `97 %` or `97.4 %`.
 pub fn percent(share: f64, decimals: usize) -> String {
     known(share, |share| format!("{:.decimals$} %", share * 100.0))
 }
 
-/// `part` of `whole` in whole percents, at most 100, rounded down: 100 means finished.
+/// Returns `part` of `whole` in whole percent, at most 100, rounded down: 100 means finished.
 pub fn percent_done(part: u64, whole: u64) -> u64 {
     let percents = u128::from(part) * 100 / u128::from(whole.max(1));
     percents.min(100) as u64
 }
 
-/// Steps per second, whole.
+/// Formats steps per second as a whole number.
 pub fn rate(per_second: f64) -> String {
     known(per_second, |per_second| format!("{} steps/s", count(per_second.max(0.0) as u64)))
 }
 
-/// Seconds in the two units that matter: `52 s`, `3 min 20 s`, `1 h 02 min`.
+/// Formats seconds in the two units that matter: `52 s`, `3 min 20 s`, `1 h 02 min`.
 pub fn duration(seconds: f64) -> String {
     known(seconds, |seconds| {
         let seconds = seconds.max(0.0).round() as u64;
@@ -48,7 +48,7 @@ pub fn duration(seconds: f64) -> String {
     })
 }
 
-/// Bytes in the unit that suits: `812 B`, `3.4 KiB`, `117.0 MiB`.
+/// Formats bytes in the unit that suits: `812 B`, `3.4 KiB`, `117.0 MiB`.
 pub fn bytes(bytes: u64) -> String {
     let mut amount = bytes as f64;
     let mut unit = "B";
@@ -62,7 +62,7 @@ pub fn bytes(bytes: u64) -> String {
     format!("{amount:.decimals$} {unit}")
 }
 
-/// A loss or a mean, with three significant digits or so.
+/// Formats a loss or a mean, with about three significant digits.
 pub fn number(number: f64) -> String {
     known(number, |number| match number.abs() {
         0.0 => "0".to_owned(),
@@ -73,7 +73,7 @@ pub fn number(number: f64) -> String {
     })
 }
 
-/// Names and values in two columns, one row a line.
+/// Formats names and values in two columns, one row per line.
 pub fn table(rows: &[(&str, String)]) -> String {
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     rows.iter().fold(String::new(), |mut text, (name, value)| {
@@ -82,7 +82,7 @@ pub fn table(rows: &[(&str, String)]) -> String {
     })
 }
 
-/// Columns of texts, the first row their heads, one row a line.
+/// Formats texts in columns, one row per line; the first row holds the titles.
 pub fn columns<const N: usize>(rows: &[[String; N]]) -> String {
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
     let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));

@@ -13,7 +13,7 @@ const REMARK: Style = Style::new().bold();
 /// Whether a result could not be printed.
 static IS_LOST: AtomicBool = AtomicBool::new(false);
 
-/// Prints a result to standard output; nobody listening any more is no reason to end a run.
+/// Prints a result to standard output. If nobody reads it any more, that is no reason to end a run.
 pub fn print_line(text: &str) {
     let mut output = anstream::stdout();
     let printed = writeln!(output, "{text}").and_then(|()| output.flush());
@@ -25,7 +25,7 @@ pub fn print_line(text: &str) {
     }
 }
 
-/// Whether all results could be printed that somebody listened to.
+/// Returns whether all results were printed, apart from those that nobody read any more.
 pub fn all_is_printed() -> bool {
     !IS_LOST.load(Ordering::Relaxed)
 }

@@ -4,53 +4,53 @@
 use std::fmt::Display;
 use std::process::ExitCode;
 
-/// Exit code of wrong usage; clap takes the same for flags it does not know.
+/// Exit code of wrong usage; clap uses the same for unknown flags.
 pub const WRONG_USAGE: u8 = 2;
 
 /// Exit code of a command that finished although data was lost.
 const DATA_LOST: u8 = 3;
 
-/// Exit code of what the user stopped, so that no script takes it for done; shells have the same for
+/// Exit code of a command that the user stopped, so that no script takes it for finished; shells use the same for
 /// Ctrl-C.
 const STOPPED: u8 = 130;
 
 /// An error that is not a plain failure.
 #[derive(Debug, thiserror::Error)]
 pub enum Refusal {
-    /// The user asked for what cannot be done: nothing was begun, nothing was changed.
+    /// The user asked for something that cannot be done; nothing was begun or changed.
     #[error("{0}")]
     WrongUsage(String),
     /// The command finished, but not everything that was recorded is there.
     #[error("{0}")]
     DataLost(String),
-    /// Ends with this code; why has been said already.
+    /// The command ends with this code; the reason has already been printed.
     #[error("ended with exit code {0}")]
     Explained(u8),
 }
 
 impl Refusal {
-    /// Makes an error, with its causes, one of wrong usage.
+    /// Turns an error, with its causes, into one of wrong usage.
     pub fn usage(error: impl Into<anyhow::Error>) -> Refusal {
         Refusal::WrongUsage(format!("{:#}", error.into()))
     }
 }
 
-/// Wrong usage, in one line.
+/// Returns an error of wrong usage, in one line.
 pub fn wrong_usage(message: impl Display) -> anyhow::Error {
     Refusal::WrongUsage(message.to_string()).into()
 }
 
-/// The end that the user wished for, who has been told of it.
+/// Returns the error for a command that the user stopped; the user has already been told.
 pub fn stopped() -> anyhow::Error {
     Refusal::Explained(STOPPED).into()
 }
 
-/// Whether the user has been told of the error already.
+/// Returns whether the user has already been told about the error.
 pub fn is_explained(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(Refusal::Explained(_)))
 }
 
-/// The exit code an error asks for.
+/// Returns the exit code for an error.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     use protocol::Error::{Configuration, ConfigurationText, NotARun};
     for cause in error.chain() {

@@ -1,5 +1,5 @@
-//! The line that says on standard error how something long stands: on a terminal it updates itself, into a
-//! pipe it is printed now and then.
+//! The line on standard error that shows the progress of long work: on a terminal it updates itself, in a pipe it is
+//! printed now and then.
 
 use std::time::{Duration, Instant};
 
@@ -11,16 +11,16 @@ use crate::voice;
 /// Time between two lines in a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// The same if there is nothing new to say.
+/// The same if the line has not changed.
 const SAME_LINE_EVERY: Duration = Duration::from_secs(60);
 
-/// A line, and remarks.
+/// A status line, and remarks above it.
 pub enum StatusLine {
-    /// It stays at the bottom.
+    /// The line stays at the bottom of the terminal.
     Terminal(ProgressBar),
-    /// It comes again when it is due.
+    /// The line is printed again when it is due.
     Pipe(Printed),
-    /// Nobody wants to see it.
+    /// The user does not want to see the line.
     Quiet,
 }
 
@@ -28,12 +28,12 @@ pub enum StatusLine {
 #[derive(Default)]
 pub struct Printed {
     last: Option<(Instant, String)>,
-    /// Tenths that were done by then.
+    /// Tenths of the work that were done by then.
     tenth: u64,
 }
 
 impl Printed {
-    /// Whether a line is to be printed; it is noted as printed then.
+    /// Returns whether a line is to be printed, and if so notes it as printed.
     fn is_due(&mut self, now: Instant, tenth: u64, is_news: bool, line: &str) -> bool {
         let is_due = self.last.as_ref().is_none_or(|(at, last)| {
             let every = if last == line { SAME_LINE_EVERY } else { LINE_EVERY };
@@ -55,8 +55,8 @@ impl Default for StatusLine {
 }
 
 impl StatusLine {
-    /// For a terminal if standard error is one that can redraw a line, which one called `dumb` cannot; for
-    /// a pipe otherwise.
+    /// Creates a line for a terminal if standard error is one that can redraw a line, which one called `dumb` cannot;
+    /// for a pipe otherwise.
     pub fn new() -> Self {
         let target = ProgressDrawTarget::stderr();
         if voice::is_quiet() {
@@ -73,7 +73,8 @@ impl StatusLine {
         StatusLine::Terminal(bar)
     }
 
-    /// The same line for what may be done in a moment: nothing of that is printed to a pipe.
+    /// Makes the line wait until it is due for the first time, so that nothing is printed to a pipe for work that takes
+    /// only a moment.
     pub fn patient(mut self) -> Self {
         if let StatusLine::Pipe(printed) = &mut self {
             printed.last = Some((Instant::now(), String::new()));
@@ -81,7 +82,7 @@ impl StatusLine {
         self
     }
 
-    /// Says at once what is going on.
+    /// Shows at once what is going on.
     pub fn say(&self, text: &str) {
         match self {
             StatusLine::Terminal(bar) => bar.set_message(text.to_owned()),
@@ -90,8 +91,8 @@ impl StatusLine {
         }
     }
 
-    /// Shows the newest line; in a pipe only if it is due: after some time, with each tenth of the
-    /// whole, and when it has news.
+    /// Shows the newest line; in a pipe only if it is due: after some time, with each tenth of the work, and when there
+    /// is news.
     pub fn show(&mut self, line: &str, tenth: u64, is_news: bool) {
         match self {
             StatusLine::Terminal(bar) => {
@@ -107,7 +108,7 @@ impl StatusLine {
         }
     }
 
-    /// Keeps the line alive.
+    /// Animates the line on a terminal.
     pub fn tick(&self) {
         if let StatusLine::Terminal(bar) = self {
             bar.tick();

@@ -1,4 +1,4 @@
-//! How much `goalward` says, and whether in colors: the flags of every verb.
+//! The flags of every verb: how much `goalward` prints, and whether in color.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -9,10 +9,10 @@ static IS_QUIET: AtomicBool = AtomicBool::new(false);
 /// Flags of every verb.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Voice {
-    /// Says nothing but results and errors: no progress, no remarks.
+    /// Prints only results and errors, no progress or remarks.
     #[arg(short, long, global = true, help_heading = HEADING)]
     quiet: bool,
-    /// Says which programs are started; twice, what the bus has to say, too.
+    /// Prints which programs are started; given twice, also prints messages about the bus.
     #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "quiet")]
     #[arg(help_heading = HEADING)]
     verbose: u8,
@@ -22,7 +22,7 @@ pub struct Voice {
     color: Color,
 }
 
-/// What the flags stand under in help.
+/// Heading of the flags in help texts.
 const HEADING: &str = "Output";
 
 /// When there are colors.
@@ -35,11 +35,11 @@ enum Color {
 }
 
 impl Voice {
-    /// Makes them hold for the process; gives the level of its diagnostics.
+    /// Applies the flags to the process; returns the level of its diagnostics.
     pub fn begin(self) -> &'static str {
         IS_QUIET.store(self.quiet, Ordering::Relaxed);
         match self.color {
-            // `anstream` would color it where CI is set.
+            // `anstream` would use colors there if the variable CI is set.
             Color::Auto if std::env::var_os("TERM").is_some_and(|term| term == "dumb") => {
                 ColorChoice::Never.write_global();
             }
@@ -55,7 +55,7 @@ impl Voice {
     }
 }
 
-/// Whether only results and errors are said.
+/// Returns whether only results and errors are printed.
 pub(crate) fn is_quiet() -> bool {
     IS_QUIET.load(Ordering::Relaxed)
 }

@@ -1,21 +1,20 @@
-//! What the ant is made of: a ball with four legs of three capsules each, after the authors'
-//! MuJoCo model.
+//! The parts of the ant: a ball with four legs of three capsules each, after the authors' MuJoCo model.
 //!
 //! | part | count | shape, meters | mass, kg | moved by |
 //! |---|---|---|---|---|
 //! | torso | 1 | ball, radius 0.25 | 0.327 | nothing, it is free |
-//! | hip | 4 | capsule, radius 0.08, from the torso's center by (0.2, 0.2) | 0.039 | nothing, it is a part of the torso |
+//! | hip | 4 | capsule, radius 0.08, from the torso's center by (0.2, 0.2) | 0.039 | nothing, it is part of the torso |
 //! | leg | 4 | capsule, radius 0.08, onward by (0.2, 0.2) | 0.039 | its hip joint, about z |
 //! | foot | 4 | capsule, radius 0.08, onward by (0.4, 0.4) | 0.068 | its ankle joint, about a diagonal |
 //!
-//! All distances are for a leg to the front left; [`Leg::toward`] turns them to the other corners.
+//! All displacements are those of the front left leg; [`Leg::toward`] has the signs for the other corners.
 
 use rapier3d::prelude::{Rotation, Vector};
 
-/// Row of the torso among contact forces.
+/// Row of the torso in the contact forces.
 pub(super) const TORSO_ROW: usize = 1;
 
-/// Rows of hip, leg and foot of a leg among contact forces.
+/// Returns the rows of a leg's hip, leg and foot in the contact forces.
 pub(super) fn limb_rows(leg: usize) -> [usize; 3] {
     let hip = 2 + 3 * leg;
     [hip, hip + 1, hip + 2]
@@ -31,13 +30,13 @@ pub(super) const DENSITY: f32 = 5.0;
 pub(super) const TORSO_RADIUS: f32 = 0.25;
 /// Radius of every capsule, meters.
 pub(super) const LIMB_RADIUS: f32 = 0.08;
-/// Reach of a hip and of a leg along x and along y, meters.
+/// Reach of a hip or a leg along x and along y, meters.
 pub(super) const SHORT_REACH: f32 = 0.2;
 /// Reach of a foot along x and along y, meters.
 pub(super) const LONG_REACH: f32 = 0.4;
-/// How far a hip joint turns to both sides, radians.
+/// Largest angle of a hip joint in either direction, radians.
 pub(super) const HIP_LIMIT: f32 = 30_f32.to_radians();
-/// Between what an ankle joint turns, radians, to the side that lowers its foot.
+/// Range of an ankle joint in the direction that lowers its foot, radians.
 pub(super) const ANKLE_LIMITS: [f32; 2] = [30_f32.to_radians(), 70_f32.to_radians()];
 /// Height of the torso's center at the start of an episode, meters.
 pub(super) const START_HEIGHT: f32 = 0.55;
@@ -48,9 +47,9 @@ pub(super) const LINK_NAMES: [&str; LINKS] =
 
 /// One leg.
 pub(super) struct Leg {
-    /// The signs of x and y in which it points away from the torso.
+    /// The signs of x and y in the direction that the leg points, away from the torso.
     pub(super) toward: [f32; 2],
-    /// The signs of x and y of its ankle's axis.
+    /// The signs of x and y of the ankle's axis.
     pub(super) ankle_axis: [f32; 2],
     /// The sign of the ankle's angle that lowers the foot.
     pub(super) ankle_side: f32,
@@ -65,29 +64,29 @@ pub(super) const LEGS: [Leg; 4] = [
 ];
 
 impl Leg {
-    /// The point that a capsule of such a reach ends at, from where it begins.
+    /// Returns the end of a capsule with this reach, relative to its start.
     pub(super) fn end(&self, reach: f32) -> Vector {
         Vector::new(self.toward[0] * reach, self.toward[1] * reach, 0.0)
     }
 
-    /// The unit axis of the ankle, in the frame of the leg as in that of the foot.
+    /// Returns the unit axis of the ankle, which is the same in the frames of the leg and of the foot.
     pub(super) fn ankle_axis(&self) -> Vector {
         Vector::new(self.ankle_axis[0], self.ankle_axis[1], 0.0).normalize()
     }
 
-    /// The lowest and highest angle of the ankle, radians.
+    /// Returns the lowest and the highest angle of the ankle, radians.
     pub(super) fn ankle_limits(&self) -> [f32; 2] {
         let [small, large] = ANKLE_LIMITS;
         if self.ankle_side > 0.0 { [small, large] } else { [-large, -small] }
     }
 }
 
-/// Where the ant is and how it moves, in the coordinates of the authors' simulator.
+/// The ant's pose and velocity, in the coordinates of the authors' simulator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct State {
     /// Center of the torso in the world, meters.
     pub(super) position: Vector,
-    /// Turns the torso's axes into the world's.
+    /// Rotation from the torso's axes to the world's.
     pub(super) orientation: Rotation,
     /// Angles of hip 1, ankle 1, hip 2 and so on to ankle 4, radians.
     pub(super) angles: [f32; JOINTS],
@@ -95,13 +94,12 @@ pub(super) struct State {
     pub(super) velocity: Vector,
     /// Angular velocity of the torso about its own axes, radians per second.
     pub(super) angular_velocity: Vector,
-    /// Rates of the angles, radians per second.
+    /// Angular velocities of the joints, radians per second.
     pub(super) rates: [f32; JOINTS],
 }
 
 impl State {
-    /// The start of an episode without noise: level, at rest, hips straight, feet lowered by one
-    /// radian.
+    /// Returns the start of an episode without noise: level, at rest, hips straight, feet lowered by one radian.
     pub(super) fn start() -> State {
         let mut angles = [0.0; JOINTS];
         for (leg, pair) in LEGS.iter().zip(angles.chunks_exact_mut(2)) {

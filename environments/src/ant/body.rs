@@ -1,9 +1,8 @@
-//! The ant in the physics: one multibody of nine links and eight hinges on a floor without end.
+//! The ant in the physics: one multibody of nine links and eight hinges on an unbounded floor.
 //!
-//! MuJoCo's model has an armature of 1 on every hinge, more than a hundred times the inertia of what
-//! the hinge moves. Only a multibody has such a thing, hence no impulse joints here. The softness of
-//! contacts and of joint limits was chosen so that the ant under random torques moves as it does in
-//! MuJoCo.
+//! In MuJoCo's model every hinge has an armature of 1, more than thirty times the inertia of what the hinge moves. In
+//! rapier only multibodies have an armature, hence no impulse joints here. The softness of contacts and of joint
+//! limits is chosen so that the ant moves under random torques as it does in MuJoCo.
 
 use super::anatomy::{
     DENSITY, HIP_LIMIT, JOINTS, LEGS, LIMB_RADIUS, LINK_NAMES, LINKS, LONG_REACH, Leg, SHORT_REACH,
@@ -17,50 +16,50 @@ use rapier3d::prelude::{
     SpringCoefficients, Vector,
 };
 
-/// Rotor inertia that every hinge adds to what it turns, kilogram square meters.
+/// Rotor inertia that every hinge adds to the inertia of what it turns, kilogram square meters.
 const ARMATURE: f32 = 1.0;
-/// Torque that slows a hinge down, newton meter seconds per radian.
+/// Damping of every hinge, newton meter seconds per radian.
 const DAMPING: f32 = 1.0;
-/// Friction of the ant on the floor.
+/// Friction coefficient of the ant on the floor.
 const FRICTION: f32 = 1.0;
-/// How the limits of the hinges give way.
+/// Softness of the limits of the hinges.
 const LIMIT_SOFTNESS: SpringCoefficients<f32> =
     SpringCoefficients { natural_frequency: 6.0, damping_ratio: 1.0 };
-/// Degrees of freedom of the torso, the first of the generalized velocities.
+/// Degrees of freedom of the torso, which come first among the generalized velocities.
 const TORSO_FREEDOMS: usize = 6;
 /// Degrees of freedom of the whole ant.
 const FREEDOMS: usize = TORSO_FREEDOMS + JOINTS;
-/// Place of a hinge's angle among the coordinates of its joint.
+/// Index of a hinge's angle among the coordinates of its joint.
 const HINGE_COORDINATE: usize = 3;
 
 const DYNAMICS: Dynamics = Dynamics {
     timestep_s: 0.02,
     solver_iterations: 1,
-    // A foot falls so far in a timestep, and would else be deep in the floor when it is first met.
+    // A foot can fall this far in one timestep; with less it would be deep in the floor at the first contact.
     contact_prediction_m: 0.1,
     contact_softness: SpringCoefficients { natural_frequency: 20.0, damping_ratio: 1.0 },
     friction_model: FrictionModel::Coulomb,
-    // Thirteen leaves, put back at every reset, have nothing to win from it.
+    // Optimization gains nothing for so few leaves, which every reset restores.
     tree_upkeep: BvhOptimizationStrategy::None,
 };
 
 /// The handles of the ant and its floor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Body {
-    /// The torso, then leg and foot of each leg.
+    /// The torso, then leg and foot of every leg.
     pub(super) links: [RigidBodyHandle; LINKS],
     pub(super) floor: ColliderHandle,
-    /// One of the hinges, by which the multibody is found.
+    /// One of the hinges; it gives access to the multibody.
     hinge: MultibodyJointHandle,
 }
 
-/// Builds a world with the ant in it. The ant stands nowhere yet, see [`Body::place`].
+/// Builds a world with the ant in it. Call [`Body::place`] before using the ant.
 pub(super) fn build() -> (Physics, Body) {
     Physics::build(DYNAMICS, &LINK_NAMES, insert, |world, body| {
         let multibody = body.multibody_mut(&mut world.multibody_joints);
         assert_eq!(multibody.ndofs(), FREEDOMS, "a free torso and eight hinges");
         multibody.armature_mut().rows_mut(TORSO_FREEDOMS, JOINTS).fill(ARMATURE);
-        // Rapier damps every rotation a little on its own, that of the free torso too.
+        // Rapier applies a little damping to every rotation by default, also to that of the free torso.
         multibody.damping_mut().fill(0.0);
         multibody.damping_mut().rows_mut(TORSO_FREEDOMS, JOINTS).fill(DAMPING);
     })
@@ -93,12 +92,12 @@ fn insert(world: &mut PhysicsWorld) -> Body {
     Body { links, floor, hinge: last_hinge.expect("no link has two parents") }
 }
 
-/// A body of one collider.
+/// Inserts a body with one collider.
 fn insert_link(world: &mut PhysicsWorld, shape: ColliderBuilder, row: usize) -> RigidBodyHandle {
     world.insert(RigidBodyBuilder::dynamic().can_sleep(false), part(shape, row)).0
 }
 
-/// A collider that meets nothing but the floor, and knows its row of the contact forces.
+/// Makes a collider that touches only the floor and has its row in the contact forces as user data.
 fn part(shape: ColliderBuilder, row: usize) -> ColliderBuilder {
     shape
         .density(DENSITY)
@@ -111,7 +110,7 @@ fn capsule(leg: &Leg, reach: f32) -> ColliderBuilder {
     ColliderBuilder::capsule_from_endpoints(Vector::ZERO, leg.end(reach), LIMB_RADIUS)
 }
 
-/// A hinge at a point of the parent, where the child has its origin.
+/// Makes a hinge at a point of the parent, where the child has its origin.
 fn hinge(axis: Vector, point: Vector, limits: [f32; 2]) -> RevoluteJointBuilder {
     RevoluteJointBuilder::new(axis).local_anchor1(point).limits(limits).softness(LIMIT_SOFTNESS)
 }
@@ -147,14 +146,13 @@ impl Body {
         velocities.rows_mut(TORSO_FREEDOMS, JOINTS).copy_from_slice(&state.rates);
 
         multibody.forward_kinematics(&world.bodies, true);
-        // Not `update_rigid_bodies`: it leaves the colliders where they were until after the next
-        // step.
+        // `update_rigid_bodies` would leave the colliders where they were until after the next step.
         for link in multibody.links() {
             world.bodies[link.rigid_body_handle()].set_position(*link.local_to_world(), false);
         }
     }
 
-    /// Reads the state the ant is in.
+    /// Reads the current state of the ant.
     pub(super) fn state(&self, world: &PhysicsWorld) -> State {
         let torso = &world.bodies[self.links[0]];
         let multibody = self.multibody(&world.multibody_joints);
@@ -175,8 +173,8 @@ impl Body {
 
     /// Sets the torque about the axis of every hinge, newton meters.
     ///
-    /// A pair of opposite torques on what a hinge joins acts on its angle alone. They keep their
-    /// directions in the world until they are set anew, so set them before every timestep.
+    /// Opposite torques on the two links of a hinge act on its angle alone. They keep their directions in the world
+    /// until the next call, so call this before every timestep.
     pub(super) fn drive(&self, world: &mut PhysicsWorld, torques: &[f32; JOINTS]) {
         let mut on_links = [Vector::ZERO; LINKS];
         let torso_rotation = *world.bodies[self.links[0]].rotation();
@@ -197,7 +195,7 @@ impl Body {
     }
 }
 
-/// The angle of a hinge; its link follows the torso's in the order of insertion.
+/// Returns the angle of a hinge; its link follows the torso's in the order of insertion.
 fn angle_of(multibody: &Multibody, joint: usize) -> f32 {
     multibody.link(1 + joint).expect("the torso and eight links").joint().coords()[HINGE_COORDINATE]
 }
@@ -207,10 +205,10 @@ mod tests {
     use super::*;
     use rapier3d::prelude::Rotation;
 
-    /// Timesteps that an action is held for.
+    /// Number of timesteps for which an action is held.
     const STEP: usize = 5;
 
-    /// A resting ant far above the floor.
+    /// Returns an ant at rest far above the floor.
     fn floating() -> (Physics, Body, State) {
         let (mut physics, body) = build();
         let mut state = State::start();
@@ -219,7 +217,7 @@ mod tests {
         (physics, body, state)
     }
 
-    /// Holds one torque for some timesteps.
+    /// Applies a constant torque for some timesteps.
     fn turn(physics: &mut Physics, body: &Body, joint: usize, torque: f32, timesteps: usize) {
         let mut torques = [0.0; JOINTS];
         torques[joint] = torque;
@@ -252,7 +250,7 @@ mod tests {
             *angle += 0.01 * joint as f32;
             *rate = 0.1 * joint as f32 - 0.4;
         }
-        // Twice: from where the world was built, and from another state.
+        // Twice: from the state in which the world was built, and from another state.
         for steps in [0, 3] {
             turn(&mut physics, &body, 2, 100.0, steps);
             body.place(&mut physics.world, &state);
@@ -283,8 +281,8 @@ mod tests {
         assert!((low - expected).abs() < 1e-3, "{low} instead of {expected}");
     }
 
-    /// A hinge in free flight obeys `I dw/dt = torque - w`, with an inertia between the armature and
-    /// the armature plus that of the limb about its hinge.
+    /// A hinge in free flight obeys `I dw/dt = torque - w`, where the inertia `I` lies between the armature and the
+    /// armature plus the inertia of the limb about its hinge.
     #[test]
     fn a_torque_turns_a_hinge_against_armature_and_damping() {
         for (joint, limb_inertia) in [(0, 0.03), (1, 0.008), (6, 0.03), (7, 0.008)] {
@@ -300,7 +298,7 @@ mod tests {
                 state.rates[joint]
             );
             let turned = state.angles[joint] - start.angles[joint];
-            // A timestep turns at the rate of its end: half a timestep more than the integral.
+            // A timestep turns the hinge at the rate of its end: half a timestep more than the integral.
             let expected = 0.0145 + DYNAMICS.timestep_s / 2.0 * state.rates[joint];
             assert!((turned - expected).abs() < 0.0005, "{joint}: {turned} instead of {expected}");
             for (other, rate) in state.rates.iter().enumerate().filter(|(other, _)| *other != joint)

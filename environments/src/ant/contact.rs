@@ -1,8 +1,7 @@
-//! The contact forces of the observation: what the floor does to every part of the ant.
+//! The contact forces of the observation: torque and force of the floor on every part of the ant.
 //!
-//! One row of six numbers for each body of the authors' model. The torque is about the center of
-//! mass of the whole ant, both are along the world's axes, and both are means over the last
-//! timestep.
+//! Each body of the authors' model has one row of six numbers. Torques are about the center of mass of the whole ant.
+//! Torques and forces are along the world's axes, averaged over the last timestep.
 //!
 //! | row | body |
 //! |---|---|
@@ -11,7 +10,7 @@
 //! | 2, 5, 8, 11 | hips 1 to 4 |
 //! | 3, 6, 9, 12 | legs 1 to 4 |
 //! | 4, 7, 10, 13 | feet 1 to 4 |
-//! | 14 | goal, always zeros: it is a mark, nothing touches it |
+//! | 14 | goal, always zeros: it is a mark that nothing touches |
 
 use super::body::Body;
 use rapier3d::prelude::{ContactManifold, PhysicsWorld, Vector};
@@ -23,10 +22,10 @@ pub(super) const ROWS: usize = 15;
 /// Torque, newton meters, and force, newtons, on each body.
 pub(super) type Forces = [[f32; 6]; ROWS];
 
-/// What an ant that nothing touches feels.
+/// The forces on an ant that touches nothing.
 pub(super) const NONE: Forces = [[0.0; 6]; ROWS];
 
-/// The forces of the last timestep.
+/// Computes the forces of the last timestep.
 pub(super) fn forces(world: &PhysicsWorld, body: &Body) -> Forces {
     let center = center_of_mass(world, body);
     let per_second = world.integration_parameters.inv_dt();
@@ -35,7 +34,7 @@ pub(super) fn forces(world: &PhysicsWorld, body: &Body) -> Forces {
         let floor_first = pair.collider1 == body.floor;
         let part = if floor_first { pair.collider2 } else { pair.collider1 };
         let row = &mut forces[world.colliders[part].user_data as usize];
-        // Rapier's impulses act on the first of the two.
+        // Rapier's impulses act on the first collider of the pair.
         let sign = if floor_first { -per_second } else { per_second };
         for manifold in pair.solver_manifolds() {
             for (point, impulse) in impulses(world, manifold) {
@@ -52,7 +51,7 @@ pub(super) fn forces(world: &PhysicsWorld, body: &Body) -> Forces {
     forces
 }
 
-/// Where a manifold pushed its first body in the last timestep and with what impulse.
+/// Returns where a manifold pushed its first body in the last timestep, and with what impulse.
 fn impulses<'world>(
     world: &'world PhysicsWorld,
     manifold: &'world ContactManifold,
@@ -89,7 +88,7 @@ mod tests {
     use protocol::seed::{Purpose, stream};
     use rand::RngExt;
 
-    /// An ant that has stood still for five seconds.
+    /// Returns an ant that has stood still for five seconds.
     fn standing() -> (PhysicsWorld, Body) {
         let (mut physics, body) = body::build();
         body.place(&mut physics.world, &State::start());
@@ -125,7 +124,7 @@ mod tests {
         assert!(forces[front_left][0] > 0.5 && forces[front_left][1] < -0.5, "{forces:?}");
     }
 
-    /// What the floor gives to an ant that leaps about is what gravity takes and what is left over.
+    /// The momentum that the floor gives to a leaping ant equals the momentum it gains plus what gravity takes.
     #[test]
     fn forces_balance_the_momentum() {
         let (mut physics, body) = body::build();
@@ -150,7 +149,7 @@ mod tests {
         }
         given.z -= mass * 9.81 * timestep_s * timesteps as f32;
         let gained = (velocities[timesteps - 1] - velocities[0]) * mass;
-        // Two percent of the 89 N s that gravity takes in ten seconds: the substeps lose as much.
+        // Two percent of the 89 N s that gravity takes in ten seconds: the substeps lose that much.
         assert!(given.distance(gained) < 1.8, "{given} N s given, {gained} N s gained");
     }
 
@@ -162,7 +161,7 @@ mod tests {
         body.place(&mut physics.world, &state);
         physics.step();
         let forces = forces(&physics.world, &body);
-        // The ant tips forward, off its other two feet.
+        // The ant tips forward and lifts its other two feet.
         for [_, _, _, x, y, z] in [0, 3].map(|leg| forces[limb_rows(leg)[2]]) {
             assert!(z > 1.0 && (x / z + 1.0).abs() < 0.1 && (y / z).abs() < 0.1, "{x} {y} {z}");
         }

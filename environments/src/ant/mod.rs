@@ -1,13 +1,13 @@
 //! Ant Reach: a quadruped walks to a goal five meters away (paper, Section 4.5 and Table 1).
 //!
-//! The ant starts at the origin; the goal is drawn anew for every episode on the half circle of five
-//! meters where y is not negative. An [`AntSetting`]'s coverage keeps that share of the half circle's
-//! twenty parts of nine degrees, spread evenly. Its noise is half the width of a uniform draw that is
-//! added to every coordinate of the ant's start; velocities start within 0.005 of zero in any case.
+//! The ant starts at the origin. For every episode the goal is drawn on the half circle of radius five meters where y
+//! is not negative. The half circle has twenty sectors of nine degrees; the coverage of an [`AntSetting`] is the
+//! fraction of them that is kept, spread evenly. Its noise is half the width of a uniform distribution that is added
+//! to every coordinate of the starting pose; starting velocities always lie within 0.005 of zero.
 //!
 //! # Action
-//! Eight numbers, multiplied with the [`AntSetting`]'s scale and clipped to [-1, 1]. Each turns one joint
-//! with 150 newton meters at most, for 0.1 s: five timesteps.
+//! Eight numbers, multiplied by the scale of the [`AntSetting`] and clipped to [-1, 1]. Each drives one joint with up
+//! to 150 newton meters for 0.1 s, which is five timesteps.
 //!
 //! | index | joints | the leg points toward |
 //! |---|---|---|
@@ -17,8 +17,8 @@
 //! | 6, 7 | hip and ankle of leg 3 | -x, -y |
 //!
 //! # Observation
-//! 132 numbers. Joints are in the order of the legs, the hip before the ankle; quaternions have the
-//! scalar first. The authors' goal is a body that falls; here it is a mark that stands still.
+//! 132 numbers. Joints are in the order of the legs, the hip before the ankle; quaternions have the scalar first. The
+//! authors' goal is a body that falls; here it is a fixed mark.
 //!
 //! | index | meaning | unit |
 //! |---|---|---|
@@ -29,21 +29,21 @@
 //! | 16 to 19 | orientation of the goal's mark, a unit quaternion w, x, y, z | |
 //! | 20 to 22 | velocity of the torso in the world | m/s |
 //! | 23 to 25 | angular velocity of the torso about its own axes | rad/s |
-//! | 26 to 33 | rates of the joints | rad/s |
+//! | 26 to 33 | angular velocities of the joints | rad/s |
 //! | 34 to 39 | velocities of the goal's mark, always 0 | |
-//! | 40 to 129 | torque and force of the floor on 15 bodies, each number within 1 of zero | N m, N |
-//! | 130, 131 | from the torso to the goal along x and y | m |
+//! | 40 to 129 | torque and force of the floor on 15 bodies, clipped to [-1, 1] | N m, N |
+//! | 130, 131 | displacement from the torso to the goal along x and y | m |
 //!
-//! The contact forces are zeros unless the [`AntSetting`] asks for them, as they were in the authors'
-//! runs. Their rows are the bodies of the authors' model: the world, the torso, then hip, leg and foot
-//! of each leg, then the goal; nothing acts on the first and the last. Torques are about the center of
-//! mass of the ant, all along the world's axes, as means over the last timestep.
+//! The contact forces are zeros unless the [`AntSetting`] asks for them; they were zeros in the authors' runs. Their
+//! rows are the bodies of the authors' model: the world, the torso, then hip, leg and foot of each leg, then the goal;
+//! nothing acts on the first and the last. Torques are about the ant's center of mass. Torques and forces are along
+//! the world's axes, averaged over the last timestep.
 //!
 //! # Ending, success and reward
-//! Every episode lasts 50 steps, which truncate it. It succeeds when the torso is within half a meter
-//! of the goal, seen from above, after any of them. The environment's own reward is
-//! `1 - d / 5 - 0.005 a²` with `d` the distance to the goal after the step and `a` the action as it
-//! was given, neither scaled nor clipped. No expert is scripted; one is trained on that reward.
+//! Every episode is truncated at step 50. It succeeds if after any step the torso is within half a meter of the goal
+//! in the xy plane. The environment's own reward is `1 - d / 5 - 0.005 a²`, where `d` is the distance to the goal
+//! after the step and `a` is the action as given, neither scaled nor clipped. There is no scripted expert; [`EXPERT`]
+//! was trained on this reward.
 
 mod anatomy;
 mod body;
@@ -64,15 +64,15 @@ use sampling::{GOAL_DISTANCE, Sampling};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Timesteps of one step.
+/// Number of timesteps in a step.
 const TIMESTEPS: usize = 5;
-/// Torque of a joint at an action of one, newton meters.
+/// Torque on a joint at an action of 1, newton meters.
 const GEAR: f32 = 150.0;
 /// Weight of the squared action in the reward.
 const ACTION_COST: f32 = 0.005;
-/// How near to the goal the torso must come, meters.
+/// Distance between torso and goal below which an episode succeeds, meters.
 const SUCCESS_DISTANCE: f32 = 0.5;
-/// The joint that each number of the action turns.
+/// The joint that each number of an action drives.
 const ACTUATED: [usize; JOINTS] = [6, 7, 0, 1, 2, 3, 4, 5];
 
 /// The shapes of the task.
@@ -82,31 +82,31 @@ pub const SPEC: Spec = Spec {
     horizon_steps: 50,
 };
 
-/// Who demonstrates the task; `environments/experts/README.md` has the command it was trained with.
+/// The expert of the task; `environments/experts/README.md` has the command that trained it.
 pub const EXPERT: Expert = Expert::Policy {
     config: include_str!("../../experts/ant_reach/config.toml"),
     weights: include_bytes!("../../experts/ant_reach/policy.safetensors"),
 };
 
-/// Most noise on the start.
+/// Largest noise on the starting pose.
 const NOISE_MAX: f64 = 0.5;
 
-/// The starts and goals of Ant Reach, what is observed, and how actions act.
+/// The setting of Ant Reach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AntSetting {
-    /// The part of the half circle that goals lie on, above 0 and at most 1.
+    /// Fraction of the half circle that goals lie on, above 0 and at most 1.
     pub coverage: f64,
     /// Half the width of the uniform noise on the starting pose, meters and radians; 0 for the
     /// demonstrations.
     pub noise: f64,
-    /// Whether the goal's mark gets the noise, too, in its height and attitude: as in the authors' code;
-    /// the paper has noise on the ant's pose alone. It tells an agent's states from those of
-    /// demonstrations without noise, whatever the agent does.
+    /// Whether the noise also applies to the height and orientation of the goal's mark. It does in the authors' code;
+    /// in the paper only the ant's pose is noisy. This noise distinguishes the agent's states from demonstrations
+    /// without noise, whatever the agent does.
     pub mark_noise: bool,
-    /// Whether contact forces are observed; they are zeros in the authors' runs.
+    /// Whether contact forces are observed. Otherwise they are zeros, as in the authors' runs.
     pub contact_forces: bool,
-    /// What each number of an action is multiplied with; empty for one.
+    /// Factor for each number of an action; empty for a scale of one.
     pub action_scale: Vec<f64>,
 }
 
@@ -140,9 +140,9 @@ pub struct Ant {
     sampling: Sampling,
     scale: action::Scale,
     goal: Goal,
-    /// Steps taken in the episode.
+    /// Number of steps taken in the episode.
     steps: u32,
-    /// Whether the episode has begun and not ended.
+    /// Whether an episode has begun and not ended.
     running: bool,
     /// Whether the goal has been reached in the episode.
     success: bool,
@@ -170,7 +170,7 @@ impl Ant {
         })
     }
 
-    /// Holds an action for the time of a step.
+    /// Applies an action for the duration of a step.
     fn act(&mut self, action: &[f32; JOINTS]) {
         let mut torques = [0.0; JOINTS];
         for (joint, number) in ACTUATED.into_iter().zip(action) {
@@ -182,7 +182,7 @@ impl Ant {
         }
     }
 
-    /// Checks the state and writes its observation; returns the state.
+    /// Checks the state, writes its observation and returns it.
     fn observe(&self, observation: &mut [u8]) -> Result<State, EnvironmentError> {
         self.physics.check_finite(self.steps)?;
         let world = &self.physics.world;
@@ -234,7 +234,7 @@ impl Environment for Ant {
         let [x, y] = self.goal.from(state.position);
         let distance = (x * x + y * y).sqrt();
         self.success |= distance < SUCCESS_DISTANCE;
-        // The goal ends no episode here.
+        // Reaching the goal never ends an episode of this task.
         let ending = spec.ending(false, self.steps);
         self.running = ending.is_none();
         let effort: f32 = floats(action).map(|number| number * number).sum();
@@ -269,7 +269,7 @@ mod tests {
     use protocol::seed::{Purpose, stream};
     use protocol::task::write_floats;
 
-    /// An episode that has begun, with an observation to write to.
+    /// Begins an episode; returns the environment and a buffer with the first observation.
     fn begun() -> (Ant, Vec<u8>) {
         let mut ant = Ant::new(AntSetting::default()).expect("the default setting");
         let mut observation = vec![0; ant.spec().observation.bytes()];
@@ -277,7 +277,7 @@ mod tests {
         (ant, observation)
     }
 
-    /// Puts the ant so far from the goal along x.
+    /// Places the ant `distance` meters from the goal, at a smaller x.
     fn stand_at(ant: &mut Ant, distance: f32) {
         let mut state = State::start();
         state.position.x = ant.goal.position.x - distance;

@@ -1,32 +1,32 @@
-//! What the agent sees: coordinates and velocities of the ant and of the goal, contact forces, and
-//! the way to the goal.
+//! The agent's observation: coordinates and velocities of the ant and of the goal, contact forces, and the
+//! displacement to the goal.
 
 use super::anatomy::State;
 use super::contact::Forces;
 use protocol::task::write_floats;
 use rapier3d::prelude::{Rotation, Vector};
 
-/// The mark of the goal. It stands still and touches nothing.
+/// The goal's mark. It is fixed, and nothing touches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Goal {
-    /// Its place in the world, meters.
+    /// Position in the world, meters.
     pub(super) position: Vector,
-    /// Turns its axes into the world's; only seen.
+    /// Rotation from the mark's axes to the world's. It is used only in the observation.
     pub(super) orientation: Rotation,
 }
 
 impl Goal {
-    /// Before the first episode.
+    /// The goal before the first episode.
     pub(super) const NOWHERE: Goal =
         Goal { position: Vector::ZERO, orientation: Rotation::IDENTITY };
 
-    /// From a point to the goal along x and y, meters.
+    /// Returns the displacement from a point to the goal along x and y, meters.
     pub(super) fn from(&self, point: Vector) -> [f32; 2] {
         [self.position.x - point.x, self.position.y - point.y]
     }
 }
 
-/// Writes the 132 numbers that the table of the module names.
+/// Writes the 132 numbers listed in the table of the parent module.
 ///
 /// # Panics
 /// When `observation` is not exactly 528 bytes long.
@@ -50,7 +50,7 @@ pub(super) fn write(state: &State, goal: &Goal, forces: &Forces, observation: &m
     write_floats(numbers, observation);
 }
 
-/// The numbers of a quaternion as the authors' simulator orders them: w, x, y, z.
+/// Returns a quaternion in the order of the authors' simulator: w, x, y, z.
 fn scalar_first(rotation: Rotation) -> [f32; 4] {
     [rotation.w, rotation.x, rotation.y, rotation.z]
 }

@@ -1,4 +1,4 @@
-//! Where episodes begin: the goal on its half circle and the noise on the start.
+//! The starts of episodes: the goal on its half circle and the noise on the starting pose.
 
 use super::AntSetting;
 use super::anatomy::State;
@@ -10,24 +10,24 @@ use std::f32::consts::PI;
 
 /// Distance of every goal from the origin, meters.
 pub(super) const GOAL_DISTANCE: f32 = 5.0;
-/// Parts of nine degrees that a coverage divides the half circle into.
+/// Number of sectors, of nine degrees each, into which a coverage divides the half circle.
 const BINS: usize = 20;
-/// Height of the goal's mark: that of the authors' flag when it lies on the floor, meters.
+/// Height of the goal's mark, meters: the height of the authors' flag when it lies on the floor.
 const GOAL_HEIGHT: f32 = 0.51;
-/// Orientation of the goal's mark, tipped over onto its side as the authors'. They write it without
-/// a length of one, and so the noise is added.
+/// Orientation of the goal's mark, tipped onto its side as in the authors' code. Like theirs it is not a unit
+/// quaternion, and noise is added before normalization.
 const GOAL_ORIENTATION: Rotation = Rotation::from_xyzw(1.0, 0.0, 0.0, 1.0);
-/// Half the width of the noise on every velocity, meters and radians per second.
+/// Half the width of the noise on every velocity, meters or radians per second.
 const VELOCITY_NOISE: f32 = 0.005;
 
 /// Draws starts and goals.
 #[derive(Clone, Debug)]
 pub(super) struct Sampling {
-    /// Half the width of the noise on every coordinate, meters and radians.
+    /// Half the width of the noise on every coordinate of the ant, meters or radians.
     noise: f32,
-    /// That on the coordinates of the goal's mark.
+    /// Half the width of the noise on height and orientation of the goal's mark.
     mark_noise: f32,
-    /// The parts of the half circle that goals lie in.
+    /// The sectors of the half circle that goals lie in.
     bins: Vec<u8>,
 }
 
@@ -60,15 +60,15 @@ impl Sampling {
     }
 }
 
-/// Adds noise to each number of a quaternion and makes it a unit one.
+/// Adds noise to each number of a quaternion and normalizes it.
 fn shaken(rotation: Rotation, mut noise: impl FnMut() -> f32) -> Rotation {
     Rotation::from_array(rotation.to_array().map(|number| number + noise())).normalize()
 }
 
-/// The parts of the half circle that a coverage keeps, spread evenly over it.
+/// Returns the sectors that a coverage keeps, spread evenly over the half circle.
 ///
-/// The phase makes them those of the authors for their three coverages: 2, 6, 10, 14 and 18 of a
-/// quarter, the even ones of a half, all but 2, 6, 10, 14 and 18 of three quarters.
+/// The phase is chosen to give the authors' sectors for their three coverages: 2, 6, 10, 14 and 18 for 0.25, the even
+/// ones for 0.5, and all except 2, 6, 10, 14 and 18 for 0.75.
 fn bins(coverage: f64) -> Vec<u8> {
     let kept = ((BINS as f64 * coverage).round() as usize).clamp(1, BINS);
     let before = |bin: usize| (2 * bin * kept + kept + BINS / 2) / (2 * BINS);

@@ -1,4 +1,4 @@
-//! What a viewer draws of the ant: a patch of its floor, its parts and the goal.
+//! What a viewer draws of Ant Reach: a patch of the floor, the parts of the ant and the goal.
 
 use super::anatomy::{
     LEGS, LIMB_RADIUS, LINK_NAMES, LONG_REACH, SHORT_REACH, START_HEIGHT, TORSO_RADIUS,
@@ -13,10 +13,10 @@ const FLOOR_COLOR: [f32; 4] = [0.8, 0.9, 0.8, 1.0];
 const TORSO_COLOR: [f32; 4] = [0.8, 0.6, 0.4, 1.0];
 const LIMB_COLOR: [f32; 4] = [0.7, 0.5, 0.3, 1.0];
 const GOAL_COLOR: [f32; 4] = [0.2, 0.8, 0.3, 0.4];
-/// Half of the thickness of the floor's patch, meters.
+/// Half of the thickness of the floor patch, meters.
 const FLOOR_HALF_HEIGHT: f32 = 0.05;
 
-/// The solids: the floor, the torso, hip, leg and foot of each leg, the goal.
+/// The floor, the torso, hip, leg and foot of each leg, and the goal.
 pub(super) static SOLIDS: [Solid; 15] = [
     Solid {
         name: "floor",
@@ -48,7 +48,7 @@ const fn limb(name: &'static str, reach: f32) -> Solid {
     Solid { name, shape, color: LIMB_COLOR }
 }
 
-/// Appends the poses of the solids.
+/// Appends the poses of [`SOLIDS`].
 pub(super) fn append_poses(world: &PhysicsWorld, body: &Body, goal: &Goal, poses: &mut Vec<Pose>) {
     let link = |index: usize| *world.bodies[body.links[index]].position();
     let torso = link(0);

@@ -1,51 +1,51 @@
-//! The scripted experts of both tasks (Section 4.4, after the authors' code).
+//! The scripted experts of both tasks (paper, Section 4.4, after the authors' code).
 //!
-//! A script is a row of stages. Each stage pulls the grip site toward its target with an action of
-//! six times the distance in meters, and all but the last are over within half a centimeter of it;
-//! what passes 1 is left to the environment to clip. Where in its script the expert is changes
-//! nothing but the expert's own actions.
+//! A script is a sequence of stages. In each stage the action is six times the displacement, in meters, from the grip
+//! site to its target; the environment clips it. Every stage except the last ends within half a centimeter of its
+//! target; the descent also ends when the fingers hold the cube. The current stage affects nothing except the expert's
+//! own actions.
 //!
 //! | task | stages |
 //! |---|---|
-//! | Fetch Pick | with open fingers over the cube; down around it while the fingers close; the cube to the goal |
-//! | Fetch Push | up; over a point behind the cube, seen from the goal; down; the gripper to the goal |
+//! | Fetch Pick | above the cube with open fingers; down around it while they close; carry it to the goal |
+//! | Fetch Push | up; above a point behind the cube, seen from the goal; down; push toward the goal |
 
 use super::FetchTask;
 use rapier3d::prelude::Vector;
 
-/// Action for every meter of distance.
+/// Action per meter of displacement.
 const GAIN: f32 = 6.0;
-/// Distance at which a stage before the last is over, meters.
+/// Distance from the target at which every stage except the last ends, meters.
 const TOLERANCE: f32 = 0.005;
 
-/// Where the gripper stops over the cube before it comes down on it.
+/// Offset from the cube to the grip site before the gripper descends, meters.
 const HOVER: Vector = Vector::new(0.0, 0.0, 0.03);
-/// Action of the fingers that opens them in three steps.
+/// Action that opens the fingers in three steps.
 const OPEN: f32 = 0.05;
-/// Action of the fingers that closes them in about ten steps, and then holds the cube.
+/// Action that closes the fingers in about ten steps and then holds the cube.
 const CLOSE: f32 = -0.005;
-/// Sum of how far the fingers are open below which they have the cube between them, meters.
+/// Sum of the openings of both fingers below which they hold the cube, meters.
 const HELD: f32 = 0.0485;
-/// Distance from the goal at which the cube is left where it is.
+/// Distance to the goal at which the expert stops moving the cube, meters.
 const ARRIVED: f32 = 0.01;
 
-/// How high the gripper moves over the table before it pushes.
+/// How far the gripper rises before it moves behind the cube, meters.
 const LIFT: Vector = Vector::new(0.0, 0.0, 0.08);
-/// Where pushing begins: this far behind the cube, seen from the goal.
+/// Distance behind the cube, seen from the goal, at which pushing begins, meters.
 const RUN_UP: f32 = 0.1;
 
-/// What an expert knows of the state.
+/// The part of the state that an expert sees.
 pub(super) struct View {
     pub(super) grip: Vector,
-    /// Where the grip site was when the episode began.
+    /// Position of the grip site at the start of the episode.
     pub(super) grip_start: Vector,
-    /// How far the right and the left finger are open.
+    /// Openings of the right and the left finger, meters.
     pub(super) fingers: [f32; 2],
     pub(super) cube: Vector,
     pub(super) goal: Vector,
 }
 
-/// A script, and how far it has come.
+/// A script and its current stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Expert {
     stage: Stage,
@@ -53,19 +53,19 @@ pub(super) struct Expert {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Pick: over the cube with open fingers.
+    /// Pick: move above the cube with open fingers.
     Approach,
-    /// Pick: down around the cube while the fingers close.
+    /// Pick: move down around the cube while the fingers close.
     Descend,
     /// Pick: carry the cube to the goal.
     Carry,
-    /// Push: up from the table.
+    /// Push: rise from the table.
     Rise,
-    /// Push: over the point that pushing begins at.
+    /// Push: move above the point where pushing begins.
     Behind,
-    /// Push: down to the table.
+    /// Push: move down to the table.
     Lower,
-    /// Push: the gripper to the goal, and the cube before it.
+    /// Push: move the gripper toward the goal, pushing the cube ahead of it.
     Push,
 }
 
@@ -75,7 +75,7 @@ impl Expert {
         Expert { stage }
     }
 
-    /// What the expert does: three numbers for the palm and one for the fingers.
+    /// Returns the expert's action: three numbers for the palm and one for the fingers.
     pub(super) fn action(&mut self, view: &View) -> [f32; 4] {
         while let Some(next) = self.stage.next(view) {
             self.stage = next;
@@ -90,7 +90,7 @@ impl Expert {
 }
 
 impl Stage {
-    /// The way the grip site, or the cube in it, still has to go.
+    /// Returns the remaining displacement of the grip site, or in the stage `Carry` of the cube.
     fn rest(self, view: &View) -> Vector {
         let View { grip, grip_start, cube, goal, .. } = *view;
         match self {
@@ -112,7 +112,7 @@ impl Stage {
         }
     }
 
-    /// The stage that follows, if this one is over.
+    /// Returns the next stage if this one is over.
     fn next(self, view: &View) -> Option<Stage> {
         let next = match self {
             Stage::Approach => Stage::Descend,
@@ -128,7 +128,7 @@ impl Stage {
     }
 }
 
-/// The point behind the cube at the height that the gripper started from.
+/// Returns the point behind the cube where pushing begins, at the gripper's starting height.
 fn behind(view: &View) -> Vector {
     let away = view.cube - view.goal;
     let away = Vector::new(away.x, away.y, 0.0).normalize_or_zero();

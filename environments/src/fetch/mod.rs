@@ -1,37 +1,37 @@
 //! Fetch Pick and Fetch Push: a gripper brings a cube to a goal (paper, Section 4.4 and Table 1).
 //!
-//! A cube of 5 cm and 2 kg lies on a table, a gripper hovers between it and the goal. In Fetch Pick the
-//! goal is 0.15 m over the table and the cube has to be grasped and carried; in Fetch Push the goal is
-//! on the table and the fingers stay closed. Cube and goal are drawn anew for every episode from the
-//! rectangles of the [`FetchSetting`]. The robot is Gym's Fetch, whatever the paper calls it; its arm is
-//! reduced to what moves the gripper.
+//! A cube of 5 cm and 2 kg lies on a table; the gripper starts between it and the goal. In Fetch Pick the goal is in
+//! the air, 0.15 m above that of Fetch Push, and the cube has to be grasped and carried. In Fetch Push the goal is on
+//! the table and the fingers stay closed. For every episode cube and goal are drawn from the rectangles of the
+//! [`FetchSetting`]. The robot is Gym's Fetch, whatever name the paper gives it; its arm is reduced to what moves the
+//! gripper.
 //!
 //! # Action
-//! Four numbers in Fetch Pick, three in Fetch Push, multiplied with the [`FetchSetting`]'s scale and clipped
-//! to [-1, 1]. They act for 0.04 s. The palm lags behind its target: an action of 1 moves it 3 cm.
+//! Four numbers in Fetch Pick, three in Fetch Push, multiplied by the scale of the [`FetchSetting`] and clipped to
+//! [-1, 1]. They act for 0.04 s. The palm lags behind its target: an action of 1 moves it 3 cm.
 //!
-//! | index | meaning | 1 means |
+//! | index | meaning | value of 1 |
 //! |---|---|---|
-//! | 0 to 2 | target of the palm along x, y, z, from where it is | 0.05 m |
-//! | 3 | target of each finger outward, from where it is; Fetch Pick only | 1 m |
+//! | 0 to 2 | target of the palm along x, y, z, relative to its position | 0.05 m |
+//! | 3 | target of each finger outward, relative to its position; Fetch Pick only | 1 m |
 //!
 //! # Observation
-//! 16 numbers, no velocities; meters along the world's axes but for the angles.
+//! 16 numbers without velocities: lengths along the world's axes, and two angles.
 //!
 //! | index | meaning | unit |
 //! |---|---|---|
 //! | 0 to 2 | position of the grip site, between the fingertips | m |
 //! | 3 to 5 | position of the cube's center | m |
 //! | 6 to 8 | the cube's position minus the grip site's | m |
-//! | 9, 10 | how far the right and the left finger are open, 0 to 0.05 | m |
+//! | 9, 10 | openings of the right and the left finger, 0 to 0.05 | m |
 //! | 11, 12 | rotations of the cube about x and y, as Euler angles x, y, z | rad |
 //! | 13 to 15 | position of the goal | m |
 //!
 //! # Ending, success and reward
-//! The cube's center within 0.05 m of the goal after a step is success and terminates the episode, unless
-//! [`end_at_goal`](FetchSetting::end_at_goal) is off; otherwise step 50 of Fetch Pick and step 60 of Fetch
-//! Push truncates it. The environment's own reward is that of Gym's Fetch tasks: 0 for a step that ends
-//! with the cube at the goal, -1 for every other.
+//! A step succeeds if the cube's center is then within 0.05 m of the goal. Success terminates the episode, unless
+//! [`end_at_goal`](FetchSetting::end_at_goal) is off; otherwise the episode is truncated at step 50 in Fetch Pick and
+//! at step 60 in Fetch Push. The environment's own reward is that of Gym's Fetch tasks: 0 for a step that ends with
+//! the cube at the goal, -1 for every other step.
 
 mod expert;
 mod observation;
@@ -48,14 +48,14 @@ use scene::{GOAL_RADIUS, Scene};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
-/// How far from the palm its target is at an action of one, meters.
+/// Distance between the palm and its target at an action of 1, meters.
 const PALM_REACH: f32 = 0.05;
-/// Height of Fetch Push's goals: that of a cube at rest in Gym's softer physics.
+/// Height of the goal in Fetch Push, meters: that of a cube at rest in Gym's softer physics.
 const PUSH_GOAL_HEIGHT: f32 = 0.4247;
-/// Height of Fetch Pick's goals, 0.15 m over those.
+/// Height of the goal in Fetch Pick, meters: 0.15 m above that in Fetch Push.
 const PICK_GOAL_HEIGHT: f32 = 0.5747;
 
-/// Which of the two tasks.
+/// One of the two Fetch tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FetchTask {
     /// The goal is in the air: the task `fetch-pick`.
@@ -65,7 +65,7 @@ pub enum FetchTask {
 }
 
 impl FetchTask {
-    /// The shapes of the task.
+    /// Returns the shapes of the task.
     pub const fn spec(self) -> Spec {
         let (len, horizon_steps) = match self {
             FetchTask::Pick => (4, 50),
@@ -80,28 +80,28 @@ impl FetchTask {
     }
 }
 
-/// The starts and goals of the Fetch tasks, and how actions act.
+/// The setting of the Fetch tasks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FetchSetting {
-    /// The part of the bins of cubes and goals that is used: 0.25, 0.5, 0.75 or 1.
+    /// Fraction of the bins that cubes and goals are drawn from: 0.25, 0.5, 0.75 or 1.
     pub coverage: f64,
-    /// A factor of their ranges, 1 being that of the demonstrations.
+    /// Factor by which the ranges are stretched; 1 for the demonstrations.
     pub noise: f64,
-    /// Where cubes and goals lie around their centers.
+    /// The ranges of cubes and goals around their centers.
     pub ranges: Ranges,
-    /// What each number of an action is multiplied with; empty for one.
+    /// Factor for each number of an action; empty for a scale of one.
     pub action_scale: Vec<f64>,
-    /// Whether the cube at the goal ends an episode; otherwise it goes on to the horizon, as on a robot
-    /// that cannot tell success.
+    /// Whether the cube at the goal ends an episode. Otherwise the episode goes on to the horizon, as with a robot
+    /// that cannot detect success.
     pub end_at_goal: bool,
 }
 
-/// Where cubes and goals lie around their centers.
+/// The ranges of cubes and goals around their centers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ranges {
-    /// To both sides of the center, as the paper says.
+    /// To both sides of the center, as in the paper.
     #[default]
     Symmetric,
     /// Away from the gripper only, as in the authors' code.
@@ -130,11 +130,11 @@ pub struct Fetch {
     scene: Scene,
     expert: Expert,
     goal: Vector,
-    /// Steps taken in the episode.
+    /// Number of steps taken in the episode.
     steps: u32,
-    /// Whether the episode has begun and not ended.
+    /// Whether an episode has begun and not ended.
     running: bool,
-    /// Whether the cube has been at the goal in the episode.
+    /// Whether the cube has reached the goal in the episode.
     success: bool,
 }
 
@@ -165,8 +165,8 @@ impl Fetch {
     }
 }
 
-/// Where the grip site is when an episode begins. Gym presses Push's fingers 5 mm into a soft table;
-/// here they stand on it.
+/// Returns the position of the grip site at the start of an episode. In Gym, Push's fingers are pressed 5 mm into a
+/// soft table; here they stand on it.
 fn grip_start(task: FetchTask) -> Vector {
     match task {
         FetchTask::Push => Vector::new(1.3455, 0.7490, 0.4186),

@@ -1,11 +1,11 @@
-//! What the agent sees: sixteen numbers, none of them a velocity (Table 1 and the authors' code).
+//! The agent's observation: sixteen numbers, none of them a velocity (Table 1 and the authors' code).
 
 use super::scene::Scene;
 use protocol::task::write_floats;
 use rapier3d::glamx::EulerRot;
 use rapier3d::prelude::{Rotation, Vector};
 
-/// Writes the observation that the module of the task has a table of.
+/// Writes the observation listed in the table of the parent module.
 ///
 /// # Panics
 /// When `observation` is not exactly 64 bytes long.
@@ -23,7 +23,7 @@ pub(super) fn write(scene: &Scene, goal: Vector, observation: &mut [u8]) {
     write_floats(numbers, observation);
 }
 
-/// The rotations about x and y that, after one about z, turn the world's axes into the cube's.
+/// Returns the rotations about x and y that, after one about z, rotate the world's axes into the cube's.
 fn tilt(orientation: Rotation) -> [f32; 2] {
     let (about_x, about_y, _) = orientation.to_euler(EulerRot::XYZ);
     [about_x, about_y]
@@ -33,7 +33,7 @@ fn tilt(orientation: Rotation) -> [f32; 2] {
 mod tests {
     use super::*;
 
-    /// Gym's way, from the entries of the rotation matrix.
+    /// Computes the tilt from the entries of the rotation matrix, as Gym does.
     fn tilt_of_gym(orientation: Rotation) -> [f32; 2] {
         let third_column = orientation * Vector::Z;
         let [entry_02, entry_12, entry_22] = third_column.to_array();

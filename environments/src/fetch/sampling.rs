@@ -1,7 +1,7 @@
-//! Where the cube and the goal of an episode lie (Appendix C and the authors' code).
+//! The starting positions of cube and goal (Appendix C and the authors' code).
 //!
-//! Both are drawn beside the gripper's start, 0.1 m to the left for the cube and 0.1 m to the right
-//! for the goal, from rectangles that the [`FetchSetting`]'s ranges name and its noise stretches:
+//! Both are drawn beside the gripper's start, the cube around 0.1 m and the goal around -0.1 m along y, from
+//! rectangles given by the ranges of the [`FetchSetting`] and stretched by its noise. Ranges in meters:
 //!
 //! | ranges | cube x | cube y | goal x | goal y |
 //! |---|---|---|---|---|
@@ -9,27 +9,26 @@
 //! | symmetric, Fetch Push | ± 0.05 | ± 0.02 | ± 0.05 | ± 0.02 |
 //! | one-sided | ± 0.05 | 0 to 0.04 | ± 0.05 | -0.04 to 0 |
 //!
-//! A coverage keeps some of the 4 x 4 bins of a rectangle: one, two, three or four bins of y beside
-//! each bin of x. Cube and goal are drawn independently of each other, each from the bins that are
-//! kept of its own rectangle.
+//! A coverage keeps some of the 4 x 4 bins of a rectangle: one, two, three or four bins of y for each bin of x. Cube
+//! and goal are drawn independently, each from the kept bins of its own rectangle.
 
 use super::{FetchSetting, FetchTask, Ranges};
 use protocol::error::within;
 use protocol::seed::Stream;
 use rand::RngExt;
 
-/// Bins along each side of a rectangle.
+/// Number of bins along each side of a rectangle.
 const BINS: usize = 4;
-/// How far the centers of both rectangles are from the gripper's start, along y.
+/// Distance of the centers of both rectangles from the gripper's start along y, meters.
 const SIDE: f64 = 0.1;
 
-/// Largest factor of the rectangles: beyond it the cube can begin inside of the fingers.
+/// Largest factor of the rectangles: beyond it the cube can start inside the fingers.
 const NOISE_MAX: f64 = 3.0;
 
-/// The bins of y that a coverage keeps beside each bin of x.
+/// The bins of y that a coverage keeps for each bin of x.
 type Kept = [&'static [u8]; BINS];
 
-/// Every coverage there is: the subsets of the bins of y in the order of the alphabet, the first four.
+/// All supported coverages. The bins of y are the first four subsets of their size in lexicographic order.
 const COVERAGES: [(f64, Kept); 4] = [
     (0.25, [&[0], &[1], &[2], &[3]]),
     (0.5, [&[0, 1], &[0, 2], &[0, 3], &[1, 2]]),
@@ -37,7 +36,7 @@ const COVERAGES: [(f64, Kept); 4] = [
     (1.0, [&[0, 1, 2, 3]; BINS]),
 ];
 
-/// Draws the places of cube and goal.
+/// Draws the positions of cube and goal.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sampling {
     cube: Rectangle,
@@ -45,7 +44,7 @@ pub(super) struct Sampling {
     kept: Kept,
 }
 
-/// Offsets from the gripper's start, in meters: least and largest.
+/// Smallest and largest offsets from the gripper's start, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rectangle {
     x: [f64; 2],
@@ -53,10 +52,10 @@ struct Rectangle {
 }
 
 impl Sampling {
-    /// Draws by a setting.
+    /// Makes the sampling of a setting.
     ///
     /// # Errors
-    /// When there is no such coverage or noise.
+    /// When the coverage or the noise is not supported.
     pub(super) fn new(
         task: FetchTask,
         setting: &FetchSetting,
@@ -80,7 +79,7 @@ impl Sampling {
         })
     }
 
-    /// Draws where the cube lies and where the goal is, as x and y from the gripper's start.
+    /// Draws the positions of cube and goal, as x and y relative to the gripper's start.
     pub(super) fn draw(&self, stream: &mut Stream) -> ([f32; 2], [f32; 2]) {
         let cube = self.draw_from(&self.cube, stream);
         let goal = self.draw_from(&self.goal, stream);

@@ -1,10 +1,9 @@
 //! The gripper, the cube and the table in the physics.
 //!
-//! The arm of the robot is a gantry: a palm that slides along three axes and never turns, with two
-//! fingers that slide along y. The authors' robot is dragged by a weld that keeps its orientation,
-//! so its arm decides only how far it reaches. All of it is one multibody driven by implicit springs,
-//! which obey the same law as MuJoCo's position actuators. The palm's body has its origin at the grip
-//! site, between the fingertips.
+//! The robot's arm is a gantry: a palm that slides along three axes and never turns, with two fingers that slide along
+//! y. In the authors' simulator a weld that fixes the orientation drags the robot, so its arm only limits its reach.
+//! The gantry is one multibody driven by implicit springs, which follow the same law as MuJoCo's position actuators.
+//! The palm's body has its origin at the grip site, between the fingertips.
 
 use crate::EnvironmentError;
 use crate::physics::{Dynamics, Physics};
@@ -16,13 +15,13 @@ use rapier3d::prelude::{
 };
 use xxhash_rust::xxh3::Xxh3;
 
-/// Timesteps that an action acts for: 0.04 s.
+/// Number of timesteps for which an action acts: 0.04 s.
 const TIMESTEPS: usize = 2;
 const DYNAMICS: Dynamics = Dynamics {
     timestep_s: 0.02,
     solver_iterations: 4,
     contact_prediction_m: 0.02,
-    // Seven leaves, put back at every reset, have nothing to win from it.
+    // Optimization gains nothing for so few leaves, which every reset restores.
     tree_upkeep: BvhOptimizationStrategy::None,
     contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
     friction_model: FrictionModel::Simplified,
@@ -34,36 +33,36 @@ const TABLE_CENTER: Vector = Vector::new(1.3, 0.75, 0.2);
 const TABLE_HALF_EXTENTS: [f32; 3] = [0.25, 0.35, 0.2];
 const CUBE_HALF_EXTENT: f32 = 0.025;
 const CUBE_MASS: f32 = 2.0;
-/// Height of the cube's center while it lies on the table, a little way in.
+/// Height of the center of a cube at rest, which sinks slightly into the table.
 const CUBE_REST_HEIGHT: f32 = 0.424_93;
 
 const PALM_HALF_EXTENTS: [f32; 3] = [0.04, 0.063, 0.061];
-/// Center of the palm's box over the grip site.
+/// Center of the palm's box relative to the grip site.
 const PALM_CENTER: Vector = Vector::new(0.0, 0.0, 0.113);
 const PALM_MASS: f32 = 1.5;
-// With these the palm follows an action as in MuJoCo, to a millimeter: see docs/fidelity.md.
+// With these values the palm follows an action as in MuJoCo, to a millimeter: see docs/fidelity.md.
 const PALM_DAMPING: f32 = 1240.0;
 const PALM_STIFFNESS: f32 = 31_000.0;
-/// The box that the grip site is driven within.
+/// The box within which the targets of the grip site lie.
 const REACH_MIN: [f32; 3] = [1.0, 0.35, 0.40];
 const REACH_MAX: [f32; 3] = [1.6, 1.15, 0.95];
 
 const FINGER_HALF_EXTENTS: [f32; 3] = [0.0135, 0.007, 0.0385];
-/// From the grip site to the center of a closed finger: to the side, and up.
+/// Offset from the grip site to the center of a closed finger: sideways, and up.
 const FINGER_SIDE: f32 = 0.0079;
 const FINGER_UP: f32 = 0.02;
 const FINGER_LIMITS: [f32; 2] = [0.0, 0.05];
-/// The farthest that a finger's actuator pulls it, beyond its limit.
+/// Largest target of a finger's actuator, beyond the joint's limit.
 const FINGER_TARGET_MAX: f32 = 0.2;
 const FINGER_MASS: f32 = 4.0;
 const FINGER_ARMATURE: f32 = 100.0;
 const FINGER_DAMPING: f32 = 1000.0;
 const FINGER_STIFFNESS: f32 = 30_000.0;
 
-/// Radius of the ball that marks the goal: how near the cube must come.
+/// Radius of the ball that marks the goal, within which the cube succeeds.
 pub(super) const GOAL_RADIUS: f32 = 0.05;
 
-/// What a viewer draws; the palm is drawn where its box is.
+/// The solids that a viewer draws; the palm is drawn at its box.
 pub(super) static SOLIDS: [Solid; 6] = [
     cuboid("table", TABLE_HALF_EXTENTS, [0.78, 0.76, 0.72, 1.0]),
     cuboid("cube", [CUBE_HALF_EXTENT; 3], [0.16, 0.32, 0.56, 1.0]),
@@ -90,7 +89,7 @@ pub(super) struct Scene {
 struct Handles {
     cube: RigidBodyHandle,
     palm: RigidBodyHandle,
-    /// The right finger, at the side of larger y, and the left one.
+    /// The right finger, at larger y, and the left finger.
     fingers: [RigidBodyHandle; 2],
     palm_joint: MultibodyJointHandle,
     finger_joints: [MultibodyJointHandle; 2],
@@ -105,14 +104,14 @@ impl Scene {
         Scene { physics, handles }
     }
 
-    /// Puts everything back to the start, and the cube on the table at `x`, `y`.
+    /// Restores the start, with the cube on the table at `x`, `y`.
     pub(super) fn reset(&mut self, [x, y]: [f32; 2]) {
         self.physics.restore();
         let cube = &mut self.physics.world.bodies[self.handles.cube];
         cube.set_translation(Vector::new(x, y, CUBE_REST_HEIGHT), false);
     }
 
-    /// Pulls the palm to a place `displacement` meters from where it is.
+    /// Sets the palm's target `displacement` meters from its position.
     pub(super) fn pull_palm(&mut self, displacement: [f32; 3]) {
         let joint = joint_mut(&mut self.physics.world, self.handles.palm_joint);
         let position = joint.coords();
@@ -123,7 +122,7 @@ impl Scene {
         }
     }
 
-    /// Pulls each finger to a place `displacement` meters farther out than it is.
+    /// Sets each finger's target `displacement` meters farther out than its position.
     pub(super) fn pull_fingers(&mut self, displacement: f32) {
         for handle in self.handles.finger_joints {
             let joint = joint_mut(&mut self.physics.world, handle);
@@ -139,22 +138,22 @@ impl Scene {
         }
     }
 
-    /// Position of the grip site.
+    /// Returns the position of the grip site.
     pub(super) fn grip(&self) -> Vector {
         self.physics.world.bodies[self.handles.palm].translation()
     }
 
-    /// Position of the cube.
+    /// Returns the position of the cube.
     pub(super) fn cube(&self) -> Vector {
         self.physics.world.bodies[self.handles.cube].translation()
     }
 
-    /// Orientation of the cube.
+    /// Returns the orientation of the cube.
     pub(super) fn cube_orientation(&self) -> Rotation {
         *self.physics.world.bodies[self.handles.cube].rotation()
     }
 
-    /// How far the right and the left finger are open.
+    /// Returns the openings of the right and the left finger.
     pub(super) fn fingers(&self) -> [f32; 2] {
         self.handles.finger_joints.map(|handle| {
             let joints = &self.physics.world.multibody_joints;
@@ -163,7 +162,7 @@ impl Scene {
         })
     }
 
-    /// Refuses a state that left the finite numbers.
+    /// Refuses a state that is not finite.
     pub(super) fn check_finite(&self, step: u32) -> Result<(), EnvironmentError> {
         self.physics.check_finite(step)
     }
@@ -197,7 +196,7 @@ impl Scene {
     }
 }
 
-/// Why a handle is never refused.
+/// Panic message: why a handle is always valid.
 const KEPT: &str = "a joint is never removed";
 
 fn joint_mut(world: &mut PhysicsWorld, handle: MultibodyJointHandle) -> &mut MultibodyJoint {
@@ -210,7 +209,7 @@ fn insert(world: &mut PhysicsWorld) -> Handles {
     let [x, y, z] = TABLE_HALF_EXTENTS;
     let top = ColliderBuilder::cuboid(x, y, z).translation(TABLE_CENTER).friction(FRICTION);
     world.insert_collider(top, Some(table));
-    // What falls from the table stays in a range that networks can read.
+    // The floor keeps what falls from the table within a range that networks can read.
     let floor = ColliderBuilder::new(SharedShape::halfspace(Vector::Z)).friction(FRICTION);
     world.insert_collider(floor, Some(table));
 
@@ -234,7 +233,7 @@ fn insert(world: &mut PhysicsWorld) -> Handles {
     Handles { cube, palm, fingers: [right.0, left.0], palm_joint, finger_joints: [right.1, left.1] }
 }
 
-/// Why a joint is never refused.
+/// Panic message: why a joint can always be inserted.
 const TREE: &str = "no link has two parents";
 
 fn collider([x, y, z]: [f32; 3], mass: f32) -> ColliderBuilder {

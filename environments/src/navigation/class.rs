@@ -1,10 +1,10 @@
-//! The classes of cells, as observations name them.
+//! The classes of cells in observations.
 
 /// Class of a free cell, doors included.
 pub const EMPTY: u8 = 0;
 /// Class of a wall.
 pub const WALL: u8 = 1;
-/// Class of the goal, as long as the agent does not stand on it.
+/// Class of the goal while the agent is not on it.
 pub const GOAL: u8 = 2;
-/// Class of the cell the agent stands on, the goal included.
+/// Class of the cell with the agent, even on the goal.
 pub const AGENT: u8 = 3;

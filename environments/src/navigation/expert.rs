@@ -1,22 +1,22 @@
 //! The expert of Navigation: breadth-first search (paper, Section 4.3).
 //!
-//! One search from the goal, at the expert's first action of an episode, gives every cell its
-//! distance; after that each action is a look at four neighbors. Of the moves that lead one step
-//! closer the expert takes the lowest number: +x before +y before -x before -y.
+//! One breadth-first search from the goal, at the expert's first action of an episode, gives the distance of every
+//! cell. After that, each action only compares four neighbors. Among the moves that lead one step closer the expert
+//! takes the one with the lowest number: +x before +y before -x before -y.
 
 use super::rooms::{CELL_COUNT, Cell, MOVE_COUNT, Rooms};
 
-/// Marks the cells that the search did not reach, which are the walls.
+/// Marks cells that the search did not reach: the walls.
 const UNREACHED: u8 = u8::MAX;
 
-/// The length of the shortest path from every cell to the goal.
+/// The lengths of the shortest paths from all cells to the goal.
 #[derive(Clone, Debug)]
 pub(super) struct Distances {
     moves: [u8; CELL_COUNT],
 }
 
 impl Distances {
-    /// Searches the rooms breadth-first from the goal.
+    /// Runs a breadth-first search from the goal.
     pub(super) fn search(rooms: &Rooms, goal: Cell) -> Distances {
         let mut moves = [UNREACHED; CELL_COUNT];
         let mut queue = [goal; CELL_COUNT];
@@ -36,7 +36,7 @@ impl Distances {
         Distances { moves }
     }
 
-    /// The first move of the shortest path from `cell`, or `None` on the goal.
+    /// Returns the first move of the shortest path from `cell`, or `None` at the goal.
     pub(super) fn first_move(&self, cell: Cell) -> Option<u8> {
         let distance = self.moves[cell.index()];
         (0..MOVE_COUNT)
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Distances by relaxing every cell until nothing changes: slow, and nothing like a search.
+    /// Computes the distances by relaxing all cells until nothing changes: slow, but independent of the search.
     fn relaxed(rooms: &Rooms, goal: Cell) -> [u8; CELL_COUNT] {
         let mut moves = [UNREACHED; CELL_COUNT];
         moves[goal.index()] = 0;

@@ -1,11 +1,10 @@
-//! Navigation: walk through four rooms to a goal (paper, Section 4.3 and Table 1).
+//! Navigation: the agent walks through four rooms to a goal (paper, Section 4.3 and Table 1).
 //!
-//! The doors, the start and the goal are drawn anew for every episode; the start uniformly from the
-//! room cells that the [`NavigationSetting`] keeps, the goal uniformly from the others of them, and neither
-//! ever in a door.
+//! Doors, start and goal are drawn for every episode. The start is drawn uniformly from the room cells that the
+//! [`NavigationSetting`] keeps, the goal uniformly from the other kept cells. Neither is ever in a door.
 //!
 //! # Action
-//! One byte. A move against a wall leaves the agent where it is and costs its step all the same.
+//! One byte. A move against a wall leaves the agent where it is but still counts as a step.
 //!
 //! | action | meaning | the agent moves to |
 //! |---|---|---|
@@ -15,24 +14,23 @@
 //! | 3 | up | (x, y - 1) |
 //!
 //! # Observation
-//! 361 bytes, one class a cell; networks see it as four one-hot channels in the order of the classes.
+//! 361 bytes, one class per cell; networks see four one-hot channels in the order of the classes.
 //!
 //! | index | meaning | range |
 //! |---|---|---|
 //! | 19 y + x | class of the cell in column x, row y, both 0 to 18 from the upper left | 0 to 3 |
 //!
-//! | class | meaning | how many cells |
+//! | class | meaning | number of cells |
 //! |---|---|---|
-//! | 0 [`EMPTY`] | free, doors included | 258, at the goal 259 |
+//! | 0 [`EMPTY`] | free, doors included | 258; 259 when the agent is at the goal |
 //! | 1 [`WALL`] | wall | 101 |
-//! | 2 [`GOAL`] | goal | 1, none once the agent stands on it |
+//! | 2 [`GOAL`] | goal | 1; 0 when the agent is at the goal |
 //! | 3 [`AGENT`] | agent | 1 |
 //!
 //! # Ending, success and reward
-//! Entering the goal is success and terminates the episode, unless
-//! [`end_at_goal`](NavigationSetting::end_at_goal) is off; otherwise step 100 truncates it. The
-//! environment's own reward is `1 - 0.9 t / 100` where the goal is entered first, at step `t`, and 0 for
-//! every other step.
+//! Entering the goal is a success and terminates the episode, unless [`end_at_goal`](NavigationSetting::end_at_goal)
+//! is off; otherwise the episode is truncated at step 100. The environment's own reward is `1 - 0.9 t / 100` for the
+//! step `t` that first enters the goal, and 0 for every other step.
 
 mod class;
 mod expert;
@@ -58,15 +56,15 @@ pub const SPEC: Spec = Spec {
     horizon_steps: 100,
 };
 
-/// The starts and goals of Navigation.
+/// The setting of Navigation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NavigationSetting {
-    /// The part of the cells that they lie in, above 0 and at most 1. The paper has 0.25, 0.5, 0.75
-    /// and 1.
+    /// Fraction of the room cells that starts and goals are drawn from, above 0 and at most 1. The paper uses 0.25,
+    /// 0.5, 0.75 and 1.
     pub coverage: f64,
-    /// Whether the goal ends an episode; otherwise it goes on to the horizon, as on a robot that cannot
-    /// tell that it has arrived.
+    /// Whether reaching the goal ends an episode. Otherwise it goes on to the horizon, as with a robot that cannot
+    /// detect its arrival.
     pub end_at_goal: bool,
 }
 
@@ -82,17 +80,17 @@ pub struct Navigation {
     setting: NavigationSetting,
     /// Cells that starts and goals are drawn from.
     universe: &'static [Cell],
-    /// Walls and doors of the episode.
+    /// Walls and doors of the current episode.
     rooms: Rooms,
     agent: Cell,
     goal: Cell,
-    /// Steps taken in the episode.
+    /// Number of steps taken in the episode.
     steps: u32,
-    /// Whether the episode has begun and not ended.
+    /// Whether an episode has begun and not ended.
     running: bool,
     /// Whether the goal has been reached in the episode.
     success: bool,
-    /// What the expert knows, once it has been asked in this episode.
+    /// The expert's distances, once it has been asked in this episode.
     distances: Option<Distances>,
 }
 
@@ -100,7 +98,7 @@ impl Navigation {
     /// Builds the environment; its first episode begins with a reset.
     ///
     /// # Errors
-    /// When the coverage is none, or keeps fewer than two cells.
+    /// When the coverage is not above 0 and at most 1, or keeps fewer than two cells.
     pub fn new(setting: NavigationSetting) -> Result<Navigation, EnvironmentError> {
         let universe = universe::universe(setting.coverage)?;
         Ok(Navigation {
@@ -116,7 +114,7 @@ impl Navigation {
         })
     }
 
-    /// Draws a start and, from the other cells, a goal.
+    /// Draws a start and, from the other kept cells, a goal.
     fn draw_start_and_goal(&self, stream: &mut Stream) -> (Cell, Cell) {
         let count = self.universe.len() as u32;
         let start = stream.random_range(0..count);

@@ -1,9 +1,9 @@
-//! What the agent sees: the whole grid as one class a cell.
+//! The agent's observation: the whole grid, one class per cell.
 
 use super::class::{AGENT, GOAL};
 use super::rooms::{CELL_COUNT, Cell, Rooms};
 
-/// Writes the classes of the 19 x 19 cells row by row. The agent hides the goal it stands on.
+/// Writes the classes of the 19 x 19 cells row by row. The agent hides the goal when it stands on it.
 ///
 /// # Panics
 /// When `observation` is not exactly 361 bytes long.

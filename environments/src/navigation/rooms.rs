@@ -1,15 +1,14 @@
-//! The four rooms: walls that never move and doors that are drawn anew for every episode.
+//! The four rooms: fixed walls, and doors that are drawn for every episode.
 //!
-//! The grid is 19 x 19, `x` grows to the right and `y` downward. The outer wall and the two inner
-//! walls stand wherever `x` or `y` is 0, 9 or 18, which leaves four rooms of 8 x 8 cells. Each of the
-//! four inner wall segments between two rooms has a door of one cell, so the rooms form a ring and
-//! every cell can be reached from every other.
+//! The grid is 19 x 19; `x` grows to the right and `y` downward. The outer wall and the two inner walls are where `x`
+//! or `y` is 0, 9 or 18, which leaves four rooms of 8 x 8 cells. Each of the four inner wall segments between two
+//! rooms has a door of one cell. The rooms thus form a ring, and every cell can be reached from every other.
 
 use super::class::{EMPTY, WALL};
 use protocol::seed::Stream;
 use rand::RngExt;
 
-/// Rows of the grid, and columns.
+/// Number of rows, and of columns, of the grid.
 pub(super) const SIZE: usize = 19;
 
 /// Number of cells of the grid, walls included.
@@ -18,37 +17,37 @@ pub(super) const CELL_COUNT: usize = SIZE * SIZE;
 /// Number of moves; move 0 goes to +x, 1 to +y, 2 to -x and 3 to -y.
 pub(super) const MOVE_COUNT: usize = 4;
 
-/// Distance between two walls, and thus the coordinate of the inner ones.
+/// Distance between two walls, and thus the coordinate of the inner walls.
 const WALL_STEP: usize = 9;
 
-/// Free cells along one side of a room.
+/// Number of free cells along one side of a room.
 const ROOM_SIZE: usize = WALL_STEP - 1;
 
-/// One cell, by its place in the observation: `19 y + x`.
+/// One cell, given by its index in the observation: `19 y + x`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Cell(u16);
 
 impl Cell {
-    /// The cell at column `x` and row `y`.
+    /// Returns the cell at column `x` and row `y`.
     pub(super) const fn at(x: usize, y: usize) -> Cell {
         assert!(x < SIZE && y < SIZE, "a cell lies on the grid");
         Cell((SIZE * y + x) as u16)
     }
 
-    /// The place of the cell in the observation.
+    /// Returns the index of the cell in the observation.
     pub(super) fn index(self) -> usize {
         usize::from(self.0)
     }
 
-    /// The cell that a move leads to. The outer wall keeps every free cell away from the rim, so
-    /// from a free cell the move stays on the grid.
+    /// Returns the cell that a move leads to. A free cell is never at the edge of the grid, because of the outer wall,
+    /// so a move from it stays on the grid.
     pub(super) fn neighbor(self, direction: usize) -> Cell {
         const OFFSETS: [i16; MOVE_COUNT] = [1, SIZE as i16, -1, -(SIZE as i16)];
         Cell(self.0.wrapping_add_signed(OFFSETS[direction]))
     }
 }
 
-/// Where the four doors are, each counted in cells from 0 to 7 along its wall segment.
+/// The positions of the four doors, each from 0 to 7 along its wall segment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Doors {
     /// Row of the door in the upper half of the vertical wall.
@@ -64,21 +63,21 @@ pub(super) struct Doors {
 /// The rooms of one episode.
 #[derive(Clone, Debug)]
 pub(super) struct Rooms {
-    /// The class of each cell without agent and goal, row by row: `EMPTY` or `WALL`.
+    /// The class of each cell, `EMPTY` or `WALL`, row by row, without agent and goal.
     pub(super) classes: [u8; CELL_COUNT],
 }
 
 impl Rooms {
-    /// The rooms with all doors shut, as they are before the first episode.
+    /// The rooms with all doors shut, as before the first episode.
     pub(super) const SHUT: Rooms = Rooms { classes: walls() };
 
-    /// Rooms with uniformly drawn doors.
+    /// Returns rooms with uniformly drawn doors.
     pub(super) fn draw(stream: &mut Stream) -> Rooms {
         let mut door = || stream.random_range(0..ROOM_SIZE as u32) as usize;
         Rooms::with(Doors { upper: door(), lower: door(), left: door(), right: door() })
     }
 
-    /// Rooms with the doors given.
+    /// Returns rooms with the given doors.
     pub(super) fn with(doors: Doors) -> Rooms {
         let (near, far) = (1, WALL_STEP + 1);
         let mut rooms = Rooms::SHUT;
@@ -93,13 +92,13 @@ impl Rooms {
         rooms
     }
 
-    /// Whether one can stand on the cell.
+    /// Returns whether the agent can enter the cell.
     pub(super) fn is_free(&self, cell: Cell) -> bool {
         self.classes[cell.index()] != WALL
     }
 }
 
-/// The walls without any door.
+/// Returns the walls, without any door.
 const fn walls() -> [u8; CELL_COUNT] {
     let mut classes = [EMPTY; CELL_COUNT];
     let mut index = 0;
@@ -117,7 +116,7 @@ pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Every configuration of the doors.
+    /// Generates every configuration of the doors.
     pub(in super::super) fn any_rooms() -> impl Strategy<Value = Rooms> {
         let along = 0..ROOM_SIZE;
         (along.clone(), along.clone(), along.clone(), along).prop_map(

@@ -1,19 +1,19 @@
 //! The room cells that starts and goals are drawn from, and the part of them that a coverage keeps.
 //!
-//! The order is that of the authors' code: the cells of the four rooms, shuffled once. A coverage
-//! keeps the first cells of the list, the same for starts and goals, so that a coverage of one half
-//! leaves one quarter of all pairs. Doors are not in the list.
+//! The order is that of the authors' code: the cells of the four rooms, shuffled once. A coverage keeps the first
+//! cells of the list, the same for starts and goals, so a coverage of one half keeps one quarter of all pairs. Doors
+//! are not in the list.
 
 use super::rooms::Cell;
 use protocol::Error;
 use protocol::error::within;
 
-/// A start and a goal: with fewer cells there is no episode.
+/// Smallest number of cells: an episode needs a start and a goal.
 const CELLS_MIN: usize = 2;
 
-/// The cells that a coverage keeps: the first of all, their number rounded down.
+/// Returns the cells that a coverage keeps: the first of the list, their number rounded down.
 pub(super) fn universe(coverage: f64) -> Result<&'static [Cell], Error> {
-    // Also what a negative coverage, and one that is no number, end as: no cells.
+    // A negative or NaN coverage also gives 0 cells.
     let cells = (CELLS.len() as f64 * coverage) as usize;
     let holds = (CELLS_MIN..=CELLS.len()).contains(&cells) && coverage <= 1.0;
     let expected =
@@ -22,7 +22,7 @@ pub(super) fn universe(coverage: f64) -> Result<&'static [Cell], Error> {
     Ok(&CELLS[..cells])
 }
 
-/// Every room cell in the shuffled order.
+/// All room cells, in the shuffled order.
 pub(super) static CELLS: [Cell; 256] = {
     let mut cells = [Cell::at(0, 0); 256];
     let mut index = 0;
@@ -33,7 +33,7 @@ pub(super) static CELLS: [Cell; 256] = {
     cells
 };
 
-/// Column and row of every room cell in the shuffled order.
+/// Columns and rows of all room cells, in the shuffled order.
 #[rustfmt::skip]
 const COORDINATES: [(usize, usize); 256] = [
     (14, 14), (1, 7), (11, 8), (11, 16), (16, 6), (8, 11), (16, 12), (5, 17), (2, 2), (4, 7),

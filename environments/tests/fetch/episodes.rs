@@ -1,4 +1,4 @@
-//! What an episode shows and how it ends, under experts, random actions and refused ones.
+//! Observations and endings of episodes under experts, random actions and refused actions.
 
 use super::{Fetch, TABLE_TOP, TASKS, noise};
 use environments::fetch::{FetchSetting, FetchTask};
@@ -8,7 +8,7 @@ use protocol::seed::{Purpose, stream};
 use protocol::task::write_floats;
 use rand::RngExt;
 
-/// The same in every process and with every optimisation; other processors are not promised.
+/// The hashes are the same in every process and with every optimization level; other processors are not guaranteed.
 #[test]
 #[cfg(target_arch = "x86_64")]
 fn the_states_of_two_episodes_are_golden() {
@@ -43,7 +43,7 @@ fn a_million_random_actions_never_leave_the_finite_numbers() {
     wander(1_000_000);
 }
 
-/// Takes so many random steps of each task.
+/// Takes `steps` random steps of each task.
 fn wander(steps: u32) {
     for task in TASKS {
         let mut fetch = Fetch::open(task, &noise(2.0));
@@ -59,7 +59,7 @@ fn wander(steps: u32) {
             begun = step.ending.is_none();
             let far = observation.iter().map(|number| number.abs()).fold(0.0, f32::max);
             assert!(far < 10.0, "{task:?}, episode {episode}: {observation:?}");
-            // What fell from the table sinks in for a moment.
+            // What falls from the table sinks into the floor for a moment.
             assert!(observation[5] > -0.01, "{task:?}, episode {episode}: under the floor");
         }
     }

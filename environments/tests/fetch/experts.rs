@@ -1,4 +1,4 @@
-//! The scripted experts: how often and how soon they succeed, and that asking them changes nothing.
+//! The scripted experts: how often and how soon they succeed, and that asking them for an action changes nothing.
 
 use super::{Fetch, TASKS, lowest_corner, noise};
 use environments::fetch::{FetchSetting, FetchTask, Ranges};
@@ -26,7 +26,7 @@ fn the_experts_succeed_at_the_widest_spread_of_the_paper() {
     }
 }
 
-/// Found: Pick 1000 of 1000 in 32.95 steps (34.49 one-sided), Push 1000 of 1000 in 51.66 (53.62).
+/// Measured: Pick 1000 of 1000 in 32.95 steps (34.49 one-sided), Push 1000 of 1000 in 51.66 (53.62).
 #[test]
 #[ignore = "takes a minute"]
 fn a_thousand_episodes_of_the_experts_are_as_long_as_in_the_authors_simulator() {

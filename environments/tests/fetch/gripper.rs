@@ -1,4 +1,4 @@
-//! How the gripper answers actions, against values measured in MuJoCo.
+//! The gripper's response to actions, compared with values measured in MuJoCo.
 
 use super::Fetch;
 use environments::Environment;

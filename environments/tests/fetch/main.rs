@@ -1,6 +1,6 @@
-//! The Fetch tasks and their experts as the paper and the authors' code have them: how the gripper
-//! answers, how often and how soon the experts succeed, where cubes and goals lie; judged from
-//! observations and poses alone.
+//! The Fetch tasks and their experts compared with the paper and the authors' code: how the gripper responds, how
+//! often and how soon the experts succeed, where cubes and goals lie. Everything is judged by observations and poses
+//! alone.
 
 mod episodes;
 mod experts;
@@ -13,7 +13,7 @@ use protocol::seed::{Purpose, stream};
 use protocol::task::{floats, write_floats};
 
 const TASKS: [FetchTask; 2] = [FetchTask::Pick, FetchTask::Push];
-/// Half of the cube's side, and the height of the table's top.
+/// Half of the cube's side, and the height of the table top.
 const CUBE_HALF_EXTENT: f32 = 0.025;
 const TABLE_TOP: f32 = 0.4;
 
@@ -42,7 +42,7 @@ impl Fetch {
         observation
     }
 
-    /// Acts with the first numbers that the task's action has.
+    /// Takes a step with as many of the numbers as the task's action has.
     fn step(&mut self, numbers: [f32; 4]) -> (Observation, Step) {
         let mut action = vec![0; self.environment.spec().action.bytes()];
         let len = action.len() / 4;
@@ -68,7 +68,7 @@ impl Fetch {
         poses[index]
     }
 
-    /// The part of episodes that the expert succeeds in, and their mean number of steps.
+    /// Returns the fraction of episodes in which the expert succeeds, and the mean number of steps of those episodes.
     fn experts_record(&mut self, episodes: u64) -> (f64, f64) {
         let (mut successes, mut steps) = (0.0, 0.0);
         for episode in 0..episodes {
@@ -93,10 +93,10 @@ fn noise(factor: f64) -> FetchSetting {
     FetchSetting { noise: factor, ..FetchSetting::default() }
 }
 
-/// Height of the lowest corner of the cube over the table's top.
+/// Returns the height of the cube's lowest corner above the table top.
 fn lowest_corner(cube: &Pose) -> f32 {
     let [x, y, z, w] = cube.orientation;
-    // The third row of the rotation matrix: how the cube's axes rise.
+    // The third row of the rotation matrix: the z components of the cube's axes.
     let rise = [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let reach: f32 = rise.iter().map(|axis| axis.abs() * CUBE_HALF_EXTENT).sum();
     cube.position[2] - reach - TABLE_TOP

@@ -1,4 +1,4 @@
-//! Where episodes begin: the gripper, and the cubes and goals that a setting allows.
+//! The starts of episodes: the gripper, and the cubes and goals that a setting allows.
 
 use super::{Fetch, noise};
 use environments::fetch::{self, FetchSetting, FetchTask, Ranges};

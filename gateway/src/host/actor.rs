@@ -1,5 +1,5 @@
-//! What the desk of a host knows of one of its actors: its questions go to the hub one at a time, each with what
-//! it published before, or once that is there.
+//! An actor of this host as its desk knows it. The actor's lease requests go to the hub one at a time, each together
+//! with the trajectories that the actor published before, or after the hub has acknowledged them.
 
 use std::collections::VecDeque;
 
@@ -13,23 +13,23 @@ use crate::messages::TOGETHER_BYTES;
 /// An actor of this host.
 #[derive(Default)]
 pub(super) struct LocalActor {
-    /// Its trajectories that nobody has seen to yet.
+    /// Its trajectories that are not yet on their way to the hub.
     pub(super) trajectories: VecDeque<Bytes>,
-    /// Deliveries on their way to the hub.
+    /// Number of deliveries on their way to the hub.
     on_their_way: usize,
-    /// Number of its newest question at the hub.
+    /// Number of its newest request at the hub.
     number: u64,
     is_asked: bool,
-    /// What is to be asked next: what the actor has said since.
+    /// The next request to the hub: what the actor has asked since the newest one.
     next: Option<LeaseRequest>,
-    /// What the hub answered, until the actor asks again: it gives a question up after a while.
+    /// The hub's reply, kept until the actor asks again, because an actor gives up a request after a while.
     answer: Option<LeaseReply>,
-    /// The question that the actor waits with.
+    /// The actor's request that awaits a reply.
     question: Option<Request>,
 }
 
 impl LocalActor {
-    /// Takes a question of the actor's.
+    /// Accepts a request of the actor.
     pub(super) fn take(&mut self, request: LeaseRequest, question: Request) {
         self.question = Some(question);
         match &mut self.next {
@@ -38,7 +38,7 @@ impl LocalActor {
         }
     }
 
-    /// What is to go to the hub next.
+    /// Returns what is to go to the hub next.
     pub(super) fn due(&mut self, name: &str) -> Option<Outgoing> {
         let trajectories = self.take_together();
         let can_ask = !self.is_asked
@@ -57,7 +57,7 @@ impl LocalActor {
         Some(Outgoing::Deliver { actor: name.to_owned(), trajectories })
     }
 
-    /// The oldest trajectories: as many as fit into a message, or one that is larger.
+    /// Takes the oldest trajectories: as many as fit into a message, or a single larger one.
     fn take_together(&mut self) -> Vec<Bytes> {
         let mut room = TOGETHER_BYTES;
         let mut fits = |bytes: &Bytes| {
@@ -70,12 +70,12 @@ impl LocalActor {
         self.trajectories.drain(..count).collect()
     }
 
-    /// A delivery is there.
+    /// Notes that a delivery has arrived.
     pub(super) fn delivered(&mut self) {
         self.on_their_way = self.on_their_way.saturating_sub(1);
     }
 
-    /// The hub has answered the question of this number.
+    /// Notes the hub's reply to the request with this number.
     pub(super) fn answered(&mut self, number: u64, reply: LeaseReply) {
         if number == self.number {
             self.is_asked = false;
@@ -83,7 +83,7 @@ impl LocalActor {
         }
     }
 
-    /// The answer and whom it is for, once both are there.
+    /// Returns the reply and the request it answers, once there are both.
     pub(super) fn take_reply(&mut self) -> Option<(Request, LeaseReply)> {
         if self.question.as_ref().is_some_and(|question| !question.is_awaited()) {
             self.question = None;
@@ -92,13 +92,13 @@ impl LocalActor {
         Some((question, self.answer.take()?))
     }
 
-    /// The question it waits with, whatever was answered.
+    /// Returns the waiting request, whether or not there is a reply.
     pub(super) fn take_question(&mut self) -> Option<Request> {
         self.question.take()
     }
 }
 
-/// Adds a later question of the same actor: both finished leases and seconds count.
+/// Adds a later request of the same actor: the finished leases and the seconds of both count.
 fn add(request: &mut LeaseRequest, later: LeaseRequest) {
     request.capacity = later.capacity;
     request.finished.extend(later.finished);

@@ -1,5 +1,4 @@
-//! The desk of a host: it owns the ports of the gateway on the host's bus, where it stands in for the
-//! learner.
+//! The desk of a host: it owns the gateway's ports on the host's bus and stands in for the learner there.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -22,14 +21,14 @@ use tokio::sync::mpsc::Sender;
 use super::actor::LocalActor;
 use super::{Incoming, Outgoing};
 
-/// Longest sleep, so that a stop is noticed. All else rings: an actor that comes late asks for leases, and is
-/// handed the weights that there are before its answer.
+/// Longest sleep, so that a stop is noticed. Everything else rings the doorbell. An actor that starts late requests
+/// leases, and receives the current weights before the reply.
 const TICK: Duration = Duration::from_millis(250);
 
-/// How often the dead are cleaned away and the living told.
+/// How often dead processes are cleaned up and the living actors are reported.
 const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
 
-/// Questions taken at once.
+/// Largest number of requests received at once.
 const TAKEN_AT_ONCE: usize = 64;
 
 /// How long actors may take to leave a run that is over.
@@ -44,7 +43,7 @@ pub(super) struct Desk {
     weights: Option<NewestPublisher>,
     outgoing: Sender<Outgoing>,
     incoming: Receiver<Incoming>,
-    /// Questions whose actors' trajectories may not have been taken yet.
+    /// Requests of actors whose trajectories may not have been received yet.
     taken: Vec<(LeaseRequest, Request)>,
     actors: BTreeMap<String, LocalActor>,
     alive: Vec<String>,
@@ -77,7 +76,7 @@ impl Desk {
         })
     }
 
-    /// Works until the run is over and its actors have heard of it, or a stop is requested.
+    /// Works until the run is over and its actors have been told, or a stop is requested.
     pub(super) fn run(&mut self, stop: &Stop) -> Result<()> {
         let mut are_more = false;
         while !stop.is_requested() && !self.is_over() {
@@ -87,12 +86,12 @@ impl Desk {
             let room = self.outgoing.capacity();
             let taken = self.take_trajectories(room)?;
             if taken < room {
-                // What an actor published before it asked has been taken by now.
+                // Whatever an actor published before its request has been received by now.
                 self.sort_questions();
             }
             are_more = taken == room && room > 0;
             self.send();
-            // Before the answer: an actor that came late is to have the policy that it leases for.
+            // Before the reply: an actor that starts late needs the policy that its leases name.
             if let Some(weights) = &self.weights {
                 weights.refresh()?;
             }
@@ -160,14 +159,14 @@ impl Desk {
         }
     }
 
-    /// Takes so many trajectories at most; returns how many.
+    /// Receives at most `most` trajectories; returns how many.
     fn take_trajectories(&mut self, most: usize) -> Result<usize> {
         for taken in 0..most {
             let Some(Published { bytes, process, .. }) = self.trajectories.receive()? else {
                 return Ok(taken);
             };
             let suffix = format!("-{process}");
-            // It has asked before it acts.
+            // An actor requests leases before it acts, so it is known.
             match self.actors.iter_mut().find(|(name, _)| name.ends_with(&suffix)) {
                 Some((_, actor)) => actor.trajectories.push_back(bytes),
                 None => self.dropped.note(format!("process {process} is no actor of this host")),
@@ -182,7 +181,7 @@ impl Desk {
         }
     }
 
-    /// Hands on what is due, as far as the link takes it.
+    /// Hands over what is due, as far as the link has room.
     fn send(&mut self) {
         for (name, actor) in &mut self.actors {
             while let Ok(place) = self.outgoing.try_reserve()

@@ -1,4 +1,4 @@
-//! The link of a host to the hub: what the desk wants is done by calls, several at once.
+//! The link of a host to the hub: it carries out the desk's orders by calls, several at once.
 
 use std::cell::RefCell;
 use std::collections::{BTreeSet, VecDeque};
@@ -23,13 +23,13 @@ use super::{Incoming, Outgoing};
 use crate::key::JoinKey;
 use crate::messages::{Answer, Beat, BeatReply, Exchange, WeightsReply, WeightsRequest};
 
-/// Deliveries under way at once.
+/// Largest number of deliveries under way at once.
 const WINDOW: usize = 8;
 
-/// How often the hub is told that this host lives.
+/// How often the hub is told that this host is alive.
 const BEAT: Duration = Duration::from_millis(500);
 
-/// Beats of which the fastest says how far the hub is.
+/// Number of latest beats; the fastest is reported as the distance to the hub.
 const DISTANCES: usize = 8;
 
 /// What the link needs.
@@ -46,17 +46,17 @@ struct Link {
     news: SyncSender<Incoming>,
     bell: Rc<Ringer>,
     window: Arc<Semaphore>,
-    /// How many actors the supervisor of this host is to have.
+    /// Tells this host's supervisor how many actors to run.
     wanted: ActorsWanted,
     alive: RefCell<BTreeSet<String>>,
-    /// Versions of the policy that the desk was given, and whose turn it is to fetch one.
+    /// Policy versions that the desk has been given. The lock also makes fetches take turns.
     versions: Mutex<Vec<u64>>,
 }
 
-/// Works until a stop is requested or the desk is gone; tells the desk why it ends otherwise.
+/// Works until a stop is requested or the desk has ended; in any other case tells the desk why it ends.
 pub(super) fn run(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) {
     if let Err(error) = work(setup, orders, news.clone()) {
-        // A desk that is gone has no more use for it.
+        // A desk that has ended no longer needs it.
         news.send(Incoming::Failed(error)).ok();
     }
 }
@@ -89,7 +89,7 @@ impl Link {
         Ok(self.bell.ring()?)
     }
 
-    /// Tells the hub twice a second that this host lives.
+    /// Tells the hub every half second that this host is alive.
     async fn beat(&self, stop: &Stop) -> Result<()> {
         let session = self.session.number;
         let mut distances = VecDeque::new();
@@ -121,13 +121,13 @@ impl Link {
         Ok(())
     }
 
-    /// Does what the desk wants, until it has ended.
+    /// Carries out the desk's orders until it has ended.
     async fn follow(self: &Rc<Self>, mut orders: Receiver<Outgoing>) -> Result<()> {
         while let Some(order) = orders.recv().await {
             match order {
                 Outgoing::Alive(actors) => *self.alive.borrow_mut() = actors.into_iter().collect(),
                 Outgoing::Deliver { actor, trajectories } => {
-                    // The desk waits as long as so many are under way.
+                    // The desk waits while `WINDOW` deliveries are under way.
                     let place = Arc::clone(&self.window).acquire_owned().await?;
                     self.spawn(async move |link| {
                         let done = link.deliver(actor, trajectories).await;
@@ -155,7 +155,7 @@ impl Link {
         let link = Rc::clone(self);
         tokio::task::spawn_local(async move {
             if let Err(error) = task(Rc::clone(&link)).await {
-                // A desk that is gone has no more use for it.
+                // A desk that has ended no longer needs it.
                 link.tell(Incoming::Failed(error)).ok();
             }
         });
@@ -167,8 +167,8 @@ impl Link {
         self.tell(Incoming::Delivered { actor })
     }
 
-    /// Asks for leases until there is an answer, and hands on what they are acted by before it. For an actor
-    /// that is gone no more is asked.
+    /// Repeats a lease request until there is a reply, and passes on the weights for the leases before the reply.
+    /// Stops when the actor is gone.
     async fn ask(&self, actor: String, mut question: Exchange) -> Result<()> {
         while self.alive.borrow().contains(&actor) {
             let Answer { reply } = self.exchange(&question).await?;
@@ -195,7 +195,7 @@ impl Link {
         call.await
     }
 
-    /// Has the desk publish a version of the policy, if it has not before.
+    /// Has the desk publish a version of the policy, unless it already has.
     async fn fetch(&self, version: u64) -> Result<()> {
         let mut versions = self.versions.lock().await;
         if versions.contains(&version) {
@@ -205,7 +205,7 @@ impl Link {
         let call = self
             .session
             .call(|mut hub| async move { hub.weights(WeightsRequest { session, version }).await });
-        // The hub has no more of a version that is gone; the actor hands such a lease back.
+        // The hub does not have a version that has been replaced; the actor hands such a lease back.
         let WeightsReply { weights: Some(weights) } = call.await? else { return Ok(()) };
         self.tell(Incoming::Weights(weights))?;
         versions.push(version);

@@ -1,7 +1,7 @@
-//! `goalward-gateway join`: another machine's end.
+//! `goalward-gateway join`: the gateway on another machine.
 //!
-//! The module `desk` stands in for the learner on this machine's bus, in the thread that owns its ports; `link`
-//! talks to the hub in a thread of its own. Between them are two bounded channels.
+//! The module `desk` stands in for the learner on this machine's bus, in the thread that owns the ports; `link` talks
+//! to the hub in a thread of its own. Two bounded channels connect them.
 
 mod actor;
 mod desk;
@@ -20,40 +20,40 @@ use run::process::Stop;
 use crate::key::JoinKey;
 pub use session::{Identity, connect};
 
-/// What waits for the link at most.
+/// Number of messages that may wait for the link.
 const OUTGOING: usize = 64;
 
-/// What waits for the desk at most.
+/// Number of messages that may wait for the desk.
 const INCOMING: usize = 1024;
 
-/// What the desk has for the hub.
+/// Messages of the desk to the link.
 enum Outgoing {
     /// Trajectories of an actor.
     Deliver { actor: String, trajectories: Vec<Bytes> },
-    /// A question of an actor, and what it published before that is not under way yet.
+    /// A lease request of an actor, with the trajectories published before it that are not under way yet.
     Ask { number: u64, request: LeaseRequest, trajectories: Vec<Bytes> },
-    /// These actors live.
+    /// The living actors.
     Alive(Vec<String>),
 }
 
-/// What the link has for the desk.
+/// Messages of the link to the desk.
 enum Incoming {
-    /// Trajectories of an actor, those of one [`Outgoing::Deliver`], are on the learner's bus.
+    /// The trajectories of one [`Outgoing::Deliver`] of the actor are on the learner's bus.
     Delivered { actor: String },
-    /// Weights, before the first lease that is acted by them.
+    /// Weights, sent before the first lease that is acted with them.
     Weights(Bytes),
-    /// The answer to an actor's question of this number.
+    /// The reply to the actor's request with this number.
     Answered { actor: String, number: u64, reply: LeaseReply },
     /// The run is over.
     Over,
-    /// The host cannot take part any more.
+    /// The host can take no further part.
     Failed(anyhow::Error),
 }
 
-/// Asks the hub what is trained, and lays out a folder in which actors find it.
+/// Asks the hub for the run's configuration and writes it into the folder, where actors find it.
 ///
 /// # Errors
-/// When the hub cannot be reached, refuses, or the folder cannot be written.
+/// When the hub cannot be reached or refuses, or the folder cannot be written.
 pub fn lay_out(folder: &RunFolder, key: &JoinKey) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let text = runtime.block_on(session::configuration(key))?;
@@ -67,7 +67,7 @@ pub fn lay_out(folder: &RunFolder, key: &JoinKey) -> Result<()> {
 /// Takes part in a run until it is over or a stop is requested.
 ///
 /// # Errors
-/// When the hub refuses this host or is not heard of for long, or the bus fails.
+/// When the hub refuses this host or is silent for too long, or the bus fails.
 pub fn join(folder: &RunFolder, key: &JoinKey, identity: Identity, stop: &Stop) -> Result<()> {
     let (outgoing, orders) = tokio::sync::mpsc::channel(OUTGOING);
     let (incoming, news) = std::sync::mpsc::sync_channel(INCOMING);
@@ -77,7 +77,7 @@ pub fn join(folder: &RunFolder, key: &JoinKey, identity: Identity, stop: &Stop) 
     let link = std::thread::Builder::new().name("link".to_owned()).spawn(body)?;
     let ended = desk::Desk::open(folder, outgoing, news)?.run(stop);
     stop.request();
-    // The panic itself has been printed by the thread.
+    // A panic has already been printed by the thread itself.
     link.join().ok();
     ended
 }

@@ -1,4 +1,4 @@
-//! A joining: calls to the hub, made again until they are answered.
+//! A session with the hub: calls are repeated until they are answered.
 
 use std::cell::{Cell, RefCell};
 use std::future::Future;
@@ -15,19 +15,19 @@ use crate::key::JoinKey;
 use crate::messages::{ConfigurationRequest, Hello, MOST_BYTES, PROTOCOL};
 use crate::{KEEPALIVE, KEEPALIVE_PATIENCE, WINDOWS};
 
-/// How long the hub may take to be reached.
+/// How long connecting to the hub may take.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long an answer may take: one about leases is held for two seconds.
+/// How long an answer may take; the hub holds lease requests for two seconds.
 const CALL_PATIENCE: Duration = Duration::from_secs(5);
 
-/// First and longest pause before a call is made again.
+/// The first and the longest pause before a call is repeated.
 const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(1)];
 
-/// How long a hub is tried that is not heard of.
+/// How long to go on trying a hub that does not answer.
 const HUB_PATIENCE: Duration = Duration::from_secs(60);
 
-/// Refusals that another try does not change; a message that is too long is out of range.
+/// Status codes that are final, because repeating the call would not help. A message that is too long is `OutOfRange`.
 const FINAL: [Code; 5] = [
     Code::FailedPrecondition,
     Code::InvalidArgument,
@@ -36,38 +36,38 @@ const FINAL: [Code; 5] = [
     Code::Unimplemented,
 ];
 
-/// What a host says of itself.
+/// What a host says about itself.
 #[derive(Clone, Debug)]
 pub struct Identity {
-    /// What people call it.
+    /// The name that the host asks for.
     pub host: String,
-    /// What its actor makes of the golden episodes.
+    /// The host's output of `goalward-actor golden`.
     pub golden: String,
-    /// Whether it may join with another build than the hub's.
+    /// Whether it may join with a build other than the hub's.
     pub other_build: bool,
-    /// How many actors it is to have at first.
+    /// Number of actors that it is to run at first.
     pub actors: u64,
 }
 
-/// A joining.
+/// A session with the hub.
 pub(super) struct Session {
     pub(super) number: u64,
     address: String,
     identity: Identity,
     client: GatewayClient<Channel>,
-    /// When the hub was last heard of.
+    /// When the hub last answered.
     heard: Cell<Instant>,
     host: RefCell<Option<String>>,
-    /// How many actors this host is to have.
+    /// Number of actors that this host is to run.
     actors: Cell<u64>,
-    /// Counts hellos, so that of many calls that the hub does not know one says hello.
+    /// Number of hellos so far. It makes only one of several calls say hello when the hub does not know the session.
     hellos: tokio::sync::Mutex<u64>,
 }
 
-/// A client of the hub; it connects when it is first used.
+/// Makes a client of the hub, which connects when it is first used.
 ///
 /// # Errors
-/// When the key has no address, or is none.
+/// When the key has no valid address, or its certificates are invalid.
 pub fn connect(key: &JoinKey) -> Result<GatewayClient<Channel>> {
     let endpoint = Endpoint::from_shared(format!("https://{}", key.address))
         .with_context(|| format!("expected an address HOST:PORT, found {:?}", key.address))?;
@@ -83,11 +83,12 @@ pub fn connect(key: &JoinKey) -> Result<GatewayClient<Channel>> {
         .keep_alive_while_idle(true)
         .connect_lazy();
     let client = GatewayClient::new(channel);
-    // What is too long to send the hub refuses: a limit here would be an error like that of a broken link.
+    // Sending has no limit: the hub refuses messages that are too long, whereas an error here would look like a broken
+    // link.
     Ok(client.max_decoding_message_size(MOST_BYTES))
 }
 
-/// The configuration of the run; asked once, so that a wrong address or key is said at once.
+/// Requests the configuration of the run. There is one attempt, so that a wrong address or key is reported at once.
 ///
 /// # Errors
 /// When the hub cannot be reached or refuses.
@@ -114,15 +115,15 @@ impl Session {
         })
     }
 
-    /// Notes how many actors this host is to have; returns whether that is news.
+    /// Notes how many actors this host is to run; returns whether the number has changed.
     pub(super) fn wants(&self, actors: u64) -> bool {
         self.actors.replace(actors) != actors
     }
 
-    /// Makes a call again and again until the hub answers it.
+    /// Repeats a call until the hub answers it.
     ///
     /// # Errors
-    /// When the hub refuses this host, or has not been heard of for [`HUB_PATIENCE`].
+    /// When the hub refuses this host, or has not answered for [`HUB_PATIENCE`].
     pub(super) async fn call<T, F>(&self, make: impl Fn(GatewayClient<Channel>) -> F) -> Result<T>
     where
         F: Future<Output = Result<Response<T>, Status>>,
@@ -152,7 +153,7 @@ impl Session {
         Ok(answer.into_inner())
     }
 
-    /// Says hello, unless another call has done so since there were so many.
+    /// Says hello, unless another call has done so since the count was `hellos`.
     async fn hello_after(&self, hellos: u64) -> Result<()> {
         let mut said = self.hellos.lock().await;
         if *said > hellos {
@@ -180,7 +181,7 @@ impl Session {
         }
     }
 
-    /// What a failed call means: some can be made again.
+    /// Decides about a failed call: returns an error if it is not to be repeated.
     fn bear(&self, status: &Status) -> Result<()> {
         if FINAL.contains(&status.code()) {
             return Err(anyhow!(
@@ -206,7 +207,7 @@ fn late() -> Status {
     Status::deadline_exceeded(format!("no answer within {CALL_PATIENCE:?}"))
 }
 
-/// What a status says, with its causes, in a line.
+/// Returns a status message with its causes, in one line.
 fn words(status: &Status) -> String {
     let mut said = status.message().to_owned();
     let mut cause = std::error::Error::source(status);

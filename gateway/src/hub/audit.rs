@@ -1,4 +1,4 @@
-//! The audit: some episodes of hosts are acted again here before they are published.
+//! The audit: some episodes of hosts are re-simulated on this machine before they are published.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::{BuildHasher, RandomState};
@@ -20,22 +20,22 @@ use tokio::sync::{mpsc, watch};
 
 use super::newest::Newest;
 
-/// Episodes that may wait for the auditor; hosts wait beyond that.
+/// Number of episodes that may wait for the auditor; beyond that, hosts wait.
 const WAITING: usize = 16;
 
-/// Episodes whose verdicts are kept for a host that asks again: its patience may be shorter than an audit.
+/// Number of verdicts kept for hosts that send an episode again: a call may time out before its audit ends.
 const KEPT: usize = 1024;
 
-/// Which episodes are audited, and by whom.
+/// The share of episodes that is audited, and the program that audits them.
 #[derive(Clone, Debug)]
 pub struct Audit {
-    /// How many of them, in [0, 1].
+    /// Fraction of episodes that are audited, in [0, 1].
     pub share: f64,
-    /// The program that acts in the run's task.
+    /// The program that can act in the run's task.
     pub program: PathBuf,
 }
 
-/// Has episodes acted again.
+/// Has sampled episodes re-simulated.
 pub(super) struct Auditor {
     share: f64,
     random: RandomState,
@@ -45,10 +45,10 @@ pub(super) struct Auditor {
     judged: Mutex<Judged>,
 }
 
-/// How an episode differs, if it does; none before it is judged.
+/// How an episode differs, or `Some(None)` if it does not; `None` until it is judged.
 type Verdict = Option<Option<String>>;
 
-/// The newest episodes that were given to the auditor, by hash.
+/// The verdicts of the latest episodes given to the auditor, by hash.
 #[derive(Default)]
 struct Judged {
     verdicts: BTreeMap<u64, watch::Receiver<Verdict>>,
@@ -67,17 +67,17 @@ impl Judged {
     }
 }
 
-/// An episode that is judged, or will be.
+/// An episode that has been or will be judged.
 pub(super) struct Trial(watch::Receiver<Verdict>);
 
 impl Trial {
-    /// How the episode differs from what this machine makes of it, if it does; known once it is judged.
+    /// Waits for the verdict; returns how the episode differs from its re-simulation, if it does.
     pub(super) async fn difference(mut self) -> Option<String> {
         self.0.wait_for(Option::is_some).await.ok()?.clone().flatten()
     }
 }
 
-/// An episode to be judged.
+/// An episode to judge.
 struct Case {
     version: u64,
     weights: Bytes,
@@ -86,7 +86,7 @@ struct Case {
 }
 
 impl Auditor {
-    /// Begins within a runtime; the program starts with the first episode.
+    /// Starts the auditor, inside a Tokio runtime. The program itself starts with the first episode.
     pub(super) fn start(
         audit: &Audit,
         folder: &RunFolder,
@@ -99,9 +99,9 @@ impl Auditor {
         Auditor { share: audit.share, random, spec, weights, cases, judged }
     }
 
-    /// Has an episode judged, if it is one of the sample. One that cannot be acted again here is let pass.
+    /// Has an episode judged if it is sampled. An episode that cannot be re-simulated here passes.
     pub(super) async fn trial(&self, trajectory: &Bytes) -> Option<Trial> {
-        // No host can know which episodes are of the sample, and the same one is or is not each time.
+        // No host can know which episodes are sampled, and the decision is the same each time an episode is sent.
         let hash = self.random.hash_one(&trajectory[..]);
         if hash as f64 / u64::MAX as f64 >= self.share {
             return None;
@@ -113,9 +113,9 @@ impl Auditor {
         }
     }
 
-    /// Gives an episode to the auditor; none that cannot be acted again here.
+    /// Gives an episode to the auditor; returns `None` if it cannot be re-simulated here.
     async fn give(&self, hash: u64, trajectory: &Bytes) -> Option<watch::Receiver<Verdict>> {
-        // What is no trajectory is refused where it would be published.
+        // Bytes that are not a trajectory are refused later, before they would be published.
         let decoded = Encoded::decode(trajectory.clone(), &self.spec).ok()?.trajectory;
         let version = decoded.policy_version;
         let weights = self.weights.borrow().of_version(version)?;
@@ -153,7 +153,7 @@ async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Cas
     }
 }
 
-/// Has the program judge, which is started where there is none; one that fails is gone.
+/// Has the program judge a case. The program is started if it is not running, and dropped if it fails.
 async fn judge(
     case: &Case,
     actor: &mut Option<Actor>,
@@ -166,9 +166,9 @@ async fn judge(
     Ok(difference)
 }
 
-/// The program that acts episodes again.
+/// The program that re-simulates episodes.
 struct Actor {
-    /// It ends when this does.
+    /// Killed when this is dropped.
     _process: Child,
     input: ChildStdin,
     output: Lines<BufReader<ChildStdout>>,
@@ -217,7 +217,7 @@ mod tests {
 
     use super::*;
 
-    /// Dies of its first episode, and finds something in the next.
+    /// Exits at its first start, and reports a difference at the second.
     const PROGRAM: &str = r#"#!/bin/sh
 [ -e "$0.died" ] || { touch "$0.died"; exit 1; }
 echo '"another observation"'
@@ -256,7 +256,7 @@ exec sleep 60
         }
     }
 
-    /// Says of every episode, slowly, that it is the same, and counts them.
+    /// Takes half a second to report that its episode does not differ, and counts it.
     const SLOW: &str = r#"#!/bin/sh
 sleep 0.5
 echo >> "$0.judged"
@@ -268,7 +268,7 @@ exec sleep 60
         auditor.trial(trajectory).await?.difference().await
     }
 
-    /// The call of a host ends before the verdict; asked again the auditor has the same one in work.
+    /// The host's call ends before the verdict; when the episode is sent again, the auditor is still at work on it.
     #[test]
     fn an_episode_is_judged_once_however_often_a_host_sends_it() {
         let directory = tempfile::tempdir().unwrap();

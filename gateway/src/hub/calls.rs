@@ -1,4 +1,4 @@
-//! The hub's answers to the calls of hosts.
+//! The hub's replies to the calls of hosts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,13 +21,13 @@ use crate::messages::{
     WeightsReply, WeightsRequest, Welcome,
 };
 
-/// How long weights are waited for that the learner has not published yet.
+/// How long to wait for weights that the learner has not published yet.
 const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
 
-/// Joinings that are remembered as expelled: whoever has the key could go on for ever.
+/// Number of expelled sessions to remember; it is bounded because whoever has the key can cause any number of them.
 const EXPELLED: usize = 1024;
 
-/// Answers calls.
+/// The gRPC service of the hub.
 #[derive(Clone)]
 pub(super) struct Calls {
     hub: Arc<Hub>,
@@ -38,7 +38,7 @@ impl Calls {
         Calls { hub }
     }
 
-    /// Gives a host's thread an order and waits for what comes of it.
+    /// Gives an order to a host's thread and waits for the outcome.
     async fn done<T>(
         &self,
         session: u64,
@@ -55,7 +55,7 @@ impl Calls {
         }
     }
 
-    /// Why a joining is not known.
+    /// Returns why a session is not known.
     fn stranger(&self, session: u64) -> Status {
         match self.hub.offence(session) {
             Some(why) => Status::permission_denied(why),
@@ -63,7 +63,7 @@ impl Calls {
         }
     }
 
-    /// Ends a joining that broke the rules. What another of its calls was refused for first stays the reason.
+    /// Expels a host that broke the rules. If another of its calls has expelled it already, the first reason stands.
     fn expel(&self, session: u64, why: &str) -> Status {
         let Some(guest) = self.hub.guests().remove(&session) else {
             return self.stranger(session);
@@ -78,8 +78,8 @@ impl Calls {
         Status::permission_denied(why)
     }
 
-    /// Has those episodes of a host judged that are of the sample. A trial goes on without its call, which the
-    /// host could end.
+    /// Has the sampled episodes of an exchange judged. Each trial runs in a task of its own, so that a host cannot
+    /// stop it by ending the call.
     async fn judge(&self, exchange: &Exchange) -> Result<(), Status> {
         let session = exchange.session;
         let Some(auditor) = &self.hub.auditor else { return Ok(()) };
@@ -95,17 +95,16 @@ impl Calls {
         Ok(())
     }
 
-    /// Waits for the verdict of a trial, and expels a host that acts otherwise.
+    /// Waits for the verdict of a trial, and expels the host if its episode differs.
     async fn end_trial(&self, session: u64, trial: Trial) -> Result<(), Status> {
         match trial.difference().await {
             None => Ok(()),
-            Some(difference) => {
-                Err(self.expel(session, &format!("it acts otherwise: {difference}")))
-            }
+            Some(difference) => Err(self
+                .expel(session, &format!("its episode differs when re-simulated: {difference}"))),
         }
     }
 
-    /// Checks what a host says of itself.
+    /// Checks what a host says about itself.
     fn check(&self, hello: &Hello) -> Result<(), Status> {
         check_protocol(hello.protocol)?;
         let refused = |what, expected: &str, found: &str| {
@@ -124,7 +123,7 @@ impl Calls {
         Ok(())
     }
 
-    /// Checks that a host's actors have a place on the learner's bus, beside those of this machine and of others.
+    /// Checks that the run has room for a host's actors besides those of this machine and of other hosts.
     fn check_room<'a>(
         &self,
         actors: u64,
@@ -146,11 +145,11 @@ impl Calls {
         Err(Status::failed_precondition(words))
     }
 
-    /// Lets a host take part, and says what the run calls it.
+    /// Admits a host and returns its name in the run.
     fn admit(&self, hello: &Hello) -> Result<String, Status> {
         self.check(hello)?;
         let mut guests = self.hub.guests();
-        // One that comes back begins anew: what it held is leased to others.
+        // A host that comes back starts afresh: its earlier leases are granted to others.
         guests.remove(&hello.session);
         guests.retain(|_, guest| guest.is_there());
         self.check_room(hello.actors, guests.values())?;
@@ -164,7 +163,7 @@ impl Calls {
         Ok(host)
     }
 
-    /// How many actors a host is to have, by the newest word of the user's.
+    /// Returns how many actors a host is to run, according to the user's latest request.
     fn actors_of(&self, session: u64) -> Option<u64> {
         let mut guests = self.hub.guests();
         let guest = guests.get(&session)?;
@@ -177,7 +176,7 @@ impl Calls {
                 return Some(guest.actors);
             }
         };
-        // Those that have left are forgotten when somebody joins.
+        // Hosts that have left stay in the map until another host joins.
         let is_other = |(other, guest): &(&u64, &Guest)| **other != session && guest.is_there();
         let others = guests.iter().filter(is_other).map(|(_, guest)| guest);
         let room = self.check_room(count, others);

@@ -21,47 +21,47 @@ use super::is_name;
 use super::stand_in::{Refusal, StandIn};
 use crate::messages::{Answer, Exchange, Hello};
 
-/// Orders of one host that may wait.
+/// Number of orders of one host that may wait.
 const ORDERS: usize = 256;
 
-/// Longest sleep, so that a host that is gone is noticed, and one that waits is told in time.
+/// Longest sleep, so that a vanished host is noticed and a waiting host gets its reply in time.
 const TICK: Duration = Duration::from_millis(250);
 
-/// A host that has not been heard of for so long is gone.
+/// A host that has not been heard of for this long is gone.
 const PATIENCE: Duration = Duration::from_secs(4);
 
-/// Longest name of an actor: the bus takes 128 with the host's.
+/// Longest name of an actor, bytes: with the host's name it has to fit into the bus's limit of 128.
 const NAME_BYTES: usize = 80;
 
-/// Longest name of a build, characters.
+/// Longest build name that is kept, characters.
 const BUILD_CHARS: usize = 200;
 
-/// How long the full queue of the learner or the service is waited for.
+/// How long to wait for the full queue of the learner or the proximity service.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
 
-/// What every host's thread needs.
+/// What the threads of all hosts need.
 #[derive(Clone, Debug)]
 pub(super) struct GuestSetup {
     pub(super) folder: RunFolder,
     pub(super) spec: Spec,
     pub(super) run_seed: u64,
-    /// Takes whom to wake.
+    /// Takes the threads that are to be woken.
     pub(super) wake: mpsc::Sender<Sleeper>,
 }
 
-/// What a host wants, and who waits for it.
+/// A host's order, with the channel for its outcome.
 pub(super) enum Order {
-    /// To be known to live, with these actors.
+    /// Note that the host is alive, with these actors.
     Beat { actors: Vec<String>, done: oneshot::Sender<()> },
-    /// Its trajectories published, and then leases, if it asks for them.
+    /// Publish the host's trajectories, and then request leases if it asks for them.
     Exchange { exchange: Exchange, done: oneshot::Sender<Result<Answer, Refusal>> },
 }
 
 /// A host that has joined.
 pub(super) struct Guest {
-    /// What there is to say of it.
+    /// What the run's folder says about the host.
     pub(super) about: Host,
-    /// How many actors it is to have.
+    /// Number of actors that it is to run.
     pub(super) actors: u64,
     orders: SyncSender<Order>,
     thread: JoinHandle<()>,
@@ -70,7 +70,7 @@ pub(super) struct Guest {
 }
 
 impl Guest {
-    /// Starts its thread.
+    /// Starts the host's thread.
     ///
     /// # Errors
     /// When the run's bus is not there, or the thread cannot start.
@@ -99,12 +99,12 @@ impl Guest {
         Ok(Guest { about, actors: hello.actors, orders, thread, sleeper, wake })
     }
 
-    /// Whether it has not left.
+    /// Returns whether the host has not left.
     pub(super) fn is_there(&self) -> bool {
         !self.thread.is_finished()
     }
 
-    /// How many places of the run it takes.
+    /// Returns how many of the run's places for actors the host takes.
     pub(super) fn places(&self) -> u64 {
         places(self.actors)
     }
@@ -113,22 +113,22 @@ impl Guest {
         &self.about.name
     }
 
-    /// Gives an order; returns whether there was room for it. Of a host that has left nothing comes.
+    /// Gives an order; returns whether there was room for it. Orders to a host that has left have no outcome.
     pub(super) fn order(&self, order: Order) -> bool {
         let has_room = !matches!(self.orders.try_send(order), Err(TrySendError::Full(_)));
-        // Where others are woken already, it wakes by itself soon.
+        // If the channel is full, the thread wakes soon by itself.
         self.wake.try_send(self.sleeper).ok();
         has_room
     }
 }
 
-/// How many places of a run a host of so many actors takes: at least one, so that there are no more hosts than
-/// actors.
+/// Returns how many of the run's places for actors a host with `actors` actors takes: at least one, so that there are
+/// never more hosts than places.
 pub(super) fn places(actors: u64) -> u64 {
     actors.max(1)
 }
 
-/// A host's thread at work.
+/// The state of a host's thread.
 struct Work {
     setup: GuestSetup,
     address: BusAddress,
@@ -137,11 +137,11 @@ struct Work {
     doorbell: Doorbell,
     trajectories: TrajectoryPublisher,
     stand_ins: BTreeMap<String, StandIn>,
-    /// Source, iteration and lane of leases that the host was granted.
+    /// Source, iteration and lane of the leases that the host was granted.
     granted: BTreeSet<(i32, u64, u64)>,
     heard: Instant,
     dropped: Dropped,
-    /// What actors ask that have no place on this bus; they ask again.
+    /// Requests of actors for which this bus has no place; they are repeated.
     placeless: Dropped,
 }
 
@@ -220,7 +220,7 @@ impl Work {
         Ok(())
     }
 
-    /// The actor that stands on this bus for one of the host.
+    /// Returns the stand-in for an actor of the host, and opens it if there is none yet.
     fn stand_in(&mut self, actor: &str) -> Result<&mut StandIn> {
         if !self.stand_ins.contains_key(actor) {
             ensure!(
@@ -241,7 +241,7 @@ impl Work {
         self.stand_ins.get_mut(actor).context("an actor that was just taken on")
     }
 
-    /// A trajectory that is one of this run.
+    /// Decodes a trajectory and checks that it is one of this run.
     fn checked(&self, bytes: Bytes) -> Result<Encoded> {
         let encoded = Encoded::decode(bytes, &self.setup.spec)?;
         let (expected, found) = (self.setup.run_seed, encoded.trajectory.run_seed);
@@ -249,8 +249,8 @@ impl Work {
         Ok(encoded)
     }
 
-    /// Publishes trajectories, those of leases that the host was granted. One of a lease that it held before it
-    /// was away for long is not: others have that.
+    /// Publishes the trajectories that belong to leases granted to the host. Others are dropped, such as those of
+    /// leases from before a long absence, which have been granted to other hosts.
     fn publish(&mut self, trajectories: &[Encoded]) -> Result<()> {
         trajectories.iter().try_for_each(|encoded| self.send(encoded))?;
         if !trajectories.is_empty() {
@@ -283,7 +283,8 @@ fn is_actor(name: &str) -> bool {
     name.starts_with("actor") && is_name(name, NAME_BYTES)
 }
 
-/// Remembers leases, and forgets those before the iteration that may still be under way.
+/// Remembers granted leases. It forgets those more than one iteration older, because no older iteration can be under
+/// way.
 fn note_granted(granted: &mut BTreeSet<(i32, u64, u64)>, reply: &LeaseReply) {
     for lease in &reply.leases {
         granted.retain(|(_, iteration, _)| iteration + 1 >= lease.iteration);

@@ -1,8 +1,8 @@
 //! `goalward-gateway serve`: the hub, beside the learner.
 //!
-//! Calls are answered by one thread; what touches the bus is done by a thread for each host, because the
-//! bus may have to be waited for. Nothing that comes from a host is published before it is checked, and
-//! what is wrong with it costs the host its place, nobody else anything.
+//! One thread answers calls. For each host a thread does what touches the bus, because it may have to wait for the
+//! bus. Nothing from a host is published before it is checked. A host that sends something invalid is expelled, and
+//! nobody else is affected.
 
 mod audit;
 mod calls;
@@ -37,44 +37,44 @@ use calls::Calls;
 use guest::{Guest, GuestSetup};
 use newest::Newest;
 
-/// How often it is looked whether the hub is to stop.
+/// How often to check whether the hub is to stop.
 const TICK: Duration = Duration::from_millis(50);
 
-/// How long hosts are told of the end of the run.
+/// How long to go on telling hosts that the run is over.
 const FAREWELL: Duration = Duration::from_millis(1500);
 
 /// How long a TLS handshake may take.
 const HANDSHAKE: Duration = Duration::from_secs(5);
 
-/// Calls of one connection that are under way at once.
+/// Largest number of concurrent calls of one connection.
 const CALLS_AT_ONCE: usize = 256;
 
-/// How often the hosts that there are are kept in the run's folder.
+/// How often the list of hosts in the run's folder is updated.
 const KEEP_HOSTS: Duration = Duration::from_millis(500);
 
-/// Threads of hosts that may wait to be woken.
+/// Number of host threads that may wait to be woken.
 const TO_BE_WOKEN: usize = 1024;
 
-/// What a hub serves.
+/// Parameters of a hub.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// The run.
+    /// The run's folder.
     pub folder: RunFolder,
-    /// Where hosts find it.
+    /// The address to listen at.
     pub listen: SocketAddr,
-    /// What this machine's actor makes of the golden episodes.
+    /// The output of `goalward-actor golden` on this machine.
     pub golden: String,
-    /// What is acted again of what hosts deliver, if anything.
+    /// The audit of episodes from hosts, if there is one.
     pub audit: Option<Audit>,
 }
 
-/// The hub's memory of its hosts.
+/// The hub's state.
 struct Hub {
     setup: GuestSetup,
     configuration: String,
     golden: String,
     guests: Mutex<BTreeMap<u64, Guest>>,
-    /// Joinings that broke the rules, and how; the oldest first.
+    /// Expelled sessions and the reasons, the oldest first.
     expelled: Mutex<VecDeque<(u64, Expelled)>>,
     weights: watch::Receiver<Newest>,
     auditor: Option<Auditor>,
@@ -90,13 +90,13 @@ impl Hub {
         self.expelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What a joining was expelled for, if it was.
+    /// Returns the reason why a session was expelled, if it was.
     fn offence(&self, session: u64) -> Option<String> {
         let expelled = self.expelled();
         expelled.iter().find(|(known, _)| *known == session).map(|(_, who)| who.why.clone())
     }
 
-    /// Who takes part, and who may not any more.
+    /// Returns the hosts that take part and those that were expelled.
     fn hosts(&self) -> Hosts {
         let guests = self.guests();
         let present = guests.values().filter(|guest| guest.is_there());
@@ -105,22 +105,22 @@ impl Hub {
         Hosts { present, expelled }
     }
 
-    /// Whether the run is over for its hosts.
+    /// Returns whether the run is over for its hosts.
     fn is_finished(&self) -> bool {
         self.is_ending.load(Ordering::Relaxed) && self.setup.folder.summary_file().exists()
     }
 }
 
-/// Whether a host may call itself, or its actor, so.
+/// Returns whether a name is allowed for a host or an actor.
 fn is_name(name: &str, most_bytes: usize) -> bool {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
     (1..=most_bytes).contains(&name.len()) && name.chars().all(fits)
 }
 
-/// Serves a run's hosts until it is to stop.
+/// Serves a run's hosts until a stop is requested.
 ///
 /// # Errors
-/// When the address cannot be listened at, or the bus fails.
+/// When it is impossible to listen at the address, or when the bus fails.
 pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
     let folder = &setup.folder;
     let config = folder.config()?;
@@ -151,7 +151,7 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
             () = keep_hosts(&hub) => {}
         }
         Hosts::clear(folder);
-        ensure!(stop.is_requested(), "the bus of the run cannot be read any more");
+        ensure!(stop.is_requested(), "the bus of the run can no longer be read");
         Ok(())
     })
 }
@@ -165,7 +165,7 @@ async fn answer_calls(
     let calls = GatewayServer::new(Calls::of(Arc::clone(hub)))
         .max_decoding_message_size(MOST_BYTES)
         .max_encoding_message_size(MOST_BYTES);
-    // Small answers leave at once.
+    // Small replies are sent at once.
     let connections = TcpListenerStream::new(listener).map(|connection| {
         connection.inspect(|stream| {
             stream.set_nodelay(true).ok();
@@ -185,8 +185,8 @@ async fn answer_calls(
         .context("serving hosts")
 }
 
-/// Wakes threads of hosts: calls are answered wherever the runtime likes, and ports of the bus stay where they
-/// are.
+/// Wakes the threads of hosts. This is a task of its own because handlers of calls have to be `Send`, and ports of the
+/// bus are not.
 async fn wake_threads(folder: &RunFolder, mut sleepers: mpsc::Receiver<Sleeper>) -> Result<()> {
     let bus = Bus::open(&BusAddress::of_run(folder.path())?, "gateway-calls")?;
     while let Some(sleeper) = sleepers.recv().await {
@@ -195,7 +195,7 @@ async fn wake_threads(folder: &RunFolder, mut sleepers: mpsc::Receiver<Sleeper>)
     Ok(())
 }
 
-/// Keeps the hosts that there are in the run's folder.
+/// Keeps the list of hosts in the run's folder up to date.
 async fn keep_hosts(hub: &Hub) {
     let mut kept = None;
     loop {
@@ -210,7 +210,7 @@ async fn keep_hosts(hub: &Hub) {
     }
 }
 
-/// Waits until the hub is to stop or has lost the bus, and then until its hosts have heard of it.
+/// Waits until a stop is requested or the bus is lost, and then until the hosts have been told.
 async fn ended(hub: &Hub, stop: &Stop) {
     let has_bus = || hub.weights.has_changed().is_ok();
     while !stop.is_requested() && has_bus() {

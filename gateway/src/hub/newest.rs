@@ -1,4 +1,4 @@
-//! The newest weights, taken from the learner's bus for all hosts.
+//! The newest weights, received from the learner's bus for all hosts.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use run::folder::RunFolder;
 use run::process::Stop;
 use tokio::sync::watch;
 
-/// How often it is looked whether the hub is to stop.
+/// How often to check whether the hub is to stop.
 const TICK: Duration = Duration::from_millis(250);
 
 /// The newest weights as the learner encoded them, by version, the newest last.
@@ -34,10 +34,10 @@ impl Newest {
     }
 }
 
-/// Begins to take weights from the bus of a run.
+/// Starts a thread that receives weights from the bus of a run.
 ///
 /// # Errors
-/// When its bus cannot be opened.
+/// When the bus cannot be opened.
 pub(super) fn watch(folder: &RunFolder, stop: &Stop) -> Result<watch::Receiver<Newest>> {
     let (told, newest) = watch::channel(Newest::default());
     let (address, stop) = (BusAddress::of_run(folder.path())?, stop.clone());

@@ -1,4 +1,4 @@
-//! An actor of another host, as the learner sees it: a node of its own, and one question at a time.
+//! An actor of another host, as the learner sees it: a node of its own with one open request at a time.
 
 use std::time::{Duration, Instant};
 
@@ -12,19 +12,19 @@ use tokio::sync::oneshot;
 
 use crate::messages::Answer;
 
-/// How long a host waits for an answer before it is told that there is none yet.
+/// How long a request of a host is held before the host is told that there is no reply yet.
 const HELD: Duration = Duration::from_secs(2);
 
-/// Why a host has no answer.
+/// Why a host gets no answer.
 #[derive(Debug)]
 pub(super) enum Refusal {
-    /// What it sent is not of this run.
+    /// The host sent something that is not of this run.
     Wrong(anyhow::Error),
-    /// There is no room for its actor.
+    /// There is no room for the host's actor.
     NoRoom(anyhow::Error),
 }
 
-/// An actor of another host.
+/// The stand-in for an actor of another host.
 pub(super) struct StandIn {
     folder: RunFolder,
     name: String,
@@ -34,12 +34,12 @@ pub(super) struct StandIn {
     reply: Option<LeaseReply>,
     waiting: Option<(oneshot::Sender<Result<Answer, Refusal>>, Instant)>,
     dropped: Dropped,
-    /// It is there as long as this is.
+    /// The node is on the bus as long as this is open.
     _bus: Bus,
 }
 
 impl StandIn {
-    /// Answers of the learner ring `doorbell`.
+    /// Opens a stand-in. The learner's replies ring `doorbell`.
     pub(super) fn open(
         folder: &RunFolder,
         address: &BusAddress,
@@ -60,7 +60,7 @@ impl StandIn {
         })
     }
 
-    /// Takes a question on. One that is asked again keeps its answer.
+    /// Accepts a request. A repeated request keeps its reply.
     pub(super) fn ask(
         &mut self,
         number: u64,
@@ -75,7 +75,7 @@ impl StandIn {
         self.waiting = Some((done, Instant::now()));
     }
 
-    /// Looks for an answer; gives one that has just come.
+    /// Looks for a reply; returns it if it has just arrived.
     pub(super) fn look(&mut self) -> Option<LeaseReply> {
         let is_asked = self.number > 0 && self.reply.is_none();
         let new = is_asked.then(|| self.answer_or_ask()).flatten();
@@ -91,10 +91,11 @@ impl StandIn {
         if reply.is_none() && self.leases.is_free() { self.ask_learner() } else { reply }
     }
 
-    /// Where there is no learner any more, the run may be over.
+    /// Sends the request to the learner. If there is none, returns a reply that ends the actor, provided that the run
+    /// is over.
     fn ask_learner(&mut self) -> Option<LeaseReply> {
         let Err(error) = self.leases.ask(&self.request.encode_to_vec()) else {
-            // What the actor has spent counts once, however often the question is asked.
+            // What the actor has spent counts once, however often the request is repeated.
             self.request.seconds = None;
             return None;
         };
@@ -103,19 +104,19 @@ impl StandIn {
         self.folder.summary_file().exists().then(over)
     }
 
-    /// Answers the host that waits, once there is an answer, or there has been none for long.
+    /// Answers the waiting host once there is a reply, or after [`HELD`].
     fn answer_host(&mut self) {
         let is_due = self.waiting.as_ref().is_some_and(|(_, since)| since.elapsed() >= HELD);
         if (self.reply.is_some() || is_due)
             && let Some((waiting, _)) = self.waiting.take()
         {
-            // It may have hung up; then it asks again.
+            // If the host has hung up, it asks again.
             waiting.send(Ok(Answer { reply: self.reply.clone() })).ok();
         }
     }
 }
 
-/// A question that waits is answered with none yet: its host is still known, and asks again if the actor lives.
+/// Answers a waiting request without a reply: the host is still known, and asks again if the actor is alive.
 impl Drop for StandIn {
     fn drop(&mut self) {
         if let Some((waiting, _)) = self.waiting.take() {

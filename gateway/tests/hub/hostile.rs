@@ -1,5 +1,5 @@
-//! A host that has the key and says anything: it costs the hub neither its life nor memory, and nothing of it
-//! is published.
+//! A host that has the key and sends arbitrary messages: the hub survives, its memory does not grow, and nothing from
+//! the host is published.
 
 use std::time::Duration;
 
@@ -16,26 +16,26 @@ use tonic::transport::Channel;
 
 use crate::stage::{Stage, block_on};
 
-/// Messages of the quick form; `GOALWARD_FUZZ_CASES` asks for more.
+/// Number of messages by default; `GOALWARD_FUZZ_CASES` asks for more.
 const MESSAGES: u64 = 2_000;
 
-/// Messages before the first look at the memory.
+/// Number of messages before memory is first measured.
 const WARM_UP: u64 = 500;
 
-/// Messages of one joining, on average: most are expelled sooner.
+/// Number of messages per session; most sessions are expelled sooner.
 const OF_ONE_JOINING: u64 = 20;
 
-/// How long an answer is waited for: one about leases would be held for seconds.
+/// How long to wait for an answer: lease requests would be held for seconds.
 const IMPATIENT: Duration = Duration::from_millis(20);
 
-/// How much more the process may hold at the end.
+/// Allowed growth of the process's memory.
 const GROWTH_BYTES: u64 = 96 << 20;
 
-/// Says anything.
+/// A host that sends arbitrary messages.
 struct Liar {
     random: Stream,
     hello: Hello,
-    /// An episode of the run, which nobody was granted.
+    /// An episode of the run whose lease nobody was granted.
     episode: Bytes,
 }
 
@@ -51,7 +51,7 @@ impl Liar {
         name.repeat(self.random.random_range(1..40))
     }
 
-    /// The episode, whole, damaged or cut off, or random bytes.
+    /// Returns the episode, whole, damaged or cut off, or arbitrary bytes.
     fn trajectory(&mut self) -> Bytes {
         let mut bytes = self.episode.to_vec();
         match self.random.random_range(0..4) {
@@ -74,7 +74,7 @@ impl Liar {
         LeaseRequest { actor, capacity, finished, seconds: None }
     }
 
-    /// Says something in a joining; what is answered is no matter.
+    /// Sends a message in a session; any answer is accepted.
     async fn say(&mut self, session: u64, hub: &mut GatewayClient<Channel>) {
         match self.random.random_range(0..5) {
             0 => {
@@ -104,7 +104,8 @@ impl Liar {
     }
 }
 
-/// What the process has of the machine's memory to itself, bytes: the buses of other tests come and go.
+/// Returns the anonymous resident memory of this process, bytes. Shared memory is left out: the buses of other tests
+/// come and go.
 fn memory() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let resident = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).unwrap();
@@ -145,7 +146,7 @@ fn a_host_that_says_anything_costs_nothing() {
     let growth = memory().saturating_sub(before);
     assert!(growth < GROWTH_BYTES, "grown by {growth} bytes");
     println!("{} messages, grown by {growth} bytes", messages());
-    // Here, because nobody else measures the memory.
+    // Here, because no other test measures memory.
     let trajectories = vec![Bytes::from(vec![0; MOST_BYTES])];
     let too_long = Exchange { session: u64::MAX, trajectories, ..Exchange::default() };
     block_on(async {

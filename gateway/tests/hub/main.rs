@@ -1,5 +1,5 @@
-//! What a hub lets in: nobody without the run's key, no host that acts otherwise, and of those who are in
-//! nothing that is wrong. The test is the learner of the run, and every kind of host.
+//! What a hub accepts: nobody without the run's key, no host that acts differently, and nothing invalid from the hosts
+//! that have joined. The test plays the learner of the run and every kind of host.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -26,7 +26,7 @@ use tonic::Code;
 
 use stage::{PATIENCE, Stage, block_on, free_address, lease};
 
-/// Connections of strangers.
+/// Number of connections of strangers.
 const STRANGERS: usize = 100;
 
 fn question(session: u64, number: u64) -> Exchange {
@@ -41,7 +41,7 @@ fn strangers_get_nothing_and_cost_nothing() {
     let _idle: Vec<TcpStream> = (0..STRANGERS).map(|_| idle()).collect();
     for number in 0..STRANGERS {
         let mut stranger = TcpStream::connect(&stage.key.address).unwrap();
-        // What a hub that hangs up does not take is as well.
+        // A hub that hangs up before it has read everything is fine, too.
         stranger.write_all(&vec![(number * 37) as u8; number * 50]).ok();
     }
     let other = tempfile::tempdir().unwrap();
@@ -129,7 +129,7 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         }
         let answer = asked.await.unwrap().unwrap().into_inner();
         assert_eq!(answer.reply.unwrap().leases, [lease(3)]);
-        // A lost answer is asked for again; the learner hears nothing of it.
+        // A lost reply is asked for again; the learner does not notice.
         let granted = stage.episode(3, seed);
         let trajectories = vec![stage.episode(4, seed), granted.clone()];
         let again = Exchange { trajectories, ..question(1, 1) };
@@ -141,11 +141,11 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
         hub.hello(stage.hello(2)).await.unwrap();
         let of_another_run = stage.episode(3, seed + 1);
         for (session, wrong) in [(2, of_another_run), (1, Bytes::from_static(b"no"))] {
-            // Not even what is right beside it is published.
+            // The valid trajectory beside the invalid one is not published either.
             let trajectories = vec![granted.clone(), wrong];
             let wrong = Exchange { trajectories, ..question(session, 2) };
             let (mut first, mut second) = (hub.clone(), hub.clone());
-            // Two of its calls convict it at once, and it has one name.
+            // Two calls expel the host at once; it is listed once.
             let both = tokio::join!(first.exchange(wrong.clone()), second.exchange(wrong));
             let [refusal, other] = [both.0.unwrap_err(), both.1.unwrap_err()];
             assert_eq!(refusal.code(), Code::PermissionDenied, "{refusal}");
@@ -163,7 +163,7 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
     });
 }
 
-/// A question that a learner takes and does not answer is asked again.
+/// The learner receives a request and does not answer it, so the request is repeated.
 #[test]
 fn what_an_actor_has_spent_counts_once_however_long_it_waits() {
     let stage = Stage::new();
@@ -222,13 +222,13 @@ fn a_host_that_has_left_takes_no_place() {
             hub.beat(beat()).await.unwrap();
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
-        // Beside the one that has left there would be room for 60.
+        // If the host that has left still took its places, there would be room for only 60.
         ActorsWanted::of_host(&folder, "node-7-2").want(62).unwrap();
         assert_eq!(hub.beat(beat()).await.unwrap().into_inner().actors, 62);
     });
 }
 
-/// Finds something in every episode, a while after it has begun.
+/// Reports a difference one second after it has started.
 const SLOW_AUDITOR: &str = r#"#!/bin/sh
 touch "$0.begun"
 sleep 1
@@ -264,7 +264,7 @@ fn a_host_that_hangs_up_before_the_verdict_is_expelled() {
         asked.abort();
         stage.await_hosts(|hosts| hosts.expelled.len() == 1).await;
         let back = hub.hello(stage.hello(1)).await.unwrap_err();
-        assert_eq!(back.message(), "it acts otherwise: another observation");
+        assert_eq!(back.message(), "its episode differs when re-simulated: another observation");
     });
     assert_eq!(stage.published(), Vec::<Bytes>::new());
 }

@@ -1,4 +1,4 @@
-//! A hub, and the test as the learner that it stands before.
+//! A hub, with the test in the role of its learner.
 
 use std::fs::{self, Permissions};
 use std::future::Future;
@@ -27,7 +27,7 @@ use tempfile::TempDir;
 pub(crate) const GOLDEN: &str = "the hash of a few episodes";
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A hub, and the learner that it stands before.
+/// A hub, and the learner beside it.
 pub(crate) struct Stage {
     pub(crate) directory: TempDir,
     pub(crate) config: RunConfig,
@@ -39,7 +39,8 @@ pub(crate) struct Stage {
     _left: Left,
 }
 
-/// What is left of the bus once all that was open of it is closed; the threads of hosts notice the end soon.
+/// Removes the bus when dropped, once everything on it is closed: the threads of hosts end a little later than the
+/// hub.
 struct Left(BusAddress);
 
 impl Drop for Left {
@@ -59,7 +60,7 @@ impl Stage {
         Stage::open(None)
     }
 
-    /// The same, but every episode is acted again by the program `auditor` of this text in the run's folder.
+    /// Opens a stage on which a program `auditor` with this text, in the run's folder, audits every episode.
     pub(crate) fn with_auditor(text: &str) -> Stage {
         Stage::open(Some(text))
     }
@@ -103,7 +104,7 @@ impl Stage {
         }
     }
 
-    /// An episode of a lane, by actions that never change.
+    /// Runs an episode of a lane with the same action at every step.
     pub(crate) fn episode(&self, lane: u64, run_seed: u64) -> Bytes {
         let factory = Factory::of_run(actor::BUILT_IN, &self.config).unwrap();
         let mut lane = Lane::begin(lease(lane), &factory, None, run_seed).unwrap();
@@ -114,7 +115,7 @@ impl Stage {
         }
     }
 
-    /// Answers the question for leases that comes next.
+    /// Grants leases in reply to the next lease request.
     pub(crate) fn grant(&self, leases: Vec<Lease>) -> LeaseRequest {
         let start = Instant::now();
         loop {
@@ -129,7 +130,7 @@ impl Stage {
         }
     }
 
-    /// Waits until the run's folder says so of its hosts.
+    /// Waits until the list of hosts in the run's folder satisfies the condition.
     pub(crate) async fn await_hosts(&self, is_so: impl Fn(&Hosts) -> bool) -> Hosts {
         let folder = RunFolder::new(self.directory.path());
         let start = Instant::now();
@@ -143,7 +144,7 @@ impl Stage {
         }
     }
 
-    /// What has come to the learner's bus.
+    /// Returns the trajectories that have arrived on the learner's bus.
     pub(crate) fn published(&self) -> Vec<Bytes> {
         let next = || self.trajectories.receive().unwrap().map(|published| published.bytes);
         std::iter::from_fn(next).collect()

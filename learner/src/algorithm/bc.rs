@@ -1,5 +1,5 @@
-//! Behavioral cloning (paper, Section 4.1 and Appendix G.3): one pass over the expert's observations
-//! and actions an iteration, until the loss on demonstrations held out no longer falls.
+//! Behavioral cloning (paper, Section 4.1 and Appendix G.3): each iteration is one pass over the expert's
+//! observations and actions, until the loss on held-out demonstrations stops falling.
 
 use anyhow::Result;
 use networks::RunningNormalizer;
@@ -25,7 +25,7 @@ pub(super) struct Bc {
     best: Best,
 }
 
-/// The weights with the lowest loss so far on what is held out.
+/// The weights with the lowest held-out loss so far.
 struct Best {
     loss: f64,
     parameters: Vec<f32>,
@@ -35,7 +35,7 @@ struct Best {
 }
 
 impl Bc {
-    /// A learner that has not learned yet.
+    /// Creates an untrained learner.
     pub(super) fn new(of: Setup<'_>) -> Bc {
         let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
@@ -58,13 +58,13 @@ impl Bc {
     }
 }
 
-/// The settings of cloning that configurations have.
+/// Returns the cloning settings of a configuration.
 pub(super) fn settings(config: &CloningConfig) -> Settings {
     let &CloningConfig { batch, adam_epsilon, max_gradient_norm, deviations, .. } = config;
     Settings { batch, adam_epsilon, max_gradient_norm, deviations }
 }
 
-/// Demonstrations held out, and the others.
+/// Splits demonstrations into held-out ones and the others.
 fn split(
     demonstrations: &[Trajectory],
     part: f64,
@@ -134,8 +134,8 @@ impl PolicyLearner for Bc {
 }
 
 impl Best {
-    /// Takes in what a pass led to; without a loss on what is held out the last one is the best. When
-    /// training ends the best weights are put in place of the last.
+    /// Takes in the result of a pass; without a held-out loss the last pass is the best. When training ends, it
+    /// replaces the last weights by the best.
     fn judge(&mut self, parameters: &mut Vec<f32>, loss: Option<f64>, patience: u64, last: bool) {
         if loss.is_none_or(|loss| loss < self.loss) {
             self.loss = loss.unwrap_or(self.loss);

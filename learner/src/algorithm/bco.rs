@@ -1,6 +1,6 @@
-//! Behavioral cloning from observation (Torabi et al., 2018a; paper, Section 4.1): an inverse
-//! dynamics model, fitted to the agent's own transitions, infers the actions of the demonstrations,
-//! and the policy is cloned from those. Both go on as the policy gathers new transitions.
+//! Behavioral cloning from observation (Torabi et al., 2018a; paper, Section 4.1). An inverse dynamics model,
+//! fitted to the agent's own transitions, infers the actions of the demonstrations, and the policy is cloned
+//! from these. Both are trained further as the policy gathers new transitions.
 
 use anyhow::{Context, Result};
 use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
@@ -26,14 +26,14 @@ pub(super) struct Bco {
     inverse_parameters: Vec<f32>,
     policy: Cloning,
     replay_buffer: ReplayBuffer,
-    /// Pairs of successive observations of the demonstrations.
+    /// Pairs of successive observations in the demonstrations.
     transitions: Vec<u8>,
     /// The first observation of each pair, and the action inferred for it.
     pairs: Pairs,
 }
 
 impl Bco {
-    /// A learner that has not learned yet.
+    /// Creates an untrained learner.
     pub(super) fn new(of: Setup<'_>) -> Bco {
         let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
@@ -67,7 +67,7 @@ impl Bco {
         }
     }
 
-    /// Fits the inverse dynamics model to transitions drawn from the agent's.
+    /// Fits the inverse dynamics model to transitions sampled from the agent's own.
     fn improve_inverse(&mut self, schedule: &Schedule) -> Result<()> {
         let Schedule { run_seed, iteration, .. } = *schedule;
         let mut stream = seed::stream(run_seed, Purpose::InverseDynamicsBatches, iteration, 0);
@@ -88,7 +88,8 @@ impl Bco {
     }
 }
 
-/// The inverse dynamics model: the action distribution of a policy that sees two observations.
+/// Returns the architecture of the inverse dynamics model: the action distribution of a policy that sees two
+/// observations.
 fn architecture(config: &InverseDynamicsConfig) -> PolicyArchitecture {
     PolicyArchitecture {
         cells: config.encoder(),

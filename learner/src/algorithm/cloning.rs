@@ -1,6 +1,5 @@
-//! Maximum likelihood: the action distribution of a network is fitted to actions that were taken.
-//! Behavioral cloning fits the policy to the expert's; inverse dynamics fits the action between two
-//! observations to the agent's own.
+//! Maximum likelihood: a network's action distribution is fitted to actions that were taken. Behavioral cloning fits
+//! the policy to the expert's actions; inverse dynamics fits the action between two observations to the agent's own.
 
 use networks::{ActorCritic, Distribution, WindowIndex};
 use protocol::tensors::Tensors;
@@ -9,7 +8,7 @@ use run::process::Final;
 use crate::algorithm::Metrics;
 use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
-/// What is cloned: rows of observations, as the network sees them, and the action of each.
+/// Training pairs: rows of observations, as the network sees them, and the action of each.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pairs {
     /// Observations, each row of the same length.
@@ -18,7 +17,7 @@ pub(crate) struct Pairs {
     pub(crate) actions: Vec<u8>,
 }
 
-/// How it is cloned.
+/// Settings of the training.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
     /// Rows of a minibatch.
@@ -39,17 +38,17 @@ pub(crate) struct Cloning {
 }
 
 impl Cloning {
-    /// Training of a network whose actions have so many bytes.
+    /// Creates the training of a network whose actions have `action_bytes` bytes each.
     pub(crate) fn new(network: ActorCritic, action_bytes: usize, settings: Settings) -> Cloning {
         let Settings { adam_epsilon, max_gradient_norm, .. } = settings;
         let trainer = PolicyTrainer::new(network, adam_epsilon, max_gradient_norm);
         Cloning { trainer, settings, action_bytes }
     }
 
-    /// Trains on the pairs named by `rows`, in that order.
+    /// Trains on the pairs that `rows` names, in that order.
     ///
     /// # Errors
-    /// [`Final`] at the first minibatch with a loss or gradient that is no number.
+    /// [`Final`] at the first minibatch with a loss or gradient that is NaN or infinite.
     pub(crate) fn train(
         &mut self,
         parameters: &mut [f32],
@@ -77,7 +76,7 @@ impl Cloning {
         Ok(metrics.divided_by(count.max(1) as f64))
     }
 
-    /// Mean negative log-likelihood of the actions of all pairs, nats; none where there are none.
+    /// Returns the mean negative log-likelihood of the actions of all pairs, in nats; `None` if there are no pairs.
     pub(crate) fn loss(&mut self, parameters: &[f32], pairs: &Pairs) -> Option<f64> {
         let distribution = self.trainer.network().distribution();
         let rows = self.trainer.outputs(parameters, &pairs.observations, <[f32]>::to_vec);
@@ -88,7 +87,7 @@ impl Cloning {
         (!rows.is_empty()).then(|| losses.sum::<f64>() / rows.len() as f64)
     }
 
-    /// The most probable action of every row, one after another.
+    /// Returns the most probable action of every row, concatenated.
     pub(crate) fn modes(&mut self, parameters: &[f32], observations: &[u8]) -> Vec<u8> {
         let (distribution, bytes) = (self.trainer.network().distribution(), self.action_bytes);
         let mode = |outputs: &[f32]| {
@@ -99,7 +98,7 @@ impl Cloning {
         self.trainer.outputs(parameters, observations, mode).concat()
     }
 
-    /// Bytes of a row.
+    /// Returns the number of observation bytes per row.
     pub(crate) fn row_bytes(&self) -> usize {
         self.trainer.row_bytes()
     }
@@ -109,7 +108,7 @@ impl Cloning {
         self.trainer.save(name, tensors);
     }
 
-    /// Takes over what [`Cloning::save`] added.
+    /// Restores what [`Cloning::save`] added.
     pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         self.trainer.restore(name, tensors)
     }
@@ -121,7 +120,7 @@ struct Likelihood<'a> {
     actions: &'a [u8],
     action_bytes: usize,
     deviations: bool,
-    /// One over the rows of the minibatch.
+    /// One over the number of rows of the minibatch.
     weight: f32,
 }
 

@@ -1,4 +1,4 @@
-//! Policy learners: what turns a batch into better weights.
+//! Policy learners, which turn a batch into better weights.
 
 mod bc;
 mod bco;
@@ -23,14 +23,13 @@ use run::process::Final;
 
 use crate::state::PolicyState;
 
-/// A policy learner. With a reward model it makes a method.
+/// A policy learner. Together with a reward model it is a method.
 pub trait PolicyLearner: Send {
-    /// Improves the policy with the batch of an iteration and its scores, on the rayon pool that the
-    /// caller is in.
+    /// Improves the policy with the batch of an iteration and its scores, on the caller's rayon pool.
     ///
     /// # Errors
-    /// When the scores are not those of the trajectories, and [`Final`] when a loss or gradient is no
-    /// number any more; the policy is of no use then.
+    /// When the scores are not those of the trajectories; [`Final`] when a loss or gradient is NaN or infinite,
+    /// which leaves the policy unusable.
     fn update(
         &mut self,
         policy: &mut PolicyState,
@@ -39,18 +38,18 @@ pub trait PolicyLearner: Send {
         schedule: &Schedule,
     ) -> Result<Metrics>;
 
-    /// Whether there is nothing more to learn, before the run's last iteration.
+    /// Returns whether there is nothing more to learn, even before the run's last iteration.
     fn is_finished(&self) -> bool {
         false
     }
 
-    /// Takes in the batch of an earlier iteration, when the run of a learner that replays is continued.
+    /// Takes in the batch of an earlier iteration, when a run whose learner has a replay buffer is resumed.
     fn remember(&mut self, _trajectories: &[Encoded]) {}
 
-    /// Adds everything carried from one update to the next, but what it remembers.
+    /// Adds everything carried from one update to the next, except what [`PolicyLearner::remember`] takes in.
     fn save(&self, tensors: &mut Tensors);
 
-    /// Takes over what [`PolicyLearner::save`] added.
+    /// Restores what [`PolicyLearner::save`] added.
     ///
     /// # Errors
     /// When the arrays are not those of this learner.
@@ -59,7 +58,7 @@ pub trait PolicyLearner: Send {
 
 type Constructor = fn(Setup<'_>) -> Box<dyn PolicyLearner>;
 
-/// A line for each name of [`run::config::LEARNERS`].
+/// One line for each name in [`run::config::LEARNERS`].
 const LEARNERS: &[(&str, Constructor)] = &[
     ("ppo", |setup| Box::new(ppo::Ppo::new(setup))),
     ("bc", |setup| Box::new(bc::Bc::new(setup))),
@@ -69,7 +68,7 @@ const LEARNERS: &[(&str, Constructor)] = &[
 
 const IN_BOTH_TABLES: &str = "a test holds both tables together";
 
-/// What changes over a run.
+/// The part of an update's settings that changes during a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     /// Seed of the run.
@@ -80,7 +79,7 @@ pub struct Schedule {
     pub learning_rate: f64,
 }
 
-/// The policy learner of a configuration, and the policy it begins with.
+/// Creates the policy learner of a configuration, and the policy that it starts with.
 pub fn create(
     config: &RunConfig,
     demonstrations: &[Trajectory],
@@ -91,7 +90,7 @@ pub fn create(
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
     let normalizer = match config.learner.imitates() {
-        // Whoever learns actions from demonstrations sees observations as they lie there, for good.
+        // A learner of demonstrated actions normalizes by the demonstrations' moments throughout the run.
         true => moments(config, &spec, demonstrations),
         false => RunningNormalizer::new(normalized(config, &spec)),
     };
@@ -101,19 +100,19 @@ pub fn create(
     (construct(setup), PolicyState { parameters, normalizer })
 }
 
-/// What a policy learner is made of.
+/// What a policy learner is made from.
 struct Setup<'a> {
     /// The run's configuration.
     config: &'a RunConfig,
-    /// The policy.
+    /// The policy network.
     network: ActorCritic,
-    /// What observations are normalized by before the policy sees them first.
+    /// The policy's initial normalizer of observations.
     normalizer: &'a RunningNormalizer,
-    /// Empty for a learner that needs none.
+    /// The demonstrations; empty for a learner that needs none.
     demonstrations: &'a [Trajectory],
 }
 
-/// How many numbers of an observation are normalized.
+/// Returns how many numbers of an observation are normalized.
 fn normalized(config: &RunConfig, spec: &Spec) -> usize {
     match spec.observation {
         ObservationSpec::Vector { len } if config.policy.normalize_observations => len,
@@ -121,7 +120,7 @@ fn normalized(config: &RunConfig, spec: &Spec) -> usize {
     }
 }
 
-/// The moments of the demonstrations' observations.
+/// Returns the moments of the demonstrations' observations.
 fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> RunningNormalizer {
     let observations: Vec<&[u8]> =
         demonstrations.iter().map(|demonstration| demonstration.observations()).collect();
@@ -144,15 +143,15 @@ pub struct Metrics {
     pub clip_fraction: f64,
     /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
-    /// Loss on demonstrations held out; of learners that hold some out.
+    /// Loss on held-out demonstrations; 0 for learners that hold none out.
     pub held_out_loss: f64,
 }
 
 impl Metrics {
-    /// Refuses a gradient step that is no number any more.
+    /// Refuses a gradient step with a metric that is NaN or infinite.
     ///
     /// # Errors
-    /// [`Final`], with the loss or norm and the place it came up.
+    /// [`Final`], with the loss or norm and the place where it occurred.
     pub fn expect_finite(&self, place: impl Display) -> Result<(), Final> {
         let metrics = [
             ("policy loss", self.policy_loss),
@@ -170,7 +169,7 @@ impl Metrics {
         }
     }
 
-    /// Divides every metric, to make a mean of a sum.
+    /// Divides every metric, to turn a sum into a mean.
     pub fn divided_by(&self, count: f64) -> Metrics {
         Metrics {
             policy_loss: self.policy_loss / count,

@@ -1,4 +1,4 @@
-//! Gradient steps of a policy by losses that are sums over rows.
+//! Gradient steps of a policy on losses that are sums over rows.
 
 use nalgebra::DMatrix;
 use networks::{
@@ -9,32 +9,32 @@ use protocol::tensors::Tensors;
 
 use crate::algorithm::Metrics;
 
-/// Most rows of a shard. Part of what a run means: changing it changes the order of sums.
+/// Maximum number of rows in a shard. Changing this changes the order of sums, and thus the results of runs.
 const SHARD_ROWS: usize = 128;
 
-/// A minibatch is cut into at least so many shards: what two threads can share.
+/// Minimum number of shards per minibatch, so that two threads can share it.
 const SHARDS_MIN: usize = 2;
 
 /// A loss that is a sum over rows.
 pub(crate) trait RowLoss: Sync {
-    /// Whether it depends on the values as well as on the action parameters.
+    /// Whether the loss depends on the values as well as on the action parameters.
     const OF_VALUES: bool;
 
-    /// Metrics of a row of the batch, for what the network gave for it. Writes the gradient of the
-    /// action parameters and returns the derivative of the value.
+    /// Returns the metrics of a row of the batch, given the network's output for it, and the derivative with
+    /// respect to the value. Writes the gradient with respect to the action parameters.
     fn of_row(&self, row: usize, output: RowOutput<'_>, gradient: &mut [f32]) -> (Metrics, f32);
 }
 
-/// What a network says about one row.
+/// A network's output for one row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RowOutput<'a> {
     /// Parameters of the action distribution.
     pub(crate) parameters: &'a [f32],
-    /// The value; 0 where none is asked for.
+    /// The value; 0 if the loss does not depend on it.
     pub(crate) value: f32,
 }
 
-/// A policy network in training; its parameters are kept elsewhere.
+/// A policy network in training; the caller keeps its parameters.
 pub(crate) struct PolicyTrainer {
     network: ActorCritic,
     trainer: ShardedTrainer<ActorCritic>,
@@ -42,7 +42,7 @@ pub(crate) struct PolicyTrainer {
 }
 
 impl PolicyTrainer {
-    /// A trainer of a network whose gradients are clipped to a norm.
+    /// Creates a trainer of a network; gradients are clipped to `max_gradient_norm`.
     pub(crate) fn new(network: ActorCritic, adam_epsilon: f64, max_gradient_norm: f64) -> Self {
         let count = network.parameter_count();
         PolicyTrainer {
@@ -52,22 +52,22 @@ impl PolicyTrainer {
         }
     }
 
-    /// The network.
+    /// Returns the network.
     pub(crate) fn network(&self) -> &ActorCritic {
         &self.network
     }
 
-    /// The trainer of its parameters.
+    /// Returns the trainer of its parameters.
     pub(crate) fn trainer(&self) -> &ShardedTrainer<ActorCritic> {
         &self.trainer
     }
 
-    /// Bytes of a row's observations.
+    /// Returns the number of observation bytes per row.
     pub(crate) fn row_bytes(&self) -> usize {
         self.network.row_size().observation_bytes
     }
 
-    /// Finds what repeats itself in rows of observations that several steps are taken on.
+    /// Indexes the windows that are repeated in rows of observations, for several steps on these rows.
     pub(crate) fn index<'a>(
         &self,
         observations: &'a [u8],
@@ -76,7 +76,7 @@ impl PolicyTrainer {
         self.network.actor().0.index(observations, windows)
     }
 
-    /// Values of rows of observations, in order.
+    /// Computes the values of rows of observations, in order.
     pub(crate) fn values(
         &mut self,
         parameters: &[f32],
@@ -90,7 +90,7 @@ impl PolicyTrainer {
         })
     }
 
-    /// What `of_row` makes of the action parameters of rows of observations, in order.
+    /// Applies `of_row` to the action parameters of rows of observations; returns the results in order.
     pub(crate) fn outputs<T: Clone + Send>(
         &mut self,
         parameters: &[f32],
@@ -106,8 +106,8 @@ impl PolicyTrainer {
         })
     }
 
-    /// One step down the gradient of a loss over the rows of a minibatch, given by their positions
-    /// among `observations`; the sum of their metrics.
+    /// Takes one gradient step on a loss over the rows of a minibatch, given by their positions among
+    /// `observations`. Returns the sum of their metrics.
     pub(crate) fn step(
         &mut self,
         parameters: &mut [f32],
@@ -128,18 +128,18 @@ impl PolicyTrainer {
         Metrics { gradient_norm: step.gradient_norm, ..step.terms }
     }
 
-    /// Adds the optimizer's state to arrays, under its name.
+    /// Adds the optimizer's state to `tensors`, under this name.
     pub(crate) fn save(&self, name: &str, tensors: &mut Tensors) {
         self.trainer.save(name, tensors);
     }
 
-    /// Takes over what [`PolicyTrainer::save`] added.
+    /// Restores what [`PolicyTrainer::save`] added.
     pub(crate) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         self.trainer.restore(name, tensors)
     }
 }
 
-/// Adds the gradient of a loss over the rows of a shard to a sum; their metrics.
+/// Adds the gradient of a loss over the rows of a shard to `sum`; returns the sum of their metrics.
 fn differentiate<L: RowLoss>(
     shard: Shard<'_, ActorCritic>,
     rows: &[u32],

@@ -1,4 +1,4 @@
-//! Transitions to be drawn again and again: the newest of the agent, or those of demonstrations.
+//! Transitions that are sampled repeatedly: the newest of the agent, or those of demonstrations.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use protocol::ending::Ending;
 use protocol::task::Spec;
 use protocol::trajectory::Trajectory;
 
-/// A first-in, first-out buffer of transitions. Episodes share the bytes they came in.
+/// A first-in, first-out buffer of transitions. Episodes share the bytes they arrived in.
 pub(crate) struct ReplayBuffer {
     spec: Spec,
     capacity: usize,
@@ -15,36 +15,36 @@ pub(crate) struct ReplayBuffer {
     first_episode: u64,
     /// Episode and step of each transition, the oldest first.
     transitions: VecDeque<(u64, u32)>,
-    /// Transitions taken in so far.
+    /// Number of transitions added so far.
     steps: u64,
 }
 
 /// A transition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Transition<'a> {
-    /// The observation acted on and the next one, one after the other.
+    /// The observation acted on and the next one, concatenated.
     pub(crate) observations: &'a [u8],
     /// The action taken.
     pub(crate) action: &'a [u8],
-    /// How the task ended the episode with it; none where the episode went on, or was cut off by the horizon.
+    /// How the task ended the episode here; `None` if the episode went on, or was cut off by the horizon.
     pub(crate) ending: Option<Ending>,
 }
 
 impl ReplayBuffer {
-    /// An empty buffer for so many transitions of a task.
+    /// Creates an empty buffer for `capacity` transitions of a task.
     pub(crate) fn new(spec: Spec, capacity: usize) -> ReplayBuffer {
         let (episodes, transitions) = (VecDeque::new(), VecDeque::new());
         ReplayBuffer { spec, capacity, episodes, first_episode: 0, transitions, steps: 0 }
     }
 
-    /// All transitions of demonstrations.
+    /// Creates a buffer of all transitions of demonstrations.
     pub(crate) fn of_demonstrations(spec: Spec, demonstrations: &[Trajectory]) -> ReplayBuffer {
         let mut buffer = ReplayBuffer::new(spec, usize::MAX);
         demonstrations.iter().for_each(|demonstration| buffer.push(demonstration));
         buffer
     }
 
-    /// Takes in an episode; the oldest transitions make room.
+    /// Adds an episode; the oldest transitions make room for it.
     pub(crate) fn push(&mut self, trajectory: &Trajectory) {
         let number = self.first_episode + self.episodes.len() as u64;
         self.steps += u64::from(trajectory.steps);
@@ -57,17 +57,17 @@ impl ReplayBuffer {
         self.first_episode = oldest;
     }
 
-    /// Transitions taken in so far, those included that made room.
+    /// Returns the number of transitions added so far, including those that were dropped since.
     pub(crate) fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Transitions held.
+    /// Returns the number of transitions held.
     pub(crate) fn len(&self) -> usize {
         self.transitions.len()
     }
 
-    /// The transition at `position`, 0 being the oldest.
+    /// Returns the transition at `position`; 0 is the oldest.
     pub(crate) fn get(&self, position: usize) -> Transition<'_> {
         let (number, step) = self.transitions[position];
         let trajectory = &self.episodes[(number - self.first_episode) as usize];

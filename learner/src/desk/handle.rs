@@ -1,4 +1,4 @@
-//! The trainer's end of the desk: orders one way, complete rollouts the other.
+//! The trainer's end of the desk: it sends orders and receives complete rollouts.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -9,7 +9,7 @@ use bus::{Bus, Ringer, Role};
 
 use super::{Desk, Order, RolledOut, Setup};
 
-/// Orders that may wait; the trainer gives a handful per iteration.
+/// Maximum number of queued orders; the trainer gives a handful per iteration.
 const ORDERS: usize = 64;
 
 /// The trainer's end of the desk.
@@ -21,7 +21,7 @@ pub struct DeskHandle {
 }
 
 impl DeskHandle {
-    /// Starts the desk; `bus` is the trainer's own, over which it rings the desk.
+    /// Starts the desk; `bus` is the trainer's own, over which it rings the desk's doorbell.
     ///
     /// # Errors
     /// When the desk cannot open its ports or the log.
@@ -31,7 +31,7 @@ impl DeskHandle {
         let (ready, opened) = sync_channel(1);
         let body = move || {
             let mut desk = Desk::open(setup, incoming, outgoing)?;
-            // The trainer may have gone; then the first order says so.
+            // If the trainer is gone, the desk notices when it looks for orders.
             ready.send(()).ok();
             desk.run()
         };
@@ -44,10 +44,10 @@ impl DeskHandle {
         }
     }
 
-    /// Gives an order.
+    /// Sends an order to the desk.
     ///
     /// # Errors
-    /// Why the desk has ended, if it has.
+    /// When the desk has ended; the error says why.
     pub fn order(&mut self, order: Order) -> Result<()> {
         if self.orders.send(order).is_err() {
             return Err(self.failure());
@@ -55,10 +55,10 @@ impl DeskHandle {
         Ok(self.ringer.ring()?)
     }
 
-    /// The next complete rollout, if it comes within `patience`.
+    /// Returns the next complete rollout, if it arrives within `patience`.
     ///
     /// # Errors
-    /// Why the desk has ended, if it has.
+    /// When the desk has ended; the error says why.
     pub fn rolled_out(&mut self, patience: Duration) -> Result<Option<RolledOut>> {
         use std::sync::mpsc::RecvTimeoutError::{Disconnected, Timeout};
         match self.rollouts.recv_timeout(patience) {
@@ -68,10 +68,10 @@ impl DeskHandle {
         }
     }
 
-    /// Returns when everything recorded so far is on the disk.
+    /// Waits until everything recorded so far is on the disk.
     ///
     /// # Errors
-    /// Why the desk has ended, if it has.
+    /// When the desk has ended; the error says why.
     pub fn sync(&mut self) -> Result<()> {
         let (done, synced) = sync_channel(1);
         self.order(Order::Sync(done))?;
@@ -81,10 +81,10 @@ impl DeskHandle {
         Ok(())
     }
 
-    /// Ends the desk and waits for it; returns the seconds that appending to the log took.
+    /// Ends the desk and waits for it; returns the seconds spent appending to the log.
     ///
     /// # Errors
-    /// Why the desk failed, if it did.
+    /// When the desk failed; the error says why.
     pub fn finish(mut self) -> Result<f64> {
         self.order(Order::Finish)?;
         self.join()

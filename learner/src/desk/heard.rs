@@ -1,4 +1,4 @@
-//! What the desk hears of each actor: when it last asked or sent something, and how fast it acts.
+//! What the desk knows of each actor: when it last asked or sent something, and how fast it acts.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -7,7 +7,7 @@ use protocol::messages::ActorHeard;
 
 use crate::ledger::LeaseLedger;
 
-/// The actors that have been heard of, by their name on the bus.
+/// The actors heard from, by their names on the bus.
 #[derive(Debug, Default)]
 pub(super) struct Heard(BTreeMap<String, Actor>);
 
@@ -15,12 +15,12 @@ pub(super) struct Heard(BTreeMap<String, Actor>);
 struct Actor {
     first: Instant,
     last: Instant,
-    /// Environment steps of its trajectories that were new.
+    /// Environment steps in its trajectories, not counting copies.
     steps: u64,
 }
 
 impl Heard {
-    /// Takes note that `actor` asked something, or delivered `steps` new environment steps.
+    /// Notes that `actor` asked for something, or delivered `steps` new environment steps.
     pub(super) fn note(&mut self, actor: &str, steps: u64) {
         let now = Instant::now();
         let new = || Actor { first: now, last: now, steps: 0 };
@@ -29,7 +29,7 @@ impl Heard {
         found.steps += steps;
     }
 
-    /// Forgets all that are not among `alive`.
+    /// Forgets all actors that are not among `alive`.
     pub(super) fn keep(&mut self, alive: &[String]) {
         self.0.retain(|actor, _| alive.contains(actor));
     }

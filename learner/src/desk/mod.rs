@@ -1,11 +1,11 @@
-//! The learner's desk: the thread that owns its ports and its log.
+//! The learner's desk: the thread that owns the learner's ports and its log.
 //!
-//! It hands leases to actors, takes trajectories in, appends them to the log before anybody uses
-//! them, and publishes weights and progress, all while the trainer computes. Trainer and desk talk
-//! over two bounded channels: orders one way, complete rollouts the other.
+//! It grants leases to actors, receives trajectories, appends them to the log before anything uses them, and
+//! publishes weights and progress, all while the trainer computes. Trainer and desk communicate over two
+//! bounded channels: orders one way, complete rollouts the other.
 //!
-//! What comes over the bus is trusted with nothing: a message that cannot be used is dropped, with a
-//! line and a count, and the run goes on.
+//! Nothing that arrives over the bus is trusted: an unusable message is dropped, reported and counted, and the
+//! run goes on.
 
 mod handle;
 mod heard;
@@ -42,38 +42,38 @@ pub use handle::DeskHandle;
 /// Longest sleep, so that weights are refreshed for late actors in time.
 const TICK: Duration = Duration::from_millis(20);
 
-/// Messages taken from a port before the desk looks at the others, however many there are.
+/// Maximum number of messages taken from a port before the desk looks at the others.
 const TAKEN_AT_ONCE: usize = 1024;
 
-/// How often actors are looked after: the dead cleaned away, their leases opened again.
+/// How often the desk cleans up after dead actors and reopens their leases.
 const LOOK_AFTER_ACTORS: Duration = Duration::from_millis(500);
 
-/// How often the open log chunks are closed, so that a crash takes little.
+/// How often open log chunks are closed, so that a crash loses little.
 const FLUSH_LOG: Duration = Duration::from_secs(1);
 
-/// How long a refusing disk is left alone before it is tried again.
+/// How long to wait before a disk that refused is tried again.
 pub(crate) const DISK_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Room for a progress message.
+/// Size reserved for a progress message, in bytes.
 const PROGRESS_BYTES: usize = 64 << 10;
 
-/// What the trainer orders.
+/// An order from the trainer.
 pub enum Order {
-    /// Roll out; the batch comes back when it is complete.
+    /// Open a rollout; its batch comes back when it is complete.
     Open(LeaseLedger),
     /// Publish a version of the policy.
     Publish(Weights),
     /// Append to the log.
     Record(Entry),
-    /// Publish how the run stands; the desk fills in what it knows better.
+    /// Publish the run's progress; the desk fills in what it knows better.
     Tell(Progress),
-    /// Put everything appended so far on the disk and answer.
+    /// Sync everything appended so far to the disk, then answer.
     Sync(SyncSender<()>),
     /// Tell the actors that the run is over, seal the log and end.
     Finish,
 }
 
-/// What the trainer has recorded.
+/// What the trainer records in the log.
 pub enum Entry {
     /// Scores, in batch order.
     Scores(Vec<Score>),
@@ -85,11 +85,11 @@ pub enum Entry {
     Checkpoint(Checkpoint),
 }
 
-/// What comes of a rollout.
+/// The result of a rollout.
 pub struct RolledOut {
     /// Its trajectories, by lane and episode.
     pub trajectories: Vec<Encoded>,
-    /// Where the time of all actors together went, as far as they have said since the rollout before.
+    /// Where the time of all actors together went, as reported since the previous rollout.
     pub actors: ActorSeconds,
 }
 
@@ -101,15 +101,15 @@ pub struct Setup {
     pub spec: Spec,
     /// Seed of the run, which its trajectories name.
     pub run_seed: u64,
-    /// Longest encoded weights.
+    /// Length of the longest encoded weights, in bytes.
     pub weights_bytes: usize,
-    /// A lease held longer is handed out again, once no other is open.
+    /// A lease held longer than this is granted again, once no other is open.
     pub lease_timeout: Duration,
     /// The run's log, open.
     pub log: LogWriter,
-    /// Where the run is: a log whose folder is gone is not waited for.
+    /// Where the run is: the desk does not wait for a log whose folder is gone.
     pub place: Place,
-    /// Whether the run is to stop: then a disk that refuses is not waited for.
+    /// Whether the run is to stop: then the desk does not wait for a disk that refuses.
     pub stop: Stop,
 }
 
@@ -119,7 +119,7 @@ enum Work {
     GoesOn,
     /// The run is over, and actors are told so.
     IsDone,
-    /// The trainer has failed: the run goes on when the learner is started again.
+    /// The trainer has failed; the run goes on when the learner is restarted.
     IsLeft,
 }
 
@@ -139,7 +139,7 @@ struct Desk {
     orders: Receiver<Order>,
     rollouts: SyncSender<RolledOut>,
     ledger: Option<LeaseLedger>,
-    /// Actors that wait for leases; they are answered when there are some.
+    /// Actors waiting for leases; they are answered when there are some.
     waiting: Vec<(LeaseRequest, Request)>,
     dropped_trajectories: Dropped,
     differing_copies: Dropped,
@@ -192,7 +192,7 @@ impl Desk {
         })
     }
 
-    /// Works until it is told to finish, or nobody is there to tell it; returns the seconds that appending to the log took.
+    /// Runs until it is told to finish or the trainer is gone; returns the seconds spent appending to the log.
     fn run(&mut self) -> Result<f64> {
         while self.work == Work::GoesOn {
             self.doorbell.wait(TICK)?;
@@ -214,7 +214,7 @@ impl Desk {
         Ok(self.log_s)
     }
 
-    /// Appends to the log, timed. While the disk refuses, the message is kept and the run pauses.
+    /// Appends to the log and measures the time. While the disk refuses, the message is kept and the run pauses.
     fn append(&mut self, append: impl FnOnce(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
         let begun = Instant::now();
         if let Err(error) = append(&mut self.log) {
@@ -225,7 +225,7 @@ impl Desk {
         Ok(())
     }
 
-    /// Flushes, syncs or seals the log, however long the disk refuses, unless the run is to stop.
+    /// Flushes, syncs or seals the log; repeats it for as long as the disk refuses, unless the run is to stop.
     fn complete(&mut self, write: impl Fn(&mut LogWriter) -> Result<(), Error>) -> Result<()> {
         while let Err(error) = write(&mut self.log) {
             self.wait_for_room(error)?;
@@ -233,12 +233,13 @@ impl Desk {
         Ok(())
     }
 
-    /// What is not on the disk when the run is to stop is done again after it is resumed. After a sync that failed
-    /// no waiting helps: the learner ends, and whoever starts it again repairs the log and takes the last checkpoint.
+    /// Pauses before the next attempt to write, unless the run is to stop; what is not on the disk by then is
+    /// done again on resuming. After a failed sync waiting does not help: the learner ends, and once restarted
+    /// it repairs the log and continues from the last checkpoint.
     fn wait_for_room(&mut self, error: Error) -> Result<()> {
         match error {
             Error::LogWrite { .. } => {}
-            // Started again, the learner comes to the same message.
+            // A restarted learner would come to the same message.
             Error::LogRefused { .. } => return Err(Final(error.to_string()).into()),
             _ => return Err(error.into()),
         }
@@ -280,7 +281,7 @@ impl Desk {
             }
             Order::Sync(done) => {
                 self.complete(LogWriter::sync)?;
-                // A trainer that no longer waits has failed and says why itself.
+                // A trainer that is not waiting any more has failed and reports that itself.
                 done.send(()).ok();
             }
             Order::Finish => self.work = Work::IsDone,
@@ -299,8 +300,8 @@ impl Desk {
         }
     }
 
-    /// Takes what actors published into the rollout, then appends it. The batch is handed over later still,
-    /// so nothing is learned from that is not in the log.
+    /// Takes what actors published into the rollout, then appends it to the log. The batch is handed over only
+    /// after that, so nothing is learned from that is not in the log.
     fn take_trajectories(&mut self) -> Result<()> {
         for _ in 0..TAKEN_AT_ONCE {
             let Some(published) = self.trajectories.receive()? else { break };
@@ -320,7 +321,7 @@ impl Desk {
         Ok(())
     }
 
-    /// Takes a trajectory into the rollout; gives it back if it is new there.
+    /// Takes a trajectory into the rollout; returns it if it is new there.
     fn admit(&mut self, bytes: Bytes, announced: u64) -> Result<Option<Encoded>> {
         let Some(ledger) = &mut self.ledger else { return Ok(None) };
         let encoded = Encoded::decode(bytes, &self.spec)?;
@@ -338,7 +339,7 @@ impl Desk {
 
     fn answer_actors(&mut self) -> Result<()> {
         for _ in 0..TAKEN_AT_ONCE {
-            // First, for a client that gives up questions faster than they are dropped gets no more.
+            // Drops abandoned requests first: a client with too many of them cannot send another.
             self.waiting.retain(|(_, question)| question.is_awaited());
             let question = match self.leases.receive() {
                 Ok(Some(question)) => question,
@@ -348,7 +349,7 @@ impl Desk {
                     break;
                 }
             };
-            // Whatever the asker published before it asked is taken in before it is answered.
+            // Whatever the actor published before it asked is taken in before it is answered.
             self.take_trajectories()?;
             match self.hear(question.bytes()) {
                 Ok(request) => self.waiting.push((request, question)),
@@ -371,7 +372,7 @@ impl Desk {
         Ok(())
     }
 
-    /// Takes note of what an actor says of itself.
+    /// Decodes an actor's request and notes what the actor reports.
     fn hear(&mut self, question: &[u8]) -> Result<LeaseRequest> {
         let request = LeaseRequest::decode(question).context("undecodable question")?;
         if !self.alive.contains(&request.actor) {
@@ -402,7 +403,7 @@ impl Desk {
         if self.ledger.as_ref().is_some_and(LeaseLedger::is_complete)
             && let Some(ledger) = self.ledger.take()
         {
-            // A trainer that is gone has failed and says why itself.
+            // A trainer that is gone has failed and reports that itself.
             let actors = std::mem::take(&mut self.actors);
             self.rollouts.send(RolledOut { trajectories: ledger.into_batch(), actors }).ok();
         }

@@ -1,4 +1,4 @@
-//! A reward model's ensemble as a graph: from raw rows to what the members say together.
+//! The ensemble of a reward model as a graph: from raw rows to the combined outputs of the members.
 
 use networks::{Ensemble, RunningNormalizer, Squashing};
 
@@ -6,8 +6,8 @@ use crate::graph::{Graph, Name, integer, integers};
 use crate::message::Kind;
 use crate::network::{inputs, layers};
 
-/// An ensemble. Its outputs are the `mean` of the members, their `standard_deviation` over one less
-/// than their number, and the `proximity` made of the mean.
+/// Builds the graph of an ensemble. Its outputs are the `mean` of the members, their sample `standard_deviation`
+/// (over one less than their number), and the `proximity` computed from the mean.
 pub fn ensemble(ensemble: &Ensemble, normalizer: &RunningNormalizer) -> Graph {
     let mut graph = Graph::new("ensemble");
     let from = inputs(&mut graph, &ensemble.network, normalizer);
@@ -41,7 +41,7 @@ pub fn ensemble(ensemble: &Ensemble, normalizer: &RunningNormalizer) -> Graph {
     graph
 }
 
-/// Takes the members of each row together; the side of one is kept or not.
+/// Reduces the members of each row to one value; `keepdims` keeps the reduced dimension.
 fn reduced(graph: &mut Graph, operator: &str, value: &str, keepdims: i64) -> Name {
     let attributes = vec![integers("axes", &[1]), integer("keepdims", keepdims)];
     graph.node_with(operator, &[value], attributes)

@@ -1,4 +1,4 @@
-//! A graph of operators while it is built, and the two files it becomes.
+//! A graph of operators under construction, and the two file formats it can be written as.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -19,17 +19,17 @@ const INT: i32 = 2;
 /// `AttributeProto.AttributeType` of several integers.
 const INTS: i32 = 7;
 
-/// Weights and constants whose names begin so are no weights.
+/// Name prefix of initializers that are constants, not weights.
 const CONSTANT: &str = "constant.";
 
-/// An exported model: operators over a free number of rows, weights, and what the model says of itself.
+/// An exported model: operators over any number of rows, weights, and metadata.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Graph {
     proto: GraphProto,
     metadata: BTreeMap<String, String>,
 }
 
-/// The name of a value that an operator gives or takes.
+/// Name of an input or output of an operator.
 pub(crate) type Name = String;
 
 impl Graph {
@@ -38,19 +38,19 @@ impl Graph {
         Graph { proto, metadata: BTreeMap::new() }
     }
 
-    /// The model, saying so of itself.
+    /// Sets the metadata.
     pub fn with(mut self, metadata: BTreeMap<String, String>) -> Graph {
         self.metadata = metadata;
         self
     }
 
-    /// Adds an input of rows, each of this shape.
+    /// Adds an input of rows with this shape.
     pub(crate) fn input(&mut self, name: &str, kind: Kind, row: &[usize]) -> Name {
         self.proto.input.push(value_info(name, kind, row));
         name.to_owned()
     }
 
-    /// Names a value as an output of rows, each of this shape.
+    /// Adds a value as an output of rows with this shape.
     pub(crate) fn output(&mut self, value: &str, name: &str, kind: Kind, row: &[usize]) {
         self.append("Identity", &[value], &[name.to_owned()], Vec::new());
         self.proto.output.push(value_info(name, kind, row));
@@ -68,22 +68,22 @@ impl Graph {
         self.tensor(name.to_owned(), Kind::F64, &[numbers.len()], bytes)
     }
 
-    /// A single number.
+    /// Adds a single number as a constant.
     pub(crate) fn number(&mut self, number: f32) -> Name {
         self.constant(Kind::F32, &[], number.to_le_bytes().to_vec())
     }
 
-    /// A single number in double precision.
+    /// Adds a single number in double precision as a constant.
     pub(crate) fn double(&mut self, number: f64) -> Name {
         self.constant(Kind::F64, &[], number.to_le_bytes().to_vec())
     }
 
-    /// A single integer.
+    /// Adds a single integer as a constant.
     pub(crate) fn integer(&mut self, number: i64) -> Name {
         self.constant(Kind::I64, &[], number.to_le_bytes().to_vec())
     }
 
-    /// Numbers in a row.
+    /// Adds a vector of numbers as a constant.
     pub(crate) fn numbers(&mut self, numbers: &[f32]) -> Name {
         let bytes = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
         self.constant(Kind::F32, &[numbers.len()], bytes)
@@ -101,12 +101,12 @@ impl Graph {
         name
     }
 
-    /// Adds an operator; its value.
+    /// Adds an operator and returns the name of its output.
     pub(crate) fn node(&mut self, operator: &str, inputs: &[&str]) -> Name {
         self.node_with(operator, inputs, Vec::new())
     }
 
-    /// Adds an operator with attributes; its value.
+    /// Adds an operator with attributes and returns the name of its output.
     pub(crate) fn node_with(
         &mut self,
         operator: &str,
@@ -118,14 +118,14 @@ impl Graph {
         output
     }
 
-    /// The first and the second half of each row.
+    /// Splits each row into its first and second half.
     pub(crate) fn halves(&mut self, value: &str) -> [Name; 2] {
         let halves = ["first", "second"].map(|half| format!("{value}.{half}"));
         self.append("Split", &[value], &halves, vec![integer("axis", 1)]);
         halves
     }
 
-    /// A value as another kind of number.
+    /// Casts a value to another kind of number.
     pub(crate) fn cast(&mut self, value: &str, kind: Kind) -> Name {
         self.node_with("Cast", &[value], vec![integer("to", kind as i64)])
     }
@@ -146,11 +146,11 @@ impl Graph {
         });
     }
 
-    /// The model as a file of the kind that its name ends with: `.onnx`, or `.safetensors` for the weights
+    /// Encodes the model in the format of the file name's extension: `.onnx`, or `.safetensors` for the weights
     /// alone.
     ///
     /// # Errors
-    /// When the name ends otherwise.
+    /// When the name has another extension, or safetensors cannot hold the weights.
     pub fn to_file(&self, name: &Path) -> Result<Vec<u8>, String> {
         match name.extension().and_then(OsStr::to_str) {
             Some("onnx") => Ok(self.to_onnx()),
@@ -159,7 +159,7 @@ impl Graph {
         }
     }
 
-    /// The model as an ONNX file.
+    /// Encodes the model as an ONNX file.
     pub fn to_onnx(&self) -> Vec<u8> {
         let entry = |(key, value): (&String, &String)| StringStringEntryProto {
             key: key.clone(),
@@ -177,7 +177,7 @@ impl Graph {
         model.encode_to_vec()
     }
 
-    /// The model's weights as a safetensors file, under their names in the ONNX file.
+    /// Encodes the model's weights as a safetensors file, under their names in the ONNX file.
     ///
     /// # Errors
     /// When safetensors cannot hold them.
@@ -189,7 +189,7 @@ impl Graph {
     }
 }
 
-/// A weight as safetensors has it: its name, kind, shape and bytes.
+/// Returns a weight as safetensors needs it: its name, kind, shape and bytes.
 fn view(tensor: &TensorProto) -> Result<(&str, TensorView<'_>), SafeTensorError> {
     let TensorProto { dims, data_type, name, raw_data } = tensor;
     let kind = if *data_type == Kind::F64 as i32 { Dtype::F64 } else { Dtype::F32 };
@@ -197,12 +197,12 @@ fn view(tensor: &TensorProto) -> Result<(&str, TensorView<'_>), SafeTensorError>
     Ok((name, TensorView::new(kind, shape, raw_data)?))
 }
 
-/// An attribute that is an integer.
+/// Creates an integer attribute.
 pub(crate) fn integer(name: &str, i: i64) -> AttributeProto {
     AttributeProto { name: name.to_owned(), i, ints: Vec::new(), r#type: INT }
 }
 
-/// An attribute that is several integers.
+/// Creates an attribute of several integers.
 pub(crate) fn integers(name: &str, ints: &[i64]) -> AttributeProto {
     AttributeProto { name: name.to_owned(), i: 0, ints: ints.to_vec(), r#type: INTS }
 }

@@ -1,16 +1,16 @@
-//! Trained networks for programs that know nothing of Goalward: as ONNX models, whose rows are raw
-//! observations, and as safetensors.
+//! Exports trained networks for programs without Goalward: as ONNX models, whose inputs are raw observations, and
+//! as safetensors.
 //!
-//! [`policy()`] is the policy: normalization, network, distribution and action scale in one graph.
-//! [`ensemble()`] is a reward model: the mean of its members and their standard deviation. Weights of dense
-//! layers lie `[output, input]` and of convolutions `[output, input, row, column]`, as PyTorch has them.
+//! [`policy()`] exports the policy: normalization, network, distribution and action scale in one graph.
+//! [`ensemble()`] exports a reward model: the mean and standard deviation of its members. Weights have PyTorch's
+//! layout: `[output, input]` for dense layers and `[output, input, row, column]` for convolutions.
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `graph` | operators and weights become a file |
-//! | `network` | a network of ours becomes operators and weights |
-//! | `policy`, `ensemble` | what surrounds the networks |
-//! | `message` | the messages of the ONNX format |
+//! | `graph` | writes operators and weights to a file |
+//! | `network` | turns a network into operators and weights |
+//! | `policy`, `ensemble` | build the complete graphs around the networks |
+//! | `message` | has the messages of the ONNX format |
 
 mod ensemble;
 mod graph;

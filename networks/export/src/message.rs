@@ -6,10 +6,10 @@ use prost::Message;
 /// Version of the intermediate representation.
 pub(crate) const IR_VERSION: i64 = 8;
 
-/// Version of the operators of the default domain.
+/// Version of the operator set of the default domain.
 pub(crate) const OPERATORS: i64 = 17;
 
-/// A kind of number, as `TensorProto.DataType` numbers them.
+/// An element type, with its number in `TensorProto.DataType`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub(crate) enum Kind {
@@ -79,7 +79,7 @@ pub(crate) struct NodeProto {
     pub(crate) attribute: Vec<AttributeProto>,
 }
 
-/// An integer or several of them; no operator used here takes anything else.
+/// An integer or several integers; the operators used here need no other attributes.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct AttributeProto {
     #[prost(string, tag = "1")]
@@ -132,7 +132,7 @@ pub(crate) struct TensorShapeProto {
     pub(crate) dim: Vec<DimensionProto>,
 }
 
-/// A side of a tensor: a number, or the name of one that is free.
+/// A dimension of a tensor: a number, or the name of a free dimension.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct DimensionProto {
     #[prost(oneof = "Dimension", tags = "1, 2")]

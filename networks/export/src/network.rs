@@ -1,4 +1,4 @@
-//! A network of ours as operators and weights.
+//! A network as operators and weights.
 
 use networks::{Activation, Network, RunningNormalizer};
 use protocol::task::ObservationSpec;
@@ -6,20 +6,20 @@ use protocol::task::ObservationSpec;
 use crate::graph::{Graph, Name, integer, integers};
 use crate::message::Kind;
 
-/// What the observations of a row are called, the first and the second.
+/// Names of the inputs for the first and second observation of a row.
 const OBSERVATIONS: [&str; 2] = ["observation", "next_observation"];
 
-/// What the extra inputs of a row are called.
+/// Name of the input for the extra inputs of a row.
 const EXTRA_INPUTS: &str = "action";
 
-/// The inputs of a network's rows, ready for its first layer.
+/// Inputs of a network, prepared for its first layer.
 pub(crate) struct Inputs {
     /// One-hot grids `[row, class, y, x]`, or normalized vectors.
     observations: Name,
     extra: Option<Name>,
 }
 
-/// Adds the inputs of a network. Vectors are normalized in double precision, as ours are.
+/// Adds the inputs of a network. Vectors are normalized in double precision, as in Goalward.
 pub(crate) fn inputs(graph: &mut Graph, network: &Network, by: &RunningNormalizer) -> Inputs {
     let shape = network.shape();
     let frames = &OBSERVATIONS[..shape.frames];
@@ -76,29 +76,29 @@ fn concatenated(graph: &mut Graph, mut values: Vec<Name>) -> Name {
     graph.node_with("Concat", &values, vec![integer("axis", 1)])
 }
 
-/// The parameters of a network that have not become weights yet, and what these are called.
+/// Parameters of a network that are not yet exported, and the names of its weights.
 struct Parameters<'a> {
     rest: &'a [f32],
-    /// Begins the names of the weights.
+    /// Prefix of the names of the weights.
     name: &'a str,
     layers: usize,
 }
 
 impl Parameters<'_> {
-    /// Takes so many numbers.
+    /// Takes the next `count` numbers.
     fn take(&mut self, count: usize) -> &[f32] {
         let (taken, rest) = self.rest.split_at(count);
         self.rest = rest;
         taken
     }
 
-    /// The next layer's name.
+    /// Returns the name of the next layer.
     fn layer(&mut self) -> String {
         self.layers += 1;
         format!("{}.{}", self.name, self.layers - 1)
     }
 
-    /// Adds the weights of a dense layer, or of as many of its outputs as are kept.
+    /// Adds the weights of a dense layer, restricted to its first `kept` outputs.
     fn dense(&mut self, graph: &mut Graph, size: [usize; 2], kept: usize) -> [Name; 2] {
         let [inputs, outputs] = size;
         let layer = self.layer();
@@ -109,13 +109,13 @@ impl Parameters<'_> {
         [weight, graph.weight(&format!("{layer}.bias"), &[kept], bias)]
     }
 
-    /// Adds the weights of a convolution over so many channels of each of so many frames.
+    /// Adds the weights of a convolution over `inputs` channels in each of `frames` frames.
     fn convolution(&mut self, graph: &mut Graph, size: Convolution) -> [Name; 2] {
         let Convolution { frames, kernel, inputs, outputs } = size;
         let layer = self.layer();
         let window = kernel * kernel;
         let numbers = self.take(frames * window * inputs * outputs);
-        // Ours lie `[frame][row][column][input][output]`.
+        // Our layout is `[frame][row][column][input][output]`.
         let at = |output: usize, frame: usize, input: usize, cell: usize| {
             numbers[((frame * window + cell) * inputs + input) * outputs + output]
         };
@@ -142,13 +142,13 @@ struct Convolution {
     outputs: usize,
 }
 
-/// Columns of a matrix of rows of so many numbers, one after another.
+/// Returns the columns of a row-major matrix, one after another.
 fn transposed(numbers: &[f32], columns: usize) -> Vec<f32> {
     let column = |column: usize| numbers.iter().skip(column).step_by(columns).copied();
     (0..columns).flat_map(column).collect()
 }
 
-/// Adds a network's layers; the first `kept` of its outputs. Names of its weights begin with `name`.
+/// Adds a network's layers and returns its first `kept` outputs. Names of the weights begin with `name`.
 pub(crate) fn layers(
     graph: &mut Graph,
     network: &Network,
@@ -175,7 +175,7 @@ pub(crate) fn layers(
     dense(graph, &mut parameters, &value, [width, network.outputs()], kept)
 }
 
-/// Adds the encoder of grids; the features and their number.
+/// Adds the encoder of grids and returns the features and their number.
 fn encoder(
     graph: &mut Graph,
     network: &Network,
@@ -202,7 +202,7 @@ fn encoder(
     }
     let images = shape.cells.images([height, width]).expect("the network was laid out");
     let [rows, columns] = *images.last().expect("an encoder has a convolution");
-    // The channels of a pixel lie together in ours.
+    // Our dense layer has the channels of a pixel next to each other.
     value = graph.node_with("Transpose", &[&value], vec![integers("perm", &[0, 2, 3, 1])]);
     value = graph.node("Flatten", &[&value]);
     let features = shape.cells.features;

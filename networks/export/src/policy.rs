@@ -6,13 +6,13 @@ use crate::graph::{Graph, Name, integer};
 use crate::message::Kind;
 use crate::network::{inputs, layers};
 
-/// The actor of a policy. Its `action` is its distribution's mode: the number of a choice, or numbers as the
-/// environment takes them, in [-1, 1], behind the factors of `scale` (none where it is empty). Beside it are
-/// the parameters of the distribution: `logits`, or `mean` and `log_standard_deviation` of the
-/// numbers before they are squashed, scaled and clipped.
+/// Builds the graph of a policy's actor. Its output `action` is the mode of the distribution: the index of a
+/// discrete action, or the numbers of a continuous one, multiplied by `scale` unless that is empty, and clipped to
+/// [-1, 1]. The other outputs are the parameters of the distribution: `logits`, or `mean` and
+/// `log_standard_deviation` before squashing, scaling and clipping.
 ///
 /// # Panics
-/// If there are not as many parameters as the policy has.
+/// If the number of parameters is not that of the policy.
 pub fn policy(
     policy: &ActorCritic,
     parameters: &[f32],
@@ -35,7 +35,7 @@ pub fn policy(
         Distribution::Gaussian { len } => {
             let last = &parameters[parameters.len() - len..];
             let logs = graph.weight("log_standard_deviation.weight", &[len], last);
-            // Of every row the same ones.
+            // Broadcasts the same logarithms to every row.
             let zero = graph.number(0.0);
             let nothing = graph.node("Mul", &[&value, &zero]);
             let logs = graph.node("Add", &[&nothing, &logs]);

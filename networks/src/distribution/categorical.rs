@@ -1,21 +1,21 @@
-//! One action of several; parameters are unnormalized log-probabilities, the action is one byte.
+//! Categorical distribution. Parameters are unnormalized log-probabilities; the action is one byte.
 
 use protocol::seed::Stream;
 use rand::RngExt;
 
-/// The logarithm of the sum of exponentials.
+/// Returns the logarithm of the sum of the exponentials.
 fn log_sum_exp(logits: &[f32]) -> f32 {
     let largest = logits.iter().fold(f32::NEG_INFINITY, |largest, &logit| largest.max(logit));
     largest + libm::logf(logits.iter().map(|logit| libm::expf(logit - largest)).sum())
 }
 
-/// The action in its byte.
+/// Returns the index of an action from its byte.
 fn index(action: &[u8]) -> usize {
     let &[byte] = action else { panic!("a discrete action has 1 byte, not {}", action.len()) };
     usize::from(byte)
 }
 
-/// Writes an action.
+/// Writes the index of an action to its byte.
 fn write(index: usize, action: &mut [u8]) {
     action.copy_from_slice(&[u8::try_from(index).expect("actions are numbered by a byte")]);
 }
@@ -28,11 +28,11 @@ pub(super) fn sample(logits: &[f32], stream: &mut Stream, action: &mut [u8]) {
         left -= libm::expf(logit - total);
         left < 0.0
     });
-    // Rounding may leave a little when all probabilities are used up.
+    // Rounding may leave a small remainder after the last probability.
     write(chosen.unwrap_or(logits.len() - 1), action);
 }
 
-/// Writes the action of the largest log-probability.
+/// Writes the action with the largest log-probability.
 pub(super) fn mode(logits: &[f32], action: &mut [u8]) {
     let mut best = 0;
     for (index, logit) in logits.iter().enumerate() {
@@ -43,12 +43,12 @@ pub(super) fn mode(logits: &[f32], action: &mut [u8]) {
     write(best, action);
 }
 
-/// The normalized log-probability of an action.
+/// Returns the normalized log-probability of an action.
 pub(super) fn log_probability(logits: &[f32], action: &[u8]) -> f32 {
     logits[index(action)] - log_sum_exp(logits)
 }
 
-/// The sum of `-p ln p`.
+/// Returns the entropy, the sum of `-p ln p`.
 pub(super) fn entropy(logits: &[f32]) -> f32 {
     let total = log_sum_exp(logits);
     logits.iter().map(|logit| libm::expf(logit - total) * (total - logit)).sum()

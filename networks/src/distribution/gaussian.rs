@@ -1,5 +1,5 @@
-//! Independent normal numbers; parameters are means, then logarithms of standard deviations, and the
-//! action is its numbers as little-endian `f32`, as drawn: environments clip, the policy does not.
+//! Independent normal distributions. Parameters are means, then logarithms of standard deviations. The action holds
+//! the drawn numbers as little-endian `f32`, unclipped: environments clip, the policy does not.
 
 use protocol::seed::Stream;
 use protocol::task::{floats, write_floats};
@@ -7,12 +7,12 @@ use protocol::task::{floats, write_floats};
 use super::HALF_LOG_TAU;
 use crate::initialization::standard_normal;
 
-/// Means and logarithms of standard deviations.
+/// Splits parameters into means and logarithms of standard deviations.
 fn split(parameters: &[f32]) -> (&[f32], &[f32]) {
     parameters.split_at(parameters.len() / 2)
 }
 
-/// For every action number, its distance from the mean in standard deviations, and the logarithm of
+/// Returns, for each number of the action, its distance from the mean in standard deviations and the logarithm of
 /// the standard deviation.
 fn distances<'a>(parameters: &'a [f32], action: &'a [u8]) -> impl Iterator<Item = (f32, f32)> + 'a {
     let (means, logs) = split(parameters);
@@ -34,13 +34,13 @@ pub(super) fn mode(parameters: &[f32], action: &mut [u8]) {
     write_floats(split(parameters).0.iter().copied(), action);
 }
 
-/// The logarithm of the density.
+/// Returns the log-density of an action.
 pub(super) fn log_probability(parameters: &[f32], action: &[u8]) -> f32 {
     let each = distances(parameters, action);
     each.map(|(distance, log)| -0.5 * distance * distance - log - HALF_LOG_TAU).sum()
 }
 
-/// The differential entropy.
+/// Returns the differential entropy.
 pub(super) fn entropy(parameters: &[f32]) -> f32 {
     split(parameters).1.iter().map(|log| 0.5 + HALF_LOG_TAU + log).sum()
 }

@@ -1,8 +1,7 @@
-//! From a network's outputs to actions and their log-probabilities, and back to gradients.
+//! Action distributions: from a network's outputs to actions and log-probabilities, and back to gradients.
 //!
-//! A row of parameters is what the actor gives for one observation; an action is its bytes as
-//! [`ActionSpec`] lays them out. Exponentials and logarithms come from the `libm` crate, so they are
-//! the same bits everywhere.
+//! A row of parameters is the actor's output for one observation; an action is bytes in the layout of
+//! [`ActionSpec`]. Exponentials and logarithms come from the `libm` crate, so they have the same bits everywhere.
 mod categorical;
 mod gaussian;
 mod squashed;
@@ -13,34 +12,33 @@ use protocol::task::ActionSpec;
 /// Half the logarithm of two pi.
 const HALF_LOG_TAU: f32 = 0.918_938_5;
 
-/// How actions are drawn, given the parameters of one observation.
+/// Distribution of actions, given the parameters of one observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Distribution {
-    /// One of `count` actions; the parameters are as many unnormalized log-probabilities.
+    /// One of `count` actions; the parameters are `count` unnormalized log-probabilities.
     Categorical {
         /// Number of actions.
         count: usize,
     },
-    /// Independent normal numbers; the parameters are `len` means, then `len` logarithms of standard
-    /// deviations.
+    /// Independent normal numbers; the parameters are `len` means, then `len` logarithms of standard deviations.
     Gaussian {
-        /// How many numbers.
+        /// Number of action components.
         len: usize,
     },
-    /// The hyperbolic tangents of independent normal numbers; the parameters are `len` means, then
-    /// `len` numbers that the logarithms of standard deviations are made of.
+    /// Hyperbolic tangents of independent normal numbers; the parameters are `len` means, then `len` logarithms of
+    /// standard deviations before clamping to [`Distribution::LOG_STANDARD_DEVIATIONS`].
     SquashedGaussian {
-        /// How many numbers.
+        /// Number of action components.
         len: usize,
     },
 }
 
 impl Distribution {
-    /// Least and largest logarithm of a standard deviation of a squashed distribution. A first policy,
-    /// which gives about 0, draws actions that are nearly uniform.
+    /// Bounds of the logarithm of a standard deviation of a squashed distribution. An untrained policy, whose
+    /// outputs are about 0, draws actions that are nearly uniform.
     pub const LOG_STANDARD_DEVIATIONS: (f32, f32) = (-20.0, 2.0);
 
-    /// The distribution for a kind of action; only continuous ones can be squashed.
+    /// Returns the distribution for a kind of action. Only continuous actions can be squashed.
     pub fn new(action: ActionSpec, squashed: bool) -> Self {
         match action {
             ActionSpec::Discrete { count } => Distribution::Categorical { count },
@@ -49,7 +47,7 @@ impl Distribution {
         }
     }
 
-    /// Numbers in a row of parameters.
+    /// Returns the number of parameters in a row.
     pub fn parameter_count(self) -> usize {
         match self {
             Distribution::Categorical { count } => count,
@@ -57,7 +55,7 @@ impl Distribution {
         }
     }
 
-    /// Checks a row of parameters.
+    /// Checks the length of a row of parameters.
     fn check(self, parameters: &[f32]) {
         assert_eq!(parameters.len(), self.parameter_count(), "one row of {self:?}");
     }
@@ -65,7 +63,8 @@ impl Distribution {
     /// Draws an action and returns its log-probability.
     ///
     /// # Panics
-    /// If the row or the action has another length than this distribution's.
+    /// If the row or the action has the wrong length. Surplus bytes of a squashed Gaussian's action are not
+    /// detected.
     pub fn sample(self, parameters: &[f32], stream: &mut Stream, action: &mut [u8]) -> f32 {
         self.check(parameters);
         match self {
@@ -76,10 +75,11 @@ impl Distribution {
         self.log_probability(parameters, action)
     }
 
-    /// Writes the most probable action; of equals, the first; of squashed numbers, the mean as squashed.
+    /// Writes the most probable action: the first of several equal ones, or the squashed mean of a squashed
+    /// Gaussian.
     ///
     /// # Panics
-    /// If the row or the action has another length than this distribution's.
+    /// If the row or the action has the wrong length. Surplus bytes of a continuous action are not detected.
     pub fn mode(self, parameters: &[f32], action: &mut [u8]) {
         self.check(parameters);
         match self {
@@ -89,10 +89,10 @@ impl Distribution {
         }
     }
 
-    /// The logarithm of an action's probability or density.
+    /// Returns the logarithm of an action's probability or density.
     ///
     /// # Panics
-    /// If the row or the action has another length than this distribution's.
+    /// If the row or the action has the wrong length. A squashed Gaussian does not check the action's length.
     pub fn log_probability(self, parameters: &[f32], action: &[u8]) -> f32 {
         self.check(parameters);
         match self {
@@ -102,10 +102,10 @@ impl Distribution {
         }
     }
 
-    /// The entropy, in nats; of squashed numbers that before they are squashed.
+    /// Returns the entropy in nats; for a squashed Gaussian, the entropy before squashing.
     ///
     /// # Panics
-    /// If the row has another length than this distribution's.
+    /// If the row has the wrong length.
     pub fn entropy(self, parameters: &[f32]) -> f32 {
         self.check(parameters);
         match self {
@@ -115,11 +115,11 @@ impl Distribution {
         }
     }
 
-    /// Writes the gradient of a loss with respect to the parameters, given its derivatives with
-    /// respect to the log-probability of `action` and to the entropy.
+    /// Writes the gradient of a loss with respect to the parameters, given its derivatives with respect to the
+    /// log-probability of `action` and to the entropy.
     ///
     /// # Panics
-    /// If a row or the action has another length than this distribution's.
+    /// If a row or the action has the wrong length. A squashed Gaussian does not check the action's length.
     pub fn gradient(
         self,
         parameters: &[f32],
@@ -138,11 +138,11 @@ impl Distribution {
         of(parameters, action, log_probability_derivative, entropy_derivative, gradient);
     }
 
-    /// Draws an action of squashed numbers and keeps the normal numbers it was made of in `noise`, so
-    /// that [`Distribution::pathwise_gradient`] can follow them. Returns its log-probability.
+    /// Draws an action of a squashed Gaussian and returns its log-probability. Stores the underlying standard
+    /// normal numbers in `noise` for [`Distribution::pathwise_gradient`].
     ///
     /// # Panics
-    /// If this is another distribution, or a length is not its own.
+    /// If this is another distribution, or the row has the wrong length.
     pub fn draw(
         self,
         parameters: &[f32],
@@ -157,12 +157,12 @@ impl Distribution {
         squashed::draw(parameters, stream, noise, action)
     }
 
-    /// Writes the gradient of a loss with respect to the parameters, through an action drawn by
-    /// [`Distribution::draw`] from `noise`, given its derivatives with respect to the numbers of the
-    /// action and to its log-probability.
+    /// Writes the gradient of a loss with respect to the parameters, through an action that [`Distribution::draw`]
+    /// made from `noise`, given the derivatives of the loss with respect to the action's components and to its
+    /// log-probability.
     ///
     /// # Panics
-    /// If a length is not this distribution's.
+    /// If a row has the wrong length.
     pub fn pathwise_gradient(
         self,
         parameters: &[f32],

@@ -1,6 +1,6 @@
-//! Hyperbolic tangents of independent normal numbers, the policy of a soft actor-critic. Parameters
-//! are means, then logarithms of standard deviations, cut off at bounds; the action is its numbers as
-//! little-endian `f32`, within [-1, 1].
+//! Hyperbolic tangents of independent normal numbers: the policy of soft actor-critic. Parameters are means, then
+//! logarithms of standard deviations, which are clamped. The action holds its numbers as little-endian `f32` in
+//! [-1, 1].
 
 use protocol::seed::Stream;
 use protocol::task::{floats, write_floats};
@@ -9,14 +9,14 @@ use super::{Distribution, HALF_LOG_TAU};
 use crate::initialization::standard_normal;
 use crate::layer::activation::tanh;
 
-/// Added to the derivative of the squashing before its logarithm is taken.
+/// Added to the derivative of the squashing function before its logarithm is taken.
 const FLATTEST: f32 = 1e-6;
 
-/// A number of an action as the normal number before squashing.
+/// Normal distribution of one action component before squashing.
 struct Normal {
     mean: f32,
     log: f32,
-    /// Derivative of the logarithm of the standard deviation with respect to its parameter.
+    /// Derivative of the clamped logarithm with respect to its parameter: 1 or 0.
     log_derivative: f32,
 }
 
@@ -29,12 +29,12 @@ fn normals(parameters: &[f32]) -> impl Iterator<Item = Normal> + '_ {
     })
 }
 
-/// The normal numbers that squashing made an action of.
+/// Returns the normal numbers that an action was squashed from.
 fn unsquashed(action: &[u8]) -> impl Iterator<Item = f32> + '_ {
     floats(action).map(|number| libm::atanhf(number.clamp(-1.0 + FLATTEST, 1.0 - FLATTEST)))
 }
 
-/// Log-density of a number of an action, from its distance to the mean in standard deviations.
+/// Returns the log-density of one action component, given its distance from the mean in standard deviations.
 fn log_density(normal: &Normal, distance: f32, squashed: f32) -> f32 {
     let before = -0.5 * distance * distance - normal.log - HALF_LOG_TAU;
     before - libm::logf(1.0 - squashed * squashed + FLATTEST)
@@ -91,7 +91,7 @@ pub(super) fn mode(parameters: &[f32], action: &mut [u8]) {
     write_floats(normals(parameters).map(|normal| tanh(normal.mean)), action);
 }
 
-/// The logarithm of the density.
+/// Returns the log-density of an action.
 pub(super) fn log_probability(parameters: &[f32], action: &[u8]) -> f32 {
     let density = |(normal, number): (Normal, f32)| {
         let distance = (number - normal.mean) * libm::expf(-normal.log);
@@ -100,7 +100,7 @@ pub(super) fn log_probability(parameters: &[f32], action: &[u8]) -> f32 {
     normals(parameters).zip(unsquashed(action)).map(density).sum()
 }
 
-/// The differential entropy before squashing.
+/// Returns the differential entropy before squashing.
 pub(super) fn entropy(parameters: &[f32]) -> f32 {
     normals(parameters).map(|normal| 0.5 + HALF_LOG_TAU + normal.log).sum()
 }
@@ -147,7 +147,7 @@ mod tests {
         }
     }
 
-    /// The loss is a weighted sum of the action's numbers and its log-probability.
+    /// Uses a weighted sum of the action's components and its log-probability as the loss.
     #[test]
     fn the_pathwise_gradient_is_that_of_finite_differences() {
         let weights = [0.7, -1.3, 0.4];

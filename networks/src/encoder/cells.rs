@@ -1,9 +1,9 @@
-//! The encoder of grids of cells (Appendix G.2): convolutions, the first of them pooled, and a dense
-//! layer, each with a rectifier.
+//! The encoder of grids of cells (Appendix G.2): convolutions, the first of which is pooled, and a dense layer. A
+//! rectifier follows each layer.
 //!
-//! Every layer computes the distinct windows of the batch only (`layer::windows`); the dense layer is one
-//! whose window is the whole image. So equal observations cost as much as one, and what moves in a grid
-//! costs its surroundings. Gradients of equal windows are summed before they go through a layer.
+//! Every layer computes only the distinct windows of the batch (`layer::windows`); the dense layer has one window,
+//! the whole image. So equal observations cost as much as one, and a change in a grid costs only the windows around
+//! it. Gradients of equal windows are summed before they go through a layer.
 
 use std::ops::Range;
 
@@ -27,25 +27,25 @@ pub(crate) struct CellsEncoder {
     squares: Windows,
     first: Cells,
     further: Vec<Layer>,
-    /// Where each layer's parameters lie.
+    /// Parameter range of each layer.
     ranges: Vec<Range<usize>>,
 }
 
-/// A layer behind the first.
+/// A layer after the first.
 #[derive(Clone, Debug)]
 struct Layer {
-    /// Over what the layer before gives.
+    /// Windows over the output of the previous layer.
     windows: Windows,
-    /// Numbers of each of its pixels.
+    /// Numbers per pixel of that output.
     channels: usize,
-    /// What each window goes through.
+    /// Dense layer applied to each window.
     dense: Dense,
 }
 
-/// What a thread needs to evaluate it, and to take gradients back through it.
+/// Memory of one thread for evaluating the encoder and for back-propagation.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellsMemory {
-    /// Those of observations whose windows were not known.
+    /// Windows of the last batch, unless it was a whole [`super::Indexed`].
     windows: CellsWindows,
     cells: Vec<u8>,
     pixels: Vec<f32>,
@@ -54,18 +54,18 @@ pub(crate) struct CellsMemory {
     gradients: Gradients,
 }
 
-/// The distinct windows of every layer for some observations.
+/// Distinct windows of every layer for a set of observations.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellsWindows(Vec<Distinct>);
 
-/// What a layer was given, and what it made of it.
+/// Input and output of a layer.
 #[derive(Clone, Debug, Default)]
 struct LayerMemory {
     input: Vec<f32>,
     output: Vec<f32>,
 }
 
-/// Gradients on their way back.
+/// Gradients during back-propagation.
 #[derive(Clone, Debug, Default)]
 struct Gradients {
     outputs: Vec<f32>,
@@ -73,10 +73,10 @@ struct Gradients {
 }
 
 impl CellsEncoder {
-    /// The encoder of `frames` grids of `[height, width]` a row.
+    /// Lays out the encoder for rows of `frames` grids of `[height, width]` each.
     ///
     /// # Panics
-    /// If there is no convolution, or the grid is too small for them.
+    /// If there is no convolution, or the grid is too small for the convolutions.
     pub(crate) fn new(
         grid: [usize; 2],
         classes: usize,
@@ -176,7 +176,7 @@ impl CellsEncoder {
         }
     }
 
-    /// Chooses the distinct windows of some rows from those of all.
+    /// Selects the distinct windows of some rows from those of all rows.
     fn choose(
         &self,
         CellsWindows(all): &CellsWindows,
@@ -227,7 +227,7 @@ impl CellsEncoder {
     }
 }
 
-/// The distinct windows of the first layer and of those behind it, for what was evaluated last.
+/// Returns the distinct windows of the first layer and those of the later layers, for the last evaluation.
 fn windows_of<'a>(
     observations: Observations<'a>,
     found: &'a CellsWindows,

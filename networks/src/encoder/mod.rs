@@ -1,4 +1,4 @@
-//! Encoders make features of observations; there is one for each kind of observation.
+//! Encoders turn observations into features; there is one for each kind of observation.
 
 mod cells;
 
@@ -14,12 +14,12 @@ use crate::layer::dense::Panels;
 use crate::layer::kernel::Vector16;
 use crate::layer::stack::GradientMemory;
 
-/// What makes features of the observations of a row.
+/// Encoder of the observations of a row.
 #[derive(Clone, Debug)]
 pub(crate) enum Encoder {
-    /// The numbers of vectors are features as they are.
+    /// Identity: the numbers of vector observations are the features.
     Vector {
-        /// Numbers of a row.
+        /// Numbers per row.
         len: usize,
     },
     /// Convolutions and a dense layer over grids of cells.
@@ -33,39 +33,39 @@ pub(crate) struct PreparedEncoder {
     panels: Vec<Panels>,
 }
 
-/// What a thread needs to evaluate an encoder and to take gradients back through it.
+/// Memory of one thread for evaluating an encoder and for back-propagation.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct EncoderMemory {
     cells: CellsMemory,
 }
 
-/// What repeats itself in observations; memory that is reused from one [`Indexed`] to the next.
+/// Distinct windows of observations; the memory is reused from one [`Indexed`] to the next.
 #[derive(Clone, Debug, Default)]
 pub struct WindowIndex {
     cells: CellsWindows,
 }
 
-/// Observations that one network and all with the same encoder can evaluate again and again, in whole or
-/// in part, without finding once more what repeats itself in them ([`crate::Network::index`]).
+/// Observations whose distinct windows are already known ([`crate::Network::index`]). Networks with the same
+/// encoder can evaluate them repeatedly, as a whole or in part, without searching again.
 #[derive(Clone, Copy, Debug)]
 pub struct Indexed<'a> {
     pub(crate) bytes: &'a [u8],
     pub(crate) windows: &'a WindowIndex,
 }
 
-/// The observations of a batch, `frames` to a row.
+/// The observations of a batch, `frames` per row.
 #[derive(Clone, Copy, Debug)]
 pub enum Observations<'a> {
-    /// Their bytes.
+    /// Plain bytes of the observations.
     Bytes(&'a [u8]),
-    /// All that were indexed.
+    /// All indexed observations.
     Indexed(Indexed<'a>),
-    /// Some of the rows that were indexed, by their positions.
+    /// Some rows of indexed observations, given by their positions.
     Rows(Indexed<'a>, &'a [u32]),
 }
 
 impl Encoder {
-    /// The encoder of so many observations a row.
+    /// Creates the encoder for rows of `frames` observations.
     ///
     /// # Panics
     /// If a grid of cells is too small for the convolutions.
@@ -83,7 +83,7 @@ impl Encoder {
         }
     }
 
-    /// Features of a row.
+    /// Returns the number of features per row.
     pub(crate) fn features(&self) -> usize {
         match self {
             Encoder::Vector { len } => *len,
@@ -91,12 +91,12 @@ impl Encoder {
         }
     }
 
-    /// Whether features are the observation's own numbers.
+    /// Returns whether the features are the observation's own numbers.
     pub(crate) fn is_identity(&self) -> bool {
         matches!(self, Encoder::Vector { .. })
     }
 
-    /// Where each layer's parameters lie.
+    /// Returns the range of each layer's parameters.
     pub(crate) fn parameter_ranges(&self) -> Vec<Range<usize>> {
         match self {
             Encoder::Vector { .. } => Vec::new(),
@@ -104,7 +104,7 @@ impl Encoder {
         }
     }
 
-    /// Draws first parameters.
+    /// Draws initial parameters.
     pub(crate) fn initial_parameters(&self, stream: &mut Stream) -> Vec<f32> {
         match self {
             Encoder::Vector { .. } => Vec::new(),
@@ -119,7 +119,7 @@ impl Encoder {
         }
     }
 
-    /// Finds what repeats itself in observations.
+    /// Finds the distinct windows of observations.
     pub(crate) fn index<'a>(
         &self,
         observations: &'a [u8],
@@ -131,7 +131,7 @@ impl Encoder {
         Indexed { bytes: observations, windows }
     }
 
-    /// Writes the features of observations, as many to a column of `features` as it has rows.
+    /// Writes the features of each row of observations to one column of `features`.
     ///
     /// # Panics
     /// If a cell's class is out of range.
@@ -150,7 +150,7 @@ impl Encoder {
         }
     }
 
-    /// Adds to `gradient` the gradient of the parameters, for that of the features in `gradients`.
+    /// Adds the gradient of the parameters to `gradient`, given the gradient of the features in `gradients`.
     pub(crate) fn backward(
         &self,
         prepared: &PreparedEncoder,
@@ -167,7 +167,7 @@ impl Encoder {
     }
 }
 
-/// Copies the numbers of vectors, `len` to a row.
+/// Copies the numbers of vector observations, `len` per row.
 fn copy(observations: Observations<'_>, len: usize, features: &mut DMatrix<f32>) {
     let copy = |features: &mut [f32], bytes: &[u8]| {
         features.iter_mut().zip(floats(bytes)).for_each(|(feature, number)| *feature = number);

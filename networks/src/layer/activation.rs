@@ -1,9 +1,9 @@
-//! The functions between layers, the same bits on every machine and quick in vector registers.
+//! Activation functions, with the same bits on every machine and fast in vector registers.
 
-/// What a layer does to its sums.
+/// Activation function of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
-    /// Nothing.
+    /// The sum itself.
     Identity,
     /// The larger of the sum and zero.
     Relu,
@@ -22,8 +22,8 @@ impl Activation {
         }
     }
 
-    /// Turns gradients of the function's outputs into gradients of its inputs. The outputs tell the
-    /// derivative; at zero it is zero for [`Activation::Relu`].
+    /// Turns gradients of the function's outputs into gradients of its inputs. The derivative is computed from the
+    /// outputs; at zero it is zero for [`Activation::Relu`].
     pub(crate) fn backward(self, outputs: &[f32], gradient: &mut [f32]) {
         let pairs = gradient.iter_mut().zip(outputs);
         match self {
@@ -40,27 +40,27 @@ impl Activation {
     }
 }
 
-/// The number if it is above zero, else zero. Unlike `f32::max` it leaves no choice of the zero's sign.
+/// Returns the number if it is positive, and otherwise zero. Unlike `f32::max`, it fixes the sign of zero.
 #[inline(always)]
 pub(crate) fn rectify(number: f32) -> f32 {
     if number > 0.0 { number } else { 0.0 }
 }
 
-/// Where `tanh` rounds to one in single precision.
+/// Input beyond which `tanh` rounds to one in single precision.
 const TANH_SATURATION: f32 = 9.0;
 
-/// Odd coefficients above the line, from x to x^9, of the rational fit to tanh on [-9, 9].
+/// Odd coefficients of the numerator, from x to x^9, of the rational fit to tanh on [-9, 9].
 const TANH_NUMERATOR: [f32; 5] =
     [0.999_999_98, 0.133_810_39, 3.495_603_4e-3, 2.060_930_4e-5, 1.335_491_4e-8];
 
-/// Even coefficients below the line, from 1 to x^8.
+/// Even coefficients of the denominator, from 1 to x^8.
 const TANH_DENOMINATOR: [f32; 5] =
     [1.0, 0.467_143_55, 2.587_704_2e-2, 3.285_658_5e-4, 7.776_669e-7];
 
-/// The hyperbolic tangent by a rational function, with a relative error below 4e-7.
+/// Computes the hyperbolic tangent by a rational function, with a relative error below 4e-7.
 ///
-/// The coefficients are a minimax fit by reweighted least squares (relative error 2e-8); what is left
-/// of the error is single precision.
+/// The coefficients are a minimax fit by reweighted least squares (relative error 2e-8); the remaining error comes
+/// from single precision.
 #[inline(always)]
 pub(crate) fn tanh(number: f32) -> f32 {
     let number = number.clamp(-TANH_SATURATION, TANH_SATURATION);

@@ -1,30 +1,30 @@
-//! The first layer over a grid of cells: convolution, rectifier and maximum pooling in one.
+//! The first layer over a grid of cells: convolution, rectifier and maximum pooling in one step.
 //!
-//! The input is one class per cell, which the paper's network sees as one-hot channels. A product
-//! with a one-hot vector is a row of the weights, so the convolution is a sum of table rows, one for
-//! each cell of the window, and the one-hot image is never built. Weights are stored
-//! `[frame][window row][window column][class][channel]`, then the biases.
+//! The input is one class per cell, which the paper's network sees as one-hot channels. The product of the weights
+//! with a one-hot vector is a row of the weights. So the convolution is a sum of table rows, one for each cell of
+//! the window, and the one-hot image is never built. Weights are stored as
+//! `[frame][window row][window column][class][channel]`, followed by the biases.
 
 use super::activation::rectify;
 use super::kernel::{COLUMNS, Vector16};
 
-/// Convolution of stride one over squares of cells, rectifier, and pooling of each square to one pixel
-/// (the first maximum wins).
+/// A convolution with stride one over squares of cells, a rectifier, and pooling of each square to one pixel (the
+/// first maximum wins).
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
-    /// Cells of a square, all frames together.
+    /// Cells of a square, over all frames.
     cells: usize,
     classes: usize,
-    /// Numbers of a pixel.
+    /// Numbers per pixel.
     pub(crate) channels: usize,
-    /// Where the cells of a window lie, from its first.
+    /// Offsets of a window's cells from its first cell.
     window: Vec<usize>,
-    /// Where the windows of a square begin.
+    /// Offsets of the windows of a square.
     corners: Vec<usize>,
 }
 
 impl Cells {
-    /// The layer over squares that are `pool + kernel - 1` cells wide, of so many frames.
+    /// Creates the layer over squares that are `pool + kernel - 1` cells wide and have `frames` frames.
     pub(crate) fn new(
         frames: usize,
         classes: usize,
@@ -44,18 +44,18 @@ impl Cells {
         }
     }
 
-    /// Numbers that one sum runs over.
+    /// Returns the number of inputs to one sum.
     pub(crate) fn fan_in(&self) -> usize {
         self.window.len() * self.classes
     }
 
-    /// Weights and biases.
+    /// Returns the number of weights and biases.
     pub(crate) fn parameter_count(&self) -> usize {
         (self.fan_in() + 1) * self.channels
     }
 
-    /// Packs `parameters` as a table: for every sixteen channels a vector for each cell of the window
-    /// and class, then one for the bias.
+    /// Packs `parameters` as a table. For each group of sixteen channels, it has one vector for each cell of the
+    /// window and class, then one vector for the bias.
     pub(crate) fn prepare(&self, parameters: &[f32], table: &mut Vec<Vector16>) {
         table.clear();
         for column in (0..self.channels).step_by(COLUMNS) {
@@ -65,7 +65,7 @@ impl Cells {
         }
     }
 
-    /// Computes a pixel of each square and, for each of its numbers, which window it came from.
+    /// Computes one pixel for each square and, for each of its numbers, the window that it came from.
     ///
     /// # Panics
     /// If a cell's class is not below the number of classes.
@@ -91,7 +91,7 @@ impl Cells {
         }
     }
 
-    /// The largest sums over the windows of a square, rectified, and which window gave them.
+    /// Returns the largest sums over the windows of a square, rectified, and the windows that gave them.
     #[inline(always)]
     fn pool(&self, table: &[Vector16], cells: &[u8]) -> (Vector16, [u8; COLUMNS]) {
         let mut best = [f32::NEG_INFINITY; COLUMNS];
@@ -111,7 +111,7 @@ impl Cells {
         (Vector16(best.map(rectify)), winner.map(|winner| winner as u8))
     }
 
-    /// Adds the gradient of the parameters to `gradient`, for that of the sums behind the pixels.
+    /// Adds the gradient of the parameters to `gradient`, given the gradient of the pixels before the rectifier.
     pub(crate) fn parameter_gradient(
         &self,
         squares: &[u8],
@@ -137,7 +137,7 @@ impl Cells {
         }
     }
 
-    /// Adds the gradient of a square's pixel to the table rows that its windows summed.
+    /// Adds the gradient of a square's pixel to the table rows that were summed for it.
     #[inline(always)]
     fn spread(&self, cells: &[u8], pixel: Vector16, winner: [u8; COLUMNS], table: &mut [Vector16]) {
         for (index, &corner) in self.corners.iter().enumerate() {

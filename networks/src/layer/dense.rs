@@ -1,47 +1,47 @@
-//! The dense layer: every row is multiplied by one matrix, and an activation follows.
+//! The dense layer: multiplies every row by one matrix, adds the biases and applies an activation.
 //!
-//! Weights are stored `[input][output]`, then the biases.
+//! Weights are stored as `[input][output]`, followed by the biases.
 
 use std::ops::Range;
 
 use super::activation::Activation;
 use super::kernel::{COLUMNS, Tile, Vector16, inner, outer, tiles};
 
-/// Rows that are worked on together, so that they stay in the cache.
+/// Rows that are processed together, so that they stay in the cache.
 const BLOCK_ROWS: usize = 192;
 
-/// Inputs that are worked on together, so that their weights stay in the cache.
+/// Inputs that are processed together, so that their weights stay in the cache.
 const BLOCK_INPUTS: usize = 256;
 
-/// An affine map of rows, and the activation behind it.
+/// An affine map of rows, followed by an activation.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense {
-    /// Numbers in one row of the input.
+    /// Numbers per input row.
     pub(crate) inputs: usize,
-    /// Numbers in one row of the output.
+    /// Numbers per output row.
     pub(crate) outputs: usize,
-    /// What follows the map.
+    /// Activation applied to the sums.
     pub(crate) activation: Activation,
 }
 
-/// The weights of a [`Dense`] in the order in which the kernel reads them.
+/// The weights of a [`Dense`] layer in the order in which the kernel reads them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Panels {
-    /// For every sixteen outputs, one vector for each input.
+    /// One vector per input for each group of sixteen outputs.
     forward: Vec<Vector16>,
-    /// The biases of every sixteen outputs.
+    /// Biases of each group of sixteen outputs.
     bias: Vec<Vector16>,
-    /// For every sixteen inputs, one vector for each output.
+    /// One vector per output for each group of sixteen inputs.
     backward: Vec<Vector16>,
 }
 
 impl Dense {
-    /// Weights and biases.
+    /// Returns the number of weights and biases.
     pub(crate) fn parameter_count(&self) -> usize {
         (self.inputs + 1) * self.outputs
     }
 
-    /// Packs `parameters` for the kernel, into memory that is kept between versions.
+    /// Packs `parameters` for the kernel, reusing the memory of `panels`.
     pub(crate) fn prepare(&self, parameters: &[f32], panels: &mut Panels) {
         let (weights, biases) = parameters.split_at(self.inputs * self.outputs);
         panels.bias.clear();
@@ -63,7 +63,7 @@ impl Dense {
         }
     }
 
-    /// Computes `output` from `input`, both one row after another.
+    /// Computes `output` from `input`, both stored row by row.
     pub(crate) fn forward(&self, panels: &Panels, input: &[f32], output: &mut [f32]) {
         let inputs = input.chunks(BLOCK_ROWS * self.inputs);
         for (input, output) in inputs.zip(output.chunks_mut(BLOCK_ROWS * self.outputs)) {
@@ -81,7 +81,7 @@ impl Dense {
         }
     }
 
-    /// Adds the gradient of the parameters to `gradient`, for the `output_gradients` of the sums.
+    /// Adds the gradient of the parameters to `gradient`, given the `output_gradients` before the activation.
     pub(crate) fn parameter_gradient(
         &self,
         input: &[f32],
@@ -106,7 +106,7 @@ impl Dense {
         }
     }
 
-    /// Writes the gradient of the input to `gradient`, for the `output_gradients` of the sums.
+    /// Writes the gradient of the input to `gradient`, given the `output_gradients` before the activation.
     pub(crate) fn input_gradient(
         &self,
         panels: &Panels,
@@ -127,8 +127,8 @@ impl Dense {
     }
 }
 
-/// Sixteen outputs of some rows, from some of their inputs on. Sums go on from what the inputs before
-/// have left in the output.
+/// Sixteen outputs of some rows, computed from a block of their inputs. Unless it is the first block, the sums
+/// continue from the values that the previous blocks have left in `output`.
 struct Forward<'a> {
     layer: &'a Dense,
     input: &'a [f32],
@@ -214,7 +214,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Numbers without a pattern that a wrong index could hide behind.
+    /// Returns irregular numbers, so that no pattern can hide a wrong index.
     fn numbers(count: usize, seed: u32) -> Vec<f32> {
         let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12_345);
         let mut next = || {

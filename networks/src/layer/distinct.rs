@@ -1,9 +1,9 @@
-//! Which windows of the images of a batch are the same.
+//! Finds equal windows in the images of a batch.
 //!
-//! Windows that see the same give the same numbers, so a layer computes each distinct one once. Grids of
-//! cells repeat themselves: of the windows of a minibatch a tenth or less is distinct. Windows are
-//! compared by a few numbers each, whatever they see in the end; and of images whose windows are known,
-//! some can be chosen without comparing again.
+//! Windows with equal content give equal outputs, so a layer computes each distinct window only once. Grids of
+//! cells repeat themselves: a tenth or less of the windows of a minibatch are distinct. Windows are compared by a
+//! few packed words each, however large their receptive field is. Once the windows of some images are known, a
+//! subset of these images needs no new comparison.
 
 use hashbrown::HashTable;
 use rustc_hash::FxHasher;
@@ -11,38 +11,38 @@ use std::hash::Hasher;
 
 use super::windows::{Packing, Windows};
 
-/// Numbers that are copied at a time.
+/// Numbers copied at a time.
 const CHUNK: usize = 8;
 
 /// The distinct windows of a batch of images, in order of their first appearance.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Distinct {
-    /// The pixels of one after another.
+    /// Pixels of the distinct windows, one window after another.
     pub(crate) pixels: Vec<u32>,
-    /// Which of them every window of every image is.
+    /// Number of the distinct window for every window of every image.
     pub(crate) which: Vec<u32>,
-    /// The pixels of one after another, packed.
+    /// Packed pixels of the distinct windows, one window after another.
     packed: Vec<u64>,
     table: HashTable<u32>,
-    /// The windows of an image, packed, and those of the image before.
+    /// Packed windows of the current image and, in `before`, of the previous image.
     image: Vec<u64>,
     before: Vec<u64>,
     numbering: Numbering,
 }
 
-/// How the windows of chosen images are numbered anew.
+/// Numbering of the windows of chosen images.
 #[derive(Clone, Debug, Default)]
 struct Numbering {
-    /// The new number of each window, [`Numbering::NONE`] of those that were not chosen.
+    /// New number of each window, or [`Numbering::NONE`] if the window was not chosen.
     new: Vec<u32>,
-    /// The window of each new number.
+    /// Window for each new number.
     chosen: Vec<u32>,
 }
 
 impl Numbering {
     const NONE: u32 = u32::MAX;
 
-    /// Forgets all numbers; there are `windows` to choose from.
+    /// Clears all numbers; there are `windows` windows to choose from.
     fn begin(&mut self, windows: usize) {
         for window in self.chosen.drain(..) {
             self.new[window as usize] = Numbering::NONE;
@@ -50,7 +50,7 @@ impl Numbering {
         self.new.resize(windows, Numbering::NONE);
     }
 
-    /// The new number of a window.
+    /// Returns the new number of a window, assigning one if it has none.
     fn number(&mut self, window: u32) -> u32 {
         let new = &mut self.new[window as usize];
         if *new == Numbering::NONE {
@@ -62,7 +62,7 @@ impl Numbering {
 }
 
 impl Distinct {
-    /// Finds the distinct windows of images.
+    /// Finds the distinct windows of `images`.
     pub(crate) fn find<P: Copy + Into<u32>>(&mut self, windows: &Windows, images: &[P]) {
         self.pixels.clear();
         self.which.clear();
@@ -76,7 +76,7 @@ impl Distinct {
             windows.pack(packing, image, &mut self.image);
             let above = self.which.len().saturating_sub(windows.count());
             for (position, place) in windows.places.iter().enumerate() {
-                // Most often it is what the image before had in the same place.
+                // Usually the window equals the one at the same place in the previous image.
                 let mut words = (0..packing.words).map(|word| word * packed + place);
                 let is_as_before = !self.before.is_empty()
                     && words.all(|word| self.image[word] == self.before[word]);
@@ -90,7 +90,7 @@ impl Distinct {
         }
     }
 
-    /// The number of a window of the image, which is a new one if it has not been seen.
+    /// Returns the number of a window of the image, assigning a new one if the window has not been seen before.
     fn number_of<P: Copy + Into<u32>>(
         &mut self,
         windows: &Windows,
@@ -113,8 +113,8 @@ impl Distinct {
         number
     }
 
-    /// Chooses some images of those whose windows were found before, as if they were found in the chosen
-    /// ones alone. `below` is what was chosen of the layer whose windows are the pixels of this one.
+    /// Selects the windows of some images from `of`, with the same result as [`Distinct::find`] on these images
+    /// alone. `below` is the selection in the previous layer, whose windows are the pixels of this layer.
     pub(crate) fn choose(
         &mut self,
         windows: &Windows,
@@ -141,8 +141,8 @@ impl Distinct {
         }
     }
 
-    /// Writes what each distinct window sees to `input`, where `outputs` has the `channels` numbers of
-    /// every pixel there is.
+    /// Writes the input of each distinct window to `input`. `outputs` holds `channels` numbers for each distinct
+    /// pixel.
     pub(crate) fn gather(&self, outputs: &[f32], channels: usize, input: &mut Vec<f32>) {
         input.resize(self.pixels.len() * channels, 0.0);
         for (&pixel, input) in self.pixels.iter().zip(input.chunks_exact_mut(channels)) {
@@ -153,18 +153,18 @@ impl Distinct {
         }
     }
 
-    /// Adds the numbers of every window of every image to those of the distinct one that it is.
+    /// Adds the numbers of every window of every image to those of its distinct window.
     pub(crate) fn sum(&self, numbers: &[f32], channels: usize, sums: &mut [f32]) {
         add_at(&self.which, numbers, channels, sums);
     }
 
-    /// Adds the gradient of what each distinct window sees to that of the pixels.
+    /// Adds the input gradient of each distinct window to the gradients of its pixels.
     pub(crate) fn spread(&self, input: &[f32], channels: usize, outputs: &mut [f32]) {
         add_at(&self.pixels, input, channels, outputs);
     }
 }
 
-/// Adds rows of numbers to the rows of sums that they belong to.
+/// Adds each row of numbers to the row of sums at its place.
 fn add_at(places: &[u32], numbers: &[f32], width: usize, sums: &mut [f32]) {
     for (&place, numbers) in places.iter().zip(numbers.chunks_exact(width)) {
         let sums = &mut sums[place as usize * width..][..width];
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn equal_windows_are_one() {
-        // Two images of 3 x 3: the windows of 2 x 2 of the second are all of the same.
+        // Two images of 3 x 3. The 2 x 2 windows of the second one are all equal.
         let images = [0, 1, 0, 1, 0, 1, 0, 1, 0, 2, 2, 2, 2, 2, 2, 2, 2, 2_u8];
         let windows = Windows::square(1, [3, 3], 2, 1);
         let mut distinct = Distinct::default();

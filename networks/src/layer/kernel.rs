@@ -1,16 +1,16 @@
-//! The multiplication kernel under every layer.
+//! The multiplication kernel that all layers use.
 //!
-//! A tile is up to six rows by sixteen columns of sums that stay in registers while the inner index
-//! runs. Each sum is one chain of fused multiply-adds in ascending order of that index, whatever the
-//! tile it lands in; so a number depends on its own row and column only, and not on the size of the
-//! batch, the place of the row in it, or the machine. The loops are plain arrays written so that the
-//! compiler keeps them in vector registers; `benches/update.rs` notices when it stops doing so.
+//! A tile is up to six rows by sixteen columns of sums that stay in registers while the inner index runs. Each sum
+//! is one chain of fused multiply-adds in ascending order of that index, independent of the tile. So a result
+//! depends only on its own row and column, not on the size of the batch, the position of the row in it, or the
+//! machine. The loops run over plain arrays so that the compiler keeps them in vector registers;
+//! `benches/update.rs` shows whether it does.
 
 /// Columns of a tile: two registers of eight numbers.
 pub(crate) const COLUMNS: usize = 16;
 
-/// Sixteen neighboring columns of a matrix row, zero where the matrix has fewer. It fills a cache line
-/// exactly: loads that straddle two lines cost a fifth of the speed.
+/// Sixteen adjacent columns of a matrix row, padded with zeros where the matrix has fewer. A vector fills exactly
+/// one cache line: loads that straddle two lines cost a fifth of the speed.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Vector16(pub(crate) [f32; COLUMNS]);
@@ -30,7 +30,7 @@ impl Vector16 {
         vector
     }
 
-    /// Adds the first columns to `target`, as many as it has.
+    /// Adds the leading columns to `target`, as many as it has.
     #[inline(always)]
     pub(crate) fn add_to(&self, target: &mut [f32]) {
         if let Ok(full) = <&mut [f32; COLUMNS]>::try_from(&mut *target) {
@@ -41,19 +41,19 @@ impl Vector16 {
     }
 }
 
-/// Rows of a full tile: twelve registers of sums, leaving four for what is multiplied.
+/// Rows of a full tile: the sums take twelve registers and leave four for the operands.
 const TILE: usize = 6;
 
-/// How many steps of the inner index are taken between two bounds checks.
+/// Steps of the inner index between two bounds checks.
 const UNROLL: usize = 8;
 
-/// Work that is done tile by tile.
+/// Work that is processed tile by tile.
 pub(crate) trait Tile {
-    /// Does the `R` rows from `first` on.
+    /// Processes the `R` rows starting at `first`.
     fn run<const R: usize>(&mut self, first: usize);
 }
 
-/// Covers `0..rows` by full tiles and one smaller tile for what remains.
+/// Covers `0..rows` with full tiles and one smaller tile for the rest.
 pub(crate) fn tiles(rows: usize, tile: &mut impl Tile) {
     let full = rows / TILE * TILE;
     for first in (0..full).step_by(TILE) {
@@ -77,8 +77,7 @@ fn multiply_add(sums: &mut Vector16, factor: f32, vector: &Vector16) {
     }
 }
 
-/// Adds to `sums[r]` the products `rows[r][k] * panel[k]` for ascending `k`. Every row is as long as
-/// the panel.
+/// Adds the products `rows[r][k] * panel[k]` to `sums[r]`, for ascending `k`. Every row is as long as the panel.
 #[inline(always)]
 pub(crate) fn inner<const R: usize>(
     mut sums: [Vector16; R],
@@ -104,7 +103,7 @@ pub(crate) fn inner<const R: usize>(
     sums
 }
 
-/// The sums over ascending `m` of `rows[m][first + r] * vectors[m]`, for rows of so many numbers.
+/// Returns the sums of `rows[m][first + r] * vectors[m]` over ascending `m`, where each row has `row` numbers.
 #[inline(always)]
 pub(crate) fn outer<const R: usize>(
     rows: &[f32],

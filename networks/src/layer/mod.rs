@@ -1,7 +1,7 @@
-//! The layers a network is made of, each with its forward and its backward half.
+//! The layers of a network, each with its forward and backward pass.
 //!
-//! A layer knows shapes only. It reads its own stretch of the flat parameters, packed once per
-//! version for the kernel, and adds to the same stretch of the flat gradient.
+//! A layer knows only shapes. It reads its own range of the flat parameters, which is packed for the kernel once
+//! per version, and adds to the same range of the flat gradient.
 
 pub(crate) mod activation;
 pub(crate) mod cells;
@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-/// Where the parameters of layers lie that have so many, one behind another.
+/// Returns the ranges of the parameters of consecutive layers, given the number of parameters of each.
 pub(crate) fn ranges(counts: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
     counts
         .scan(0, |end, count| {
@@ -25,7 +25,7 @@ pub(crate) fn ranges(counts: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Gives a matrix a new shape in the memory it has; its numbers are to be overwritten.
+/// Changes the shape of a matrix in its own memory. The numbers keep their order in memory; those added are zero.
 pub(crate) fn reshape(matrix: &mut DMatrix<f32>, features: usize, rows: usize) {
     if matrix.shape() != (features, rows) {
         let mut numbers: Vec<f32> = std::mem::replace(matrix, DMatrix::zeros(0, 0)).data.into();

@@ -1,4 +1,4 @@
-//! Dense layers one behind another.
+//! A stack of dense layers.
 
 use std::ops::Range;
 
@@ -8,18 +8,18 @@ use super::dense::{Dense, Panels};
 use super::kernel::Vector16;
 use super::{ranges, reshape};
 
-/// Layers, each of which reads what the one before it gives.
+/// Dense layers, each of which reads the output of the previous one.
 #[derive(Clone, Debug)]
 pub(crate) struct Stack {
     layers: Vec<Dense>,
-    /// Where each layer's parameters lie, from the first of the stack.
+    /// Parameter range of each layer, relative to the first parameter of the stack.
     ranges: Vec<Range<usize>>,
 }
 
-/// What a thread needs to take gradients back through layers.
+/// Memory of one thread for back-propagation through layers.
 #[derive(Clone, Debug)]
 pub(crate) struct GradientMemory {
-    /// Gradient of the outputs of the layer that comes next, `features x rows`.
+    /// Gradient of the outputs of the layer to be processed next, `features x rows`.
     pub(crate) outputs: DMatrix<f32>,
     inputs: DMatrix<f32>,
     pub(crate) vectors: Vec<Vector16>,
@@ -38,17 +38,17 @@ impl Stack {
         Self { layers, ranges }
     }
 
-    /// The layers, from the first.
+    /// Returns the layers in order.
     pub(crate) fn layers(&self) -> &[Dense] {
         &self.layers
     }
 
-    /// Where each layer's parameters lie.
+    /// Returns the range of each layer's parameters.
     pub(crate) fn ranges(&self) -> &[Range<usize>] {
         &self.ranges
     }
 
-    /// Weights and biases.
+    /// Returns the number of weights and biases.
     pub(crate) fn parameter_count(&self) -> usize {
         self.ranges.last().map_or(0, |range| range.end)
     }
@@ -61,14 +61,14 @@ impl Stack {
         }
     }
 
-    /// Makes room in `values` for the input of every layer and the output of the last, and gives the
-    /// input, which is to be written.
+    /// Allocates `values` for the input of every layer and the output of the last one. Returns the input, for the
+    /// caller to fill.
     pub(crate) fn input<'v>(&self, values: &'v mut Vec<DMatrix<f32>>) -> &'v mut DMatrix<f32> {
         values.resize_with(self.layers.len() + 1, || DMatrix::zeros(0, 0));
         &mut values[0]
     }
 
-    /// Evaluates the layers, from the input at the front of `values`.
+    /// Evaluates the layers, starting from the input in `values[0]`.
     pub(crate) fn forward(&self, panels: &[Panels], values: &mut [DMatrix<f32>]) {
         for (index, (layer, panels)) in self.layers.iter().zip(panels).enumerate() {
             let [input, output] = values
@@ -79,8 +79,8 @@ impl Stack {
         }
     }
 
-    /// Adds to `gradient` the gradient of the parameters, for that of the outputs in `memory`. If the
-    /// `input` is asked for, its gradient is left in the same place.
+    /// Adds the gradient of the parameters to `gradient`, given the gradient of the outputs in `memory`. If `input`
+    /// is set, the gradient of the input replaces that of the outputs in `memory`.
     pub(crate) fn backward(
         &self,
         panels: &[Panels],
@@ -100,7 +100,7 @@ impl Stack {
         }
     }
 
-    /// Replaces the gradient of the outputs in `memory` by that of the input.
+    /// Replaces the gradient of the outputs in `memory` with the gradient of the input.
     pub(crate) fn input_gradient(
         &self,
         panels: &[Panels],
@@ -115,7 +115,7 @@ impl Stack {
 }
 
 impl GradientMemory {
-    /// Begins with the gradient of the outputs of the last layer.
+    /// Starts back-propagation with the gradient of the last layer's outputs.
     pub(crate) fn begin(&mut self, output_gradient: &DMatrix<f32>) {
         reshape(&mut self.outputs, output_gradient.nrows(), output_gradient.ncols());
         self.outputs.copy_from(output_gradient);

@@ -1,38 +1,38 @@
-//! Where the windows of an image lie, and how they are packed to be compared.
+//! Windows of an image, and their packing for comparison.
 //!
-//! An image is a row of numbers that say what its pixels are: classes of cells, or which distinct window
-//! of the layer before.
+//! An image is a sequence of numbers that identify its pixels: classes of cells, or distinct windows of the
+//! previous layer.
 
-/// Where the windows of an image lie.
+/// Positions of the windows of an image.
 #[derive(Clone, Debug)]
 pub(crate) struct Windows {
-    /// Pixels of an image, all frames together.
+    /// Pixels of an image, over all frames.
     pub(super) pixels: usize,
-    /// Pixels of a line of it.
+    /// Pixels per line of the image.
     width: usize,
-    /// Where the pixels of a window lie, from its first.
+    /// Offsets of a window's pixels from its first pixel.
     window: Vec<usize>,
     /// Pixels from one window to the next.
     step: usize,
-    /// How many there are, one below another and beside another.
+    /// Numbers of rows and columns of windows.
     pub(crate) size: [usize; 2],
-    /// Where each lies among the packed ones.
+    /// Position of each window among the packed ones.
     pub(super) places: Vec<usize>,
 }
 
-/// How the pixels of a window are packed: as many words as they fill.
+/// How the pixels of a window are packed into 64-bit words.
 #[derive(Clone, Copy)]
 pub(super) struct Packing {
-    /// Bits of a pixel.
+    /// Bits per pixel.
     bits: u32,
-    /// Pixels of a word.
+    /// Pixels per word.
     pixels: usize,
-    /// Words of a window.
+    /// Words per window.
     pub(super) words: usize,
 }
 
 impl Packing {
-    /// Of windows of so many pixels, none of which is larger than `largest`.
+    /// Returns the packing for windows of `pixels` pixels with values up to `largest`.
     pub(super) fn of(largest: u32, pixels: usize) -> Packing {
         let bits = (u32::BITS - largest.leading_zeros()).max(1);
         let of_word = (u64::BITS / bits) as usize;
@@ -41,8 +41,8 @@ impl Packing {
 }
 
 impl Windows {
-    /// Square windows of so many pixels a side, `step` apart, over `frames` images of `[height, width]`
-    /// that lie behind each other. What does not fill a window is left out.
+    /// Lays out square windows with `side` pixels a side, `step` pixels apart, over `frames` consecutive images of
+    /// `[height, width]`. Remainders that do not fill a window are left out.
     pub(crate) fn square(
         frames: usize,
         [height, width]: [usize; 2],
@@ -65,7 +65,7 @@ impl Windows {
         }
     }
 
-    /// One window that sees the whole image.
+    /// Lays out one window that covers the whole image.
     pub(crate) fn whole([height, width]: [usize; 2]) -> Windows {
         let pixels = height * width;
         Windows {
@@ -78,17 +78,17 @@ impl Windows {
         }
     }
 
-    /// Pixels of a window.
+    /// Returns the number of pixels in a window.
     pub(crate) fn len(&self) -> usize {
         self.window.len()
     }
 
-    /// Windows of an image.
+    /// Returns the number of windows in an image.
     pub(super) fn count(&self) -> usize {
         self.size[0] * self.size[1]
     }
 
-    /// The pixels of a window of an image.
+    /// Returns the pixels of a window of an image.
     pub(super) fn pixels_of<P: Copy + Into<u32>>(
         &self,
         image: &[P],
@@ -99,18 +99,18 @@ impl Windows {
         self.window.iter().map(|&offset| image[offset].into())
     }
 
-    /// Windows of a line if they were one pixel apart: so many are packed, for a processor packs many at a
-    /// time and picks none.
+    /// Returns the number of windows packed per line, as if they were one pixel apart: packing all of them is
+    /// vectorized, and picking every `step`-th would not be.
     fn line(&self) -> usize {
         (self.size[1] - 1) * self.step + 1
     }
 
-    /// How many windows are packed.
+    /// Returns the number of packed windows.
     pub(super) fn packed(&self) -> usize {
         self.size[0] * self.line()
     }
 
-    /// Packs the windows of an image: the first word of each, then the second of each, and so on.
+    /// Packs the windows of an image: the first words of all windows, then the second words, and so on.
     pub(super) fn pack<P: Copy + Into<u32>>(
         &self,
         packing: Packing,

@@ -1,5 +1,5 @@
-//! What the bus costs: a trajectory from publisher to reader, and a question with its answer, woken
-//! by doorbells between two threads.
+//! The cost of the bus: a trajectory from publisher to reader, and a question with its answer between two threads that
+//! doorbells wake.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -14,7 +14,7 @@ fn open(address: &BusAddress, name: &str) -> Bus {
     Bus::open(address, name).expect("shared memory has room")
 }
 
-/// One reader; with the copy into shared memory, the copy out of it, and the two bells.
+/// Measures one reader, including the copies into and out of shared memory, and the two bells.
 fn trajectories(criterion: &mut Criterion) {
     let address = BusAddress::unique_for_test();
     let mut group = criterion.benchmark_group("trajectory");
@@ -37,7 +37,7 @@ fn trajectories(criterion: &mut Criterion) {
     address.remove().expect("nobody is alive");
 }
 
-/// The server sleeps on its bell, the client on its own.
+/// Measures a question with its answer. Server and client each sleep on their own bell.
 fn questions(criterion: &mut Criterion) {
     let address = BusAddress::unique_for_test();
     let stop = AtomicBool::new(false);

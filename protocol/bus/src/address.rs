@@ -1,10 +1,10 @@
-//! Where a run's bus is: the names that keep runs, tests and users from ever meeting.
+//! The address of a run's bus: names that keep the buses of runs, tests and users apart.
 //!
-//! iceoryx2 separates buses by the prefix of their shared memory objects and by the folder of their
-//! node files and sockets. Both follow from the run's folder and from a random number in its file
-//! `bus`, which only its owner can read: nobody else can guess them beforehand, and a copy of a run's
-//! folder has a bus of its own. The file also says where the bus folder lies, so that every process
-//! finds the same one whatever its environment.
+//! iceoryx2 separates buses by the prefix of their shared memory objects and by the folder of their node files and
+//! sockets. Both are derived from the path of the run's folder and from a random number in its file `bus`, which only
+//! its owner can read. So nobody else can guess them beforehand, and a copy of a run's folder has a bus of its own.
+//! The file also says where the bus folder is, so that every process finds the same one whatever its environment
+//! variables.
 
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -34,29 +34,29 @@ pub(super) const CREATION_TIMEOUT: Duration = Duration::from_secs(2);
 /// The file of a run that says where its bus is.
 const BUS_FILE: &str = "bus";
 
-/// Longest path of the folder that bus folders lie in, bytes. A socket's path has at most 107; below
-/// the base come `/gw_` and the key, 20 bytes, and iceoryx2's name of a socket, at most 66.
+/// Maximum length of the path of the folder that contains bus folders, in bytes. A socket's path has at most 107
+/// bytes. After the base come `/gw_` and the key, 20 bytes, and iceoryx2's name of a socket, at most 66.
 const BASE_BYTES: usize = 21;
 
-/// The names of one bus.
+/// The names used by one bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BusAddress {
     prefix: String,
     root: PathBuf,
 }
 
-/// What the file `bus` holds.
+/// The content of the file `bus`.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct BusFile {
     /// A random number, in hexadecimal.
     nonce: String,
-    /// The folder that the bus folder lies in.
+    /// The folder that contains the bus folder.
     base: PathBuf,
 }
 
 impl BusAddress {
-    /// The address of the run in `run_directory`, which has been started before.
+    /// Returns the address of the run in `run_directory`, which must have been started before.
     ///
     /// # Errors
     /// When the run has never been started, or its file `bus` cannot be read.
@@ -68,7 +68,7 @@ impl BusAddress {
         Self::if_started(run_directory)?.ok_or_else(missing)
     }
 
-    /// The address of the run in `run_directory`; none if it has never been started.
+    /// Returns the address of the run in `run_directory`; `None` if it has never been started.
     ///
     /// # Errors
     /// When the folder's canonical path cannot be found, or its file `bus` cannot be read.
@@ -87,14 +87,14 @@ impl BusAddress {
         }
     }
 
-    /// The address of the run in `run_directory`, which whoever calls this is about to start. The
-    /// run's lock must be held.
+    /// Returns the address of the run in `run_directory`, which the caller is about to start. The caller must hold the
+    /// run's lock.
     ///
     /// # Errors
     /// When its file `bus` cannot be read or written.
     pub fn for_start(run_directory: &Path) -> Result<Self, Error> {
         if let Some(address) = Self::if_started(run_directory)?
-            // A folder that went with its user's login has nobody in it.
+            // If the base folder is gone, as after its user's logout, nobody is on the bus.
             && address.root.parent().is_some_and(Path::is_dir)
         {
             return Ok(address);
@@ -107,12 +107,12 @@ impl BusAddress {
         Self::of_run(run_directory)
     }
 
-    /// An address no one else has.
+    /// Returns an address that nobody else has.
     pub fn unique_for_test() -> Self {
         Self::of_key(&base(), random())
     }
 
-    /// The address that the file `bus` of the run at this canonical path gives.
+    /// Derives the address of the run at this canonical path from the text of its file `bus`.
     fn from_text(run: &Path, text: &str) -> Result<Self, Error> {
         let refused = |message| Error::BusFile { path: run.join(BUS_FILE), message };
         let file: BusFile = toml::from_str(text)
@@ -133,20 +133,20 @@ impl BusAddress {
         BusAddress { prefix: format!("gw_{key:016x}_"), root: base.join(format!("gw_{key:016x}")) }
     }
 
-    /// What the name of every shared memory object of this bus begins with.
+    /// Returns the prefix of the names of this bus's shared memory objects.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// The folder of the bus.
+    /// Returns the bus folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Whether a process of this run lives.
+    /// Returns whether a process of this run is alive.
     ///
     /// # Errors
-    /// When the bus folder is not ours alone, or cannot be listed.
+    /// When the bus folder is not private to this user, or cannot be listed.
     pub fn is_anyone_alive(&self) -> Result<bool, Error> {
         if !check_folder(&self.root)? {
             return Ok(false);
@@ -154,7 +154,7 @@ impl BusAddress {
         Ok(!alive(&self.config()?)?.is_empty())
     }
 
-    /// Everybody on the bus of this run, by name; the dead too, until what they left is cleaned away.
+    /// Returns all members of this run's bus, sorted by name. Dead ones are included until they are cleaned up.
     ///
     /// # Errors
     /// When the bus cannot be listed.
@@ -165,12 +165,12 @@ impl BusAddress {
         members(&self.config()?)
     }
 
-    /// Removes everything the run left in shared memory: after its end, or before a new start. No
-    /// process may be joining meanwhile. Other runs, and what belongs to others, are never touched.
+    /// Removes everything the run left in shared memory, after its end or before a new start. No process may join at
+    /// the same time. Other runs and other users' files are never touched.
     ///
     /// # Errors
-    /// When a process of the run lives, with its name; when something of another user is in the way,
-    /// with its path and owner; or when a file cannot be removed.
+    /// When a process of the run is alive, with its name; when another user's file is in the way, with its path and
+    /// owner; or when a file cannot be removed.
     pub fn remove(&self) -> Result<(), Error> {
         const OPERATION: &str = "removal";
         if check_folder(&self.root)? {
@@ -192,17 +192,17 @@ impl BusAddress {
             let shown = path.display().to_string();
             unless_missing(fs::remove_file(&path)).map_err(failed(OPERATION, &shown))?;
         }
-        // It follows no links.
+        // This follows no links.
         unless_missing(fs::remove_dir_all(&self.root))
             .map_err(failed(OPERATION, &self.root.display().to_string()))
     }
 
-    /// Removes the objects that have had no size for longer than `patience`, and says whether there are
-    /// others. A process that is killed between the making of an object and its sizing leaves one, and
-    /// iceoryx2 waits without end for its size, in whoever opens it or cleans up after the dead.
+    /// Removes shared memory objects that have had size 0 for at least `patience`, and returns whether there are
+    /// younger ones. A process that is killed between creating an object and setting its size leaves one. iceoryx2
+    /// then waits forever for the size, in any process that opens the object or cleans up dead nodes.
     ///
     /// # Errors
-    /// When one of another user is in the way, with its path and owner, or cannot be removed.
+    /// When such an object belongs to another user, with its path and owner, or cannot be removed.
     pub(super) fn remove_sizeless(&self, patience: Duration) -> Result<bool, Error> {
         let mut is_any_young = false;
         for path in self.objects() {
@@ -222,7 +222,7 @@ impl BusAddress {
         Ok(is_any_young)
     }
 
-    /// What lies in shared memory under the names of this bus, beside its folder.
+    /// Returns the shared memory objects of this bus, without its folder.
     fn objects(&self) -> Vec<PathBuf> {
         let entries = fs::read_dir(SHARED_MEMORY_ROOT).into_iter().flatten().flatten();
         let is_ours = |entry: &fs::DirEntry| {
@@ -231,12 +231,13 @@ impl BusAddress {
         entries.filter(is_ours).map(|entry| entry.path()).collect()
     }
 
-    /// Makes the bus folder, or sees that it is ours alone.
+    /// Creates the bus folder, or checks that the existing one is private to this user.
     pub(super) fn enter(&self) -> Result<(), Error> {
         private::make_folder(&self.root)
     }
 
-    /// Closes to others what iceoryx2 made open: a counter of its nodes, which anybody could write.
+    /// Removes other users' access to this bus's objects. iceoryx2 makes one of them, a counter of nodes, writable for
+    /// everybody.
     pub(super) fn close_to_others(&self) -> Result<(), Error> {
         self.objects().iter().try_for_each(|path| private::close_to_others(path))
     }
@@ -250,13 +251,13 @@ impl BusAddress {
         let root = iceoryx2::prelude::Path::new(root).map_err(failed(OPERATION, &self.prefix))?;
         config.global.set_root_path(&root);
         config.global.creation_timeout = CREATION_TIMEOUT;
-        // A short-lived process must not spend its exit on others; the supervisor cleans up.
+        // A short-lived process must not delay its exit to clean up after others; the supervisor does that.
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         Ok(config)
     }
 
-    /// Makes this process's first address iceoryx2's default too. Otherwise cleaning up after a
-    /// process that died while it was joining would search the machine for somebody's settings.
+    /// Makes this process's first address iceoryx2's default as well. Otherwise, cleaning up after a process that died
+    /// while joining would search the machine for somebody's configuration.
     pub(super) fn claim_defaults(&self, config: &Config) -> Result<(), Error> {
         const OPERATION: &str = "writing of the settings";
         let Ok(mut claimed) = DEFAULTS_CLAIMED.lock() else { return Ok(()) };
@@ -276,14 +277,13 @@ impl BusAddress {
     }
 }
 
-/// A number that nobody can guess: the standard library's hash maps are keyed by the system's
-/// randomness.
+/// Returns a number that nobody can guess: the standard library's hash maps are keyed by the system's randomness.
 fn random() -> u64 {
     RandomState::new().hash_one(std::process::id())
 }
 
-/// Where bus folders lie: in the user's own folder for such things, which is nobody else's; else in
-/// shared memory, which is gone after a reboot; else among temporary files.
+/// Returns the folder that contains bus folders: the user's private runtime folder; else shared memory, which is gone
+/// after a reboot; else the folder of temporary files.
 fn base() -> PathBuf {
     let own = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
     let shared_memory = || {

@@ -1,4 +1,4 @@
-//! One question at a time about leases, asked again where there is no learner or none that answers.
+//! Asks about leases, one question at a time. It can ask again if there is no learner or it does not answer.
 
 use std::time::{Duration, Instant};
 
@@ -7,11 +7,11 @@ use protocol::Error;
 
 use super::question::{Client, Pending};
 
-/// How long a learner is left alone that is not there.
+/// How long to wait after finding no learner before asking again.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 
-/// A question is answered when there are leases. One that is open for so long is given up: asking again shows
-/// the learner that the actor lives, and finds a learner that was restarted.
+/// How long a question stays open. It is answered once there are leases. Asking again after this time shows the
+/// learner that the actor is alive, and reaches a learner that was restarted.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Asks the learner for leases; answers ring the doorbell that it was opened with.
@@ -27,12 +27,12 @@ impl LeaseAsker {
         LeaseAsker { client, open: None, refused: None }
     }
 
-    /// Whether a question may be asked: none is open, and the learner was not missing a moment ago.
+    /// Returns whether a question may be asked: none is open, and the learner was not missing a moment ago.
     pub fn is_free(&self) -> bool {
         self.open.is_none() && self.refused.is_none_or(|refused| refused.elapsed() >= ASK_AGAIN)
     }
 
-    /// Asks; a question that is still open is given up.
+    /// Sends a question. An earlier one that is still open is given up.
     ///
     /// # Errors
     /// When there is no learner.
@@ -50,13 +50,13 @@ impl LeaseAsker {
         }
     }
 
-    /// Gives an open question up.
+    /// Gives up an open question.
     pub fn give_up(&mut self) {
         self.open = None;
     }
 
-    /// The answer to the open question. One that `read` makes nothing of is none of the learner's, whose
-    /// own may still come.
+    /// Returns the answer to the open question, if it has arrived. An answer for which `read` returns `None` is not
+    /// the learner's, whose own answer may still come.
     pub fn answer<T>(&mut self, read: impl FnOnce(Bytes) -> Option<T>) -> Option<T> {
         let (pending, since) = self.open.as_ref()?;
         let answer = match pending.poll() {

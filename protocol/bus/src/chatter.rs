@@ -1,7 +1,7 @@
 //! Keeps iceoryx2's own log lines, which dump whole structures, out of the user's terminal.
 //!
-//! Its errors become `tracing` errors without the dump of where they come from, its warnings debug
-//! lines; what it says below that is not even formatted.
+//! Its errors become `tracing` errors without the dump of their origin, and its warnings debug lines. Anything below
+//! that is not even formatted.
 
 use std::fmt::Arguments;
 use std::sync::Once;
@@ -21,7 +21,7 @@ impl Log for Forwarder {
     }
 }
 
-/// Before iceoryx2 says its first word; later calls do nothing.
+/// Redirects iceoryx2's log. Must be called before iceoryx2 logs anything; later calls do nothing.
 pub(super) fn quieten() {
     QUIETEN.call_once(|| {
         iceoryx2_log::set_logger(&Forwarder);

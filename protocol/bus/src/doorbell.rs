@@ -1,7 +1,7 @@
-//! Waking a sleeping process: one bell per role, so that a process sleeps on one thing.
+//! Wakes sleeping processes. There is one bell per role, so that a process sleeps on one thing only.
 //!
-//! A ring says only that there is something to look at. Rings coalesce while nobody listens, and a
-//! wait may end without one, so after every wait the process looks at all its ports.
+//! A ring only says that there is something to look at. Rings coalesce while nobody listens, and a wait may end
+//! without a ring, so the process checks all its ports after every wait.
 
 use std::cell::OnceCell;
 use std::rc::Rc;
@@ -15,7 +15,7 @@ use protocol::{Error, MAX_ACTORS};
 
 use super::{MAX_NODES, SharedMemory, failed, opened, service_name};
 
-/// What a process is for its doorbell.
+/// The role of a process, which determines its doorbell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Role {
@@ -44,7 +44,8 @@ impl Role {
     }
 }
 
-/// Nodes that ring: beside actors, of other machines those that stand in for them, each machine itself.
+/// Maximum number of nodes that ring: those of the bus, where stand-ins represent the actors of other machines, and
+/// one for each of these machines.
 const MAX_RINGERS: usize = MAX_NODES + MAX_ACTORS;
 
 fn open_service(node: &Node<SharedMemory>, role: Role) -> Result<PortFactory<SharedMemory>, Error> {
@@ -69,7 +70,7 @@ pub struct Doorbell {
     sleeper: Sleeper,
 }
 
-/// A process that sleeps on the bell of a role, for whoever is to wake it alone.
+/// A process that sleeps on the bell of a role. It allows waking this process alone.
 #[derive(Clone, Copy, Debug)]
 pub struct Sleeper {
     pub(super) role: Role,
@@ -87,19 +88,19 @@ impl Doorbell {
         Ok(Doorbell { listener, bell, sleeper })
     }
 
-    /// Who sleeps on it.
+    /// Returns the process that sleeps on this bell.
     pub fn sleeper(&self) -> Sleeper {
         self.sleeper
     }
 
-    /// Sleeps until somebody rings or `timeout` is over, and takes all rings there are. Returns
-    /// whether it was rung. Also returns, unrung, when the process gets a signal.
+    /// Sleeps until somebody rings or `timeout` has passed, and consumes all rings. Returns whether it was rung. A
+    /// signal to the process also ends the wait.
     ///
     /// # Errors
     /// When the bell is broken.
     pub fn wait(&self, timeout: Duration) -> Result<bool, Error> {
         let mut rung = false;
-        // A socket takes no wait at all for an endless one.
+        // For a socket, a timeout of zero means to wait forever.
         let result = if timeout < Duration::from_micros(1) {
             self.listener.try_wait(|_| rung = true)
         } else {

@@ -1,22 +1,21 @@
-//! How everything travels between the processes of one run: shared memory, by iceoryx2.
+//! The transport between the processes of one run: shared memory, by iceoryx2.
 //!
-//! Only this module names iceoryx2; it carries bytes and knows no message. Who sends what to whom,
-//! and whose doorbell is rung by it:
+//! Only this crate depends on iceoryx2. It transports bytes and knows no messages. This table shows who sends what to
+//! whom, and whose doorbell it rings:
 //!
 //! | service | from | to | kept when the reader is slow | doorbell |
 //! |---|---|---|---|---|
-//! | trajectories | actors | learner, proximity service, tools | hundreds; the actor waits a moment for the first two | theirs |
+//! | trajectories | actors | learner, proximity service, tools | hundreds; actors wait for the first two | first two |
 //! | weights | learner | actors | the newest two | actors |
 //! | leases | actors ask | learner answers | one answer per question | learner, then the asker |
-//! | scores | anyone asks | proximity service answers | one answer per question | likewise |
+//! | scores | anyone asks | proximity service answers | one answer per question | proximity service, then the asker |
 //! | progress | learner | supervisor, tools | the newest | supervisor |
 //!
-//! A process opens one [`Bus`] and sleeps on one [`Doorbell`]. Whoever sends rings the receiver's
-//! bell; whoever is rung looks at everything it receives, until each port says that it is empty.
-//! Ports belong to the thread that made them.
+//! A process opens one [`Bus`] and sleeps on one [`Doorbell`]. A sender rings the receiver's bell. A process that was
+//! rung reads all its ports until each is empty. Ports belong to the thread that created them.
 //!
-//! What the bus does not promise is settled above it: a trajectory whose reader was not connected yet, or
-//! did not read for long, is gone, so the learner hands its lease out again ([`TrajectoryPublisher::publish`]).
+//! The bus does not guarantee delivery: a trajectory is lost to a reader that was not connected yet or has not read
+//! for long. The learner then hands out its lease again ([`TrajectoryPublisher::publish`]).
 
 mod address;
 mod asker;
@@ -56,20 +55,20 @@ pub use trajectories::{
     Published, TRAJECTORY_BUFFER, TrajectoryHeader, TrajectoryPublisher, TrajectorySubscriber,
 };
 
-/// Nodes of one bus: the actors, the three other processes, tools, and room for restarted ones that
-/// come back before their dead predecessor is cleaned away.
+/// Maximum number of nodes of one bus: the actors, the three other processes, tools, and restarted processes whose
+/// dead predecessors have not been cleaned up yet.
 const MAX_NODES: usize = MAX_ACTORS + 16;
 
-/// A run has one learner and one proximity service; the second place is for the restarted one.
+/// Maximum number of learners, or of proximity services, on a bus: one, and a second one that replaces a dead one.
 const MAX_INCARNATIONS: usize = 2;
 
 /// The proximity service's name on the bus.
 pub const SERVICE_NAME: &str = "proximity-service";
 
-/// How long opening a service is tried: a neighbour that is cleaning up disturbs it for a moment.
+/// How long opening a service is retried: a process that is cleaning up disturbs it for a moment.
 const OPEN_PATIENCE: Duration = Duration::from_secs(2);
 
-/// A process's place on the bus of a run. Ports outlive it.
+/// A process's connection to the bus of a run. Its ports may outlive it.
 #[derive(Debug)]
 pub struct Bus {
     address: BusAddress,
@@ -81,8 +80,8 @@ impl Bus {
     /// Joins the bus at `address` under the process's `name`, such as `actor-3`.
     ///
     /// # Errors
-    /// When the name is longer than 128 bytes, the bus folder is not this user's alone, or the node
-    /// cannot be created.
+    /// When the name is longer than 128 bytes, the bus folder is not private to this user, or the node cannot be
+    /// created.
     pub fn open(address: &BusAddress, name: &str) -> Result<Self, Error> {
         let config = address.config()?;
         chatter::quieten();
@@ -99,7 +98,7 @@ impl Bus {
         Ok(Bus { address: address.clone(), node, ringers: Rc::new(Ringers::default()) })
     }
 
-    /// Names of the processes on this bus that live, sorted; this one is among them.
+    /// Returns the names of the living processes on this bus, sorted, including this one.
     ///
     /// # Errors
     /// When the bus cannot be listed.
@@ -107,13 +106,13 @@ impl Bus {
         alive(self.node.config())
     }
 
-    /// Frees what dead processes left: a reader's full buffer, a server's place, memory. Nothing
-    /// notices a death by itself, so the supervisor and the learner call this every half second.
-    /// Returns how many dead processes were cleaned away.
+    /// Frees what dead processes left: a reader's full buffer, a server's slot, memory. Nothing notices a death by
+    /// itself, so the supervisor and the learner call this every half second. Returns how many dead processes were
+    /// cleaned up.
     pub fn clean_up(&self) -> u64 {
         match self.address.remove_sizeless(CREATION_TIMEOUT) {
             Ok(false) => {}
-            // Its maker is at work, or has just died: the next call sees which.
+            // Its creator is still at work or has just died: the next call will know.
             Ok(true) => return 0,
             Err(error) => {
                 tracing::debug!("dead processes could not be cleaned away yet: {error}");
@@ -123,7 +122,7 @@ impl Bus {
         self.node.try_cleanup_dead_nodes().cleanups
     }
 
-    /// The bell this process sleeps on.
+    /// Opens the bell that this process sleeps on.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -131,7 +130,7 @@ impl Bus {
         Doorbell::new(&self.node, role)
     }
 
-    /// Rings the bell of every process with `role`. Ports ring by themselves.
+    /// Returns the ringer that wakes every process with `role`. Ports ring by themselves.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -147,9 +146,9 @@ impl Bus {
         self.ringer(sleeper.role)?.ring_one(sleeper.node)
     }
 
-    /// Sends the trajectories of a rollout. Readers that learn are waited for while their queue is full,
-    /// each for so long, and then not until it has read again: they ask for what they miss. Nobody else
-    /// is waited for, so no tool can hold up training.
+    /// Opens a publisher of a rollout's trajectories. If the queue of a reader that learns is full, sending waits up
+    /// to `patience` for this reader, and then skips it until it has read again; it will ask for what it misses.
+    /// Sending waits for no other reader, so no tool can delay training.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -157,8 +156,8 @@ impl Bus {
         TrajectoryPublisher::new(self, Rule::Learning, patience)
     }
 
-    /// Sends trajectories to readers of which none is to miss any; `patience` is how long one whose queue
-    /// is full is waited for before sending fails.
+    /// Opens a publisher of trajectories that no reader may miss. If a reader's queue is full, sending waits up to
+    /// `patience` and then fails.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -166,7 +165,7 @@ impl Bus {
         TrajectoryPublisher::new(self, Rule::Everybody, patience)
     }
 
-    /// Receives trajectories to learn from: the learner and the proximity service.
+    /// Opens a subscriber to trajectories for readers that learn: the learner and the proximity service.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -174,7 +173,7 @@ impl Bus {
         TrajectorySubscriber::new(self, true)
     }
 
-    /// Receives trajectories, as far as it keeps up with the actors.
+    /// Opens a subscriber to trajectories, which misses some if it does not keep up with the actors.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -182,7 +181,7 @@ impl Bus {
         TrajectorySubscriber::new(self, false)
     }
 
-    /// Sends weights of at most `max_bytes`.
+    /// Opens a publisher of weights of at most `max_bytes`.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -190,7 +189,7 @@ impl Bus {
         NewestPublisher::new(self, &newest::WEIGHTS, max_bytes)
     }
 
-    /// Receives the newest two weights, the older one first.
+    /// Opens a subscriber to the two newest weights, the older one first.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -198,7 +197,7 @@ impl Bus {
         NewestSubscriber::new(self, &newest::WEIGHTS)
     }
 
-    /// Sends progress of at most `max_bytes`.
+    /// Opens a publisher of progress of at most `max_bytes`.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -206,7 +205,7 @@ impl Bus {
         NewestPublisher::new(self, &newest::PROGRESS, max_bytes)
     }
 
-    /// Receives the newest progress.
+    /// Opens a subscriber to the newest progress.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -214,8 +213,8 @@ impl Bus {
         NewestSubscriber::new(self, &newest::PROGRESS)
     }
 
-    /// Asks the learner for leases; the answer rings `doorbell`, which may be that of another node of the
-    /// process.
+    /// Opens a client that asks the learner for leases. The answer rings `doorbell`, which may belong to another node
+    /// of the process.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -223,7 +222,7 @@ impl Bus {
         Client::new(self, &question::LEASES, doorbell)
     }
 
-    /// Asks the learner for leases, again and again; the answer rings `doorbell`.
+    /// Opens a client that asks the learner for leases repeatedly. The answer rings `doorbell`.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -231,7 +230,7 @@ impl Bus {
         self.lease_client(doorbell).map(LeaseAsker::new)
     }
 
-    /// Answers for leases.
+    /// Opens the server that answers requests for leases.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -239,7 +238,7 @@ impl Bus {
         Server::new(self, &question::LEASES)
     }
 
-    /// Asks the proximity service; the answer rings `doorbell`.
+    /// Opens a client that asks the proximity service. The answer rings `doorbell`.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -247,7 +246,7 @@ impl Bus {
         Client::new(self, &question::SCORES, doorbell)
     }
 
-    /// Answers for the proximity service.
+    /// Opens the server that answers for the proximity service.
     ///
     /// # Errors
     /// When the service cannot be opened.
@@ -261,7 +260,7 @@ fn alive(config: &Config) -> Result<Vec<String>, Error> {
     Ok(living.map(|member| member.name).collect())
 }
 
-/// Frees what dead processes left, for those who hold no node.
+/// Frees what dead processes left, for callers without a node.
 fn clean_up(config: &Config) -> Result<(), Error> {
     Node::<SharedMemory>::list(config, |state| {
         if let NodeState::Dead(view) = state
@@ -275,7 +274,7 @@ fn clean_up(config: &Config) -> Result<(), Error> {
     .map_err(failed("cleaning away of dead nodes", "bus"))
 }
 
-/// Opens a service or port, again for a while when it fails.
+/// Opens a service or port, retrying for a while if it fails.
 fn opened<T, E: Debug>(
     operation: &'static str,
     service: &str,
@@ -297,7 +296,7 @@ fn service_name(name: &str) -> Result<ServiceName, Error> {
     ServiceName::new(name).map_err(failed("naming", name))
 }
 
-/// Turns an error of iceoryx2 into ours.
+/// Converts an error of iceoryx2 to ours.
 fn failed<E: Debug>(operation: &'static str, service: &str) -> impl FnOnce(E) -> Error {
     move |error| Error::Bus {
         operation,

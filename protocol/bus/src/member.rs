@@ -1,4 +1,4 @@
-//! Who is on a bus: the processes that opened it, and whether they live.
+//! The members of a bus: the processes that opened it, and whether they are alive.
 
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState};
@@ -6,18 +6,18 @@ use protocol::Error;
 
 use super::{SharedMemory, failed};
 
-/// A process on a bus, once for each name it opened the bus under.
+/// A process on a bus. It is a member once for each name under which it opened the bus.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Member {
-    /// Its name, such as `learner`; that of an actor ends with its process's number.
+    /// Its name, such as `learner`. An actor's name ends with its process ID.
     pub name: String,
-    /// The number of its process, where it can be known.
+    /// Its process ID, if known.
     pub process: Option<u32>,
-    /// Whether it lives, for all one can know. What the dead leave is cleaned away soon.
+    /// Whether it is alive, as far as that can be known. What dead processes leave is cleaned up soon.
     pub lives: bool,
 }
 
-/// Everybody on a bus, by name.
+/// Returns all members of a bus, sorted by name.
 pub(super) fn members(config: &Config) -> Result<Vec<Member>, Error> {
     let mut members = Vec::new();
     Node::<SharedMemory>::list(config, |state| {

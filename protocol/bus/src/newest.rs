@@ -1,5 +1,5 @@
-//! What only counts while it is new: weights and progress. The writer never waits, a slow reader
-//! misses old values, and a late reader gets the newest ones, but only once the writer refreshes.
+//! Values of which only the newest count: weights and progress. The writer never waits, a slow reader misses old
+//! values, and a late reader gets the newest ones once the writer refreshes.
 
 use std::rc::Rc;
 
@@ -15,28 +15,28 @@ use super::{
     Bus, MAX_INCARNATIONS, MAX_NODES, Ringer, Role, SharedMemory, failed, opened, service_name,
 };
 
-/// A service of this kind.
+/// The parameters of such a service.
 #[derive(Debug)]
 pub(super) struct Newest {
     service: &'static str,
-    /// Values a reader gets, the newest last.
+    /// Number of values a reader gets, the newest last.
     depth: usize,
     reader: Role,
 }
 
-/// Versions of the policy that are kept, here and by whoever reads them: with lag 1 the one before the newest
-/// still acts.
+/// Number of policy versions that this service and its readers keep: with lag 1, the version before the newest still
+/// acts.
 pub const POLICY_VERSIONS: usize = 2;
 
 /// The policy's weights.
 pub(super) const WEIGHTS: Newest =
     Newest { service: "weights", depth: POLICY_VERSIONS, reader: Role::Actors };
 
-/// One line of progress replaces the other.
+/// The run's progress. Each report replaces the previous one.
 pub(super) const PROGRESS: Newest =
     Newest { service: "progress", depth: 1, reader: Role::Supervisor };
 
-/// A reader copies a value out and gives its place back before it takes the next.
+/// Samples that a reader borrows at a time: it copies a value out and releases the slot before it takes the next.
 const MAX_BORROWED: usize = 1;
 
 fn open_service(bus: &Bus, newest: &Newest) -> Result<PortFactory<SharedMemory, [u8], ()>, Error> {
@@ -56,7 +56,7 @@ fn open_service(bus: &Bus, newest: &Newest) -> Result<PortFactory<SharedMemory, 
     })
 }
 
-/// The writer's end.
+/// The writer's end of the service.
 #[derive(Debug)]
 pub struct NewestPublisher {
     publisher: Publisher<SharedMemory, [u8], ()>,
@@ -75,8 +75,8 @@ impl NewestPublisher {
                 // A value must stay readable after its writer's death; growing memory would not.
                 .allocation_strategy(AllocationStrategy::Static)
                 .max_loaned_samples(1)
-                // All queues hold the same newest values, so far fewer places than the worst case
-                // of iceoryx2 are ever taken: one borrowed by each reader, and one on its way.
+                // All queues hold the same newest values, so far fewer slots than in iceoryx2's worst
+                // case are ever in use: these values, one borrowed by each reader, one being sent.
                 .override_sample_preallocation(move |_| depth + MAX_NODES * MAX_BORROWED + 2)
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
@@ -87,7 +87,7 @@ impl NewestPublisher {
     /// Sends a value and rings the readers. Never waits.
     ///
     /// # Errors
-    /// When it is longer than this publisher was made for.
+    /// When the value is longer than this publisher was created for.
     pub fn publish(&self, bytes: &[u8]) -> Result<(), Error> {
         let place = self
             .publisher
@@ -97,7 +97,7 @@ impl NewestPublisher {
         self.bell.ring()
     }
 
-    /// Hands the newest values to readers that came since; to be called at least every 50 ms.
+    /// Delivers the newest values to readers that have joined since. Must be called at least every 50 ms.
     ///
     /// # Errors
     /// When the connection to a reader fails.
@@ -106,7 +106,7 @@ impl NewestPublisher {
     }
 }
 
-/// A reader's end.
+/// A reader's end of the service.
 #[derive(Debug)]
 pub struct NewestSubscriber {
     subscriber: Subscriber<SharedMemory, [u8], ()>,
@@ -126,7 +126,7 @@ impl NewestSubscriber {
         Ok(NewestSubscriber { subscriber, service: newest.service })
     }
 
-    /// The next value, copied out of shared memory, older ones first.
+    /// Returns the next value, copied out of shared memory, older ones first.
     ///
     /// # Errors
     /// When the connection to a writer fails.

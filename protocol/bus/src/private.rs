@@ -1,5 +1,5 @@
-//! Files and folders that belong to this user alone. Shared memory is open to every user of the
-//! machine, so what lies there is looked at, without following links, before it is used.
+//! Files and folders that belong to this user alone. Shared memory is open to every user of the machine, so what is
+//! found there is checked, without following links, before it is used.
 
 use std::fs::{self, DirBuilder, Metadata, Permissions};
 use std::io::ErrorKind;
@@ -8,13 +8,13 @@ use std::path::Path;
 
 use protocol::Error;
 
-/// Permissions of anybody but the owner.
+/// Permission bits of everybody but the owner.
 const OTHERS: u32 = 0o077;
 
-/// Makes a folder that only this user can enter; takes one that is so already.
+/// Creates a folder that only this user can enter, or accepts an existing one.
 ///
 /// # Errors
-/// When something else has its name, or it cannot be made.
+/// When something else has its name, or it cannot be created.
 pub(super) fn make_folder(path: &Path) -> Result<(), Error> {
     match DirBuilder::new().mode(0o700).create(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => check_folder(path).map(drop),
@@ -22,7 +22,7 @@ pub(super) fn make_folder(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// Whether there is a folder, this user's alone.
+/// Returns whether there is a folder that is private to this user.
 ///
 /// # Errors
 /// When something else has its name: a file, a link, a folder that others own or can enter.
@@ -36,7 +36,7 @@ pub(super) fn check_folder(path: &Path) -> Result<bool, Error> {
     Err(in_the_way(path, message))
 }
 
-/// Sees that a file, if there is one, is this user's.
+/// Checks that a file, if there is one, belongs to this user.
 ///
 /// # Errors
 /// When it belongs to another user.
@@ -50,11 +50,10 @@ pub(super) fn check_owner(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// Takes a file of this user from everybody else. Links, and what belongs to others, stay as they
-/// are.
+/// Removes everybody else's access to a file of this user. Links and other users' files stay as they are.
 ///
 /// # Errors
-/// When the file system refuses.
+/// When the permissions cannot be changed.
 pub(super) fn close_to_others(path: &Path) -> Result<(), Error> {
     let Some(found) = look(path)?.filter(|found| found.is_file() && is_ours(found)) else {
         return Ok(());
@@ -70,7 +69,7 @@ pub(super) fn close_to_others(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// Whose a file is, for an error.
+/// Describes the owner of a file, for an error.
 pub(super) fn owner(path: &Path) -> String {
     match fs::symlink_metadata(path) {
         Ok(found) => format!("it belongs to user {}", found.uid()),
@@ -78,7 +77,7 @@ pub(super) fn owner(path: &Path) -> String {
     }
 }
 
-/// What has a name itself, be it a link.
+/// Returns the metadata of what is at `path`, without following links; `None` if nothing is.
 fn look(path: &Path) -> Result<Option<Metadata>, Error> {
     match fs::symlink_metadata(path) {
         Ok(found) => Ok(Some(found)),
@@ -101,7 +100,7 @@ fn described(found: &Metadata) -> String {
     format!("{kind} of user {} with mode {:o}", found.uid(), found.mode() & 0o7777)
 }
 
-/// What blocks a start, with its path.
+/// Returns the error for what blocks a start, with its path.
 fn in_the_way(path: &Path, message: String) -> Error {
     Error::BusFile { path: path.to_owned(), message }
 }

@@ -1,4 +1,4 @@
-//! Questions and answers: leases and scores. A question without anybody to answer is an error, a
+//! Questions and answers (request and response): leases and scores. A question that nobody can answer is an error, a
 //! lost one is noticed by its deadline, and an answer wakes the asker.
 
 use std::rc::Rc;
@@ -16,19 +16,19 @@ use super::{
     opened, service_name,
 };
 
-/// A service of this kind.
+/// The parameters of such a service.
 #[derive(Debug)]
 pub(super) struct Question {
     service: &'static str,
     server: Role,
     max_clients: usize,
-    /// First size of a place for a question and for an answer.
+    /// Initial size of a slot for a question or an answer, in bytes.
     first_place_bytes: usize,
-    /// Whether a longer one makes the following places larger, or is an error.
+    /// Whether a longer message enlarges the following slots or is an error.
     growth: AllocationStrategy,
 }
 
-/// Lists of leases are short, and there are many clients: fixed places keep their memory small.
+/// Leases. Their lists are short and the clients many, so slots of fixed size save memory.
 pub(super) const LEASES: Question = Question {
     service: "leases",
     server: Role::Learner,
@@ -37,7 +37,7 @@ pub(super) const LEASES: Question = Question {
     growth: AllocationStrategy::Static,
 };
 
-/// Whole batches of trajectories in, their scores out; asked by the learner and a few tools.
+/// Scores: whole batches of trajectories in, their scores out. The learner and a few tools ask.
 pub(super) const SCORES: Question = Question {
     service: "scores",
     server: Role::ProximityService,
@@ -46,14 +46,14 @@ pub(super) const SCORES: Question = Question {
     growth: AllocationStrategy::PowerOfTwo,
 };
 
-/// Open questions of one client. One is the rule; the others are given up, but still in the hands
-/// of a server that is busy.
+/// Maximum number of open questions of one client. Usually there is one; the others have been given up but are still
+/// held by a busy server.
 const MAX_OPEN: usize = 4;
 
 /// How long an asker sleeps before it looks for a server again.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
-/// Whom the answer wakes.
+/// The process that the answer wakes.
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
 #[type_name("goalward::Asker")]
 #[repr(C)]
@@ -85,7 +85,7 @@ fn open_service(bus: &Bus, question: &Question) -> Result<Service, Error> {
     })
 }
 
-/// The asker's end.
+/// The asker's end of the service.
 #[derive(Debug)]
 pub struct Client {
     client: iceoryx2::port::client::Client<SharedMemory, [u8], Asker, [u8], ()>,
@@ -103,7 +103,7 @@ impl Client {
                 .client_builder()
                 .initial_max_slice_len(question.first_place_bytes)
                 .allocation_strategy(question.growth)
-                // A server that is stuck must not hang its askers: they have deadlines.
+                // A stuck server must not block its askers: they have deadlines.
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
         })?;
@@ -128,19 +128,19 @@ impl Client {
         let pending =
             place.write_from_slice(bytes).send().map_err(failed("asking", self.service))?;
         if pending.number_of_server_connections() == 0 {
-            return Err(self.error("asking", "nobody there who could answer"));
+            return Err(self.error("asking", "no process that could answer"));
         }
         self.bell.ring()?;
         Ok(Pending { pending, service: self.service })
     }
 
-    /// Asks until there is an answer that can be read: waits for a server to appear, and asks again when it is
-    /// gone. A dead one is gone when somebody has cleaned it away ([`Bus::clean_up`]). Every server gets the
-    /// question, and what one of them answers that `read` makes nothing of is dropped. Sleeps on the asker's own
-    /// `doorbell`, whose rings it takes, so afterwards the asker looks at everything it receives.
+    /// Asks until `read` accepts an answer. Waits for a server to appear, and asks again when it is gone; a dead
+    /// server is gone once it has been cleaned up ([`Bus::clean_up`]). Every server gets the question, and answers for
+    /// which `read` returns `None` are dropped. Sleeps on the asker's own `doorbell` and consumes its rings, so the
+    /// asker must check all its ports afterwards.
     ///
     /// # Errors
-    /// When `keep_waiting`, which is called at every look, has one.
+    /// Those of `keep_waiting`, which is called after every look for an answer, and of a broken bell.
     pub fn ask<T, E: From<Error>>(
         &self,
         bytes: &[u8],
@@ -150,11 +150,11 @@ impl Client {
     ) -> Result<T, E> {
         let mut sent = self.send(bytes);
         loop {
-            // None where the question is lost.
+            // `None` if the question is lost.
             let polled = sent.as_ref().ok().and_then(|pending| pending.poll().ok());
             let is_lost = polled.is_none();
             let answered = polled.flatten();
-            // Behind an answer that is not the server's another may be waiting already.
+            // After an answer that `read` does not accept, another one may already be waiting.
             let looks_at_once = answered.is_some();
             if let Some(answer) = answered.and_then(&read) {
                 return Ok(answer);
@@ -174,7 +174,7 @@ impl Client {
     }
 }
 
-/// A question on its way. Dropping it gives the answer up.
+/// An open question. Dropping it gives up the answer.
 #[derive(Debug)]
 pub struct Pending {
     pending: PendingResponse<SharedMemory, [u8], Asker, [u8], ()>,
@@ -182,14 +182,14 @@ pub struct Pending {
 }
 
 impl Pending {
-    /// The answer, once.
+    /// Returns the answer once it has arrived, and only once.
     ///
     /// # Errors
-    /// When the server dropped the question or is gone. A dead server is gone when somebody has
-    /// cleaned it away ([`Bus::clean_up`]).
+    /// When the server dropped the question or is gone. A dead server is gone once it has been cleaned up
+    /// ([`Bus::clean_up`]).
     pub fn poll(&self) -> Result<Option<Bytes>, Error> {
         let connected = self.pending.is_connected();
-        // Looked at after the connection, so that an answer just before the end is not missed.
+        // The answer is read after the connection state, so that one that came just before the end is not missed.
         let answer = self.pending.receive().map_err(failed("receiving", self.service))?;
         match answer {
             Some(answer) => Ok(Some(Bytes::copy_from_slice(answer.payload()))),
@@ -203,7 +203,7 @@ impl Pending {
     }
 }
 
-/// The end that answers.
+/// The server's end of the service.
 #[derive(Debug)]
 pub struct Server {
     server: iceoryx2::port::server::Server<SharedMemory, [u8], Asker, [u8], ()>,
@@ -220,7 +220,7 @@ impl Server {
                 .initial_max_slice_len(question.first_place_bytes)
                 .allocation_strategy(question.growth)
                 .max_loaned_responses_per_request(1)
-                // An asker that is stuck must not hang its server.
+                // A stuck asker must not block its server.
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
         })?;
@@ -228,7 +228,7 @@ impl Server {
         Ok(Server { server, bells, service: question.service })
     }
 
-    /// The next question. It may be kept and answered later, after others.
+    /// Returns the next question. It may be kept and answered after later ones.
     ///
     /// # Errors
     /// When the connection to a client fails, or too many given-up questions of a client are kept.
@@ -242,7 +242,7 @@ impl Server {
     }
 }
 
-/// A question received. Dropping it unanswered tells the asker so.
+/// A received question. Dropping it unanswered tells the asker that there will be no answer.
 #[derive(Debug)]
 pub struct Request {
     request: ActiveRequest<SharedMemory, [u8], Asker, [u8], ()>,
@@ -251,17 +251,17 @@ pub struct Request {
 }
 
 impl Request {
-    /// The question, in shared memory.
+    /// Returns the question's bytes, in shared memory.
     pub fn bytes(&self) -> &[u8] {
         self.request.payload()
     }
 
-    /// What the asker says it is.
+    /// Returns the role that the asker claims to have, if it is one.
     pub fn asker(&self) -> Option<Role> {
         Role::ALL.get(self.request.user_header().role as usize).copied()
     }
 
-    /// Whether the asker still waits. One that keeps questions drops those whose asker does not.
+    /// Returns whether the asker still waits. A server that keeps questions drops those that are not awaited.
     pub fn is_awaited(&self) -> bool {
         self.request.is_connected()
     }
@@ -269,7 +269,7 @@ impl Request {
     /// Answers and wakes the asker. An asker that is gone is no error.
     ///
     /// # Errors
-    /// When there is no place for the answer.
+    /// When there is no slot for the answer, or the bell is broken.
     pub fn reply(self, bytes: &[u8]) -> Result<(), Error> {
         let place = self
             .request

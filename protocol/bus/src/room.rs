@@ -1,4 +1,4 @@
-//! Whether shared memory has room, asked before it is needed.
+//! Checks that shared memory has room before it is needed.
 //!
 //! Segments are reserved sparsely: when the file system is full, the kernel answers the first write
 //! with SIGBUS instead of an error. So a run checks before it starts.
@@ -15,7 +15,7 @@ const MIB: u64 = 1 << 20;
 /// Checks that shared memory has `needed_bytes` free.
 ///
 /// # Errors
-/// When it has not; the message says how much is free and how to get more.
+/// When it has less. The message says how much is free and how to get more.
 pub fn check_shared_memory_room(needed_bytes: u64) -> Result<(), Error> {
     const OPERATION: &str = "check of the free room";
     let status =

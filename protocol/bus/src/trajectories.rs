@@ -1,9 +1,9 @@
 //! Trajectories from actors to their readers.
 //!
-//! The encoded bytes are written into shared memory once and read there by every reader. A reader
-//! that computes for seconds has room for [`TRAJECTORY_BUFFER`] trajectories of each actor. What
-//! happens then is the publisher's rule, see [`Bus::rollout_publisher`] and
-//! [`Bus::trajectory_publisher`]. While it waits it cleans away dead readers.
+//! The encoded bytes are written into shared memory once and read there by every reader. While a reader computes for
+//! seconds, its queue has room for [`TRAJECTORY_BUFFER`] trajectories of each actor. What happens when the queue is
+//! full depends on the publisher's rule, see [`Bus::rollout_publisher`] and [`Bus::trajectory_publisher`]. While a
+//! publisher waits, it cleans up dead readers.
 
 use std::collections::BTreeSet;
 use std::rc::Rc;
@@ -27,31 +27,31 @@ use super::{Bus, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed, opened
 
 const SERVICE: &str = "trajectories";
 
-/// Trajectories of one actor that wait for one reader. With lag 1 an iteration of about 400 is
+/// Number of one actor's trajectories that can wait for one reader. With lag 1, an iteration of about 400 is
 /// published, in the worst case by one actor, while a reader updates its networks.
 pub const TRAJECTORY_BUFFER: usize = 512;
 
-/// The learner, the proximity service and two tools.
+/// Maximum number of readers: the learner, the proximity service and two tools.
 const MAX_SUBSCRIBERS: usize = 4;
 
-/// A reader copies a trajectory out and gives its place back before it takes the next.
+/// Samples that a reader borrows at a time: it copies a trajectory out and releases the slot before it takes the next.
 const MAX_BORROWED: usize = 1;
 
-/// First size of a place in shared memory; a longer trajectory makes the following places larger.
+/// Initial size of a slot in shared memory, in bytes. A longer trajectory enlarges the following slots.
 const FIRST_PLACE_BYTES: usize = 64 << 10;
 
-/// How often a waiting actor cleans away dead readers.
+/// How often a waiting publisher cleans up dead readers.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(200);
 
-/// Name of the ports that learn from what they read.
+/// Name of the ports of readers that learn from what they read.
 const LEARNS: &str = "learns";
 
-/// What a reader needs to know a trajectory it has already, without decoding it.
+/// Identifies a trajectory, so that a reader recognises one it already has without decoding it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
 #[type_name("goalward::TrajectoryHeader")]
 #[repr(C)]
 pub struct TrajectoryHeader {
-    /// Rollout it belongs to.
+    /// Iteration of the rollout it belongs to.
     pub iteration: u64,
     /// Environment stream it comes from.
     pub lane: u64,
@@ -95,14 +95,14 @@ fn open_service(bus: &Bus) -> Result<PortFactory<SharedMemory, [u8], TrajectoryH
 /// Which full queues a publisher waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rule {
-    /// Everybody's; after the patience sending fails.
+    /// Those of all readers. Once the patience is over, sending fails.
     Everybody,
-    /// Those of readers that learn, which ask again for what they miss. After the patience one is not
-    /// waited for until it has read again.
+    /// Those of readers that learn, which ask for what they miss. Once the patience is over, a reader is skipped until
+    /// it has read again.
     Learning,
 }
 
-/// An actor's end.
+/// The publisher's end of the service.
 #[derive(Debug)]
 pub struct TrajectoryPublisher {
     publisher: Publisher<SharedMemory, [u8], TrajectoryHeader>,
@@ -137,12 +137,12 @@ impl TrajectoryPublisher {
         Ok(TrajectoryPublisher { publisher, service, bells, config, patience, queues })
     }
 
-    /// How many readers there are, dead ones that nobody cleaned away included.
+    /// Returns the number of readers, including dead ones that have not been cleaned up.
     pub fn reader_count(&self) -> usize {
         self.service.dynamic_config().number_of_subscribers()
     }
 
-    /// Sends the encoded trajectory to every reader and rings for it.
+    /// Sends the encoded trajectory to every reader and rings the learner and the proximity service.
     ///
     /// # Errors
     /// As [`Self::send`] and [`Self::ring`].
@@ -152,13 +152,14 @@ impl TrajectoryPublisher {
         sent
     }
 
-    /// Sends the encoded trajectory to every reader. Returns how many readers it was queued for; fewer than
-    /// [`Self::reader_count`] when one was left out, or has never received since this publisher exists and its
-    /// queue is full. What is queued for a reader that has never received is lost when this publisher ends first.
+    /// Sends the encoded trajectory to every reader. Returns how many readers it was queued for. This is fewer than
+    /// [`Self::reader_count`] if a reader was skipped, or if its queue is full and it has received nothing since this
+    /// publisher was created. What is queued for a reader that has never received is lost if this publisher ends
+    /// first.
     ///
     /// # Errors
-    /// Where everybody is waited for, when a reader's queue stayed full for the publisher's patience;
-    /// the other readers have it.
+    /// If all readers are waited for: when a reader's queue stayed full for the publisher's patience. The other
+    /// readers have the trajectory.
     pub fn send(&self, bytes: &[u8], header: TrajectoryHeader) -> Result<usize, Error> {
         let mut place = self.loan(bytes.len())?;
         *place.user_header_mut() = header;
@@ -178,7 +179,7 @@ impl TrajectoryPublisher {
         self.bells.iter().try_for_each(|bell| bell.ring())
     }
 
-    /// The readers that learn.
+    /// Returns the IDs of the readers that learn.
     fn learning(&self) -> BTreeSet<u128> {
         let mut learning = BTreeSet::new();
         self.service.dynamic_config().list_subscribers(|reader| {
@@ -190,7 +191,7 @@ impl TrajectoryPublisher {
         learning
     }
 
-    /// Every place can be taken when readers went away with full queues: the same as a full queue.
+    /// Loans a slot. All slots may be taken if readers went away with full queues, so it waits as for a full queue.
     fn loan(&self, length: usize) -> Result<Loan, Error> {
         let start = Instant::now();
         loop {
@@ -212,7 +213,7 @@ struct Queues {
     learning: BTreeSet<u128>,
     /// Readers that were waited for in vain and have not read since.
     left_out: BTreeSet<u128>,
-    /// Those among them that have not read before the sending under way, either.
+    /// Readers that the current sending has skipped. They become `left_out` afterwards.
     still_full: BTreeSet<u128>,
 }
 
@@ -220,8 +221,7 @@ fn queues(shared: &Mutex<Queues>) -> MutexGuard<'_, Queues> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a publisher does about a full queue: it waits, or does not, and cleans away dead readers now
-/// and then.
+/// Returns the handler for full queues, which waits for a reader or skips it, and regularly cleans up dead readers.
 fn wait_for_reader(
     config: Config,
     rule: Rule,
@@ -258,18 +258,18 @@ fn wait_for_reader(
     }
 }
 
-/// What a reader gets. The sender is trusted with none of it.
+/// A received trajectory. Nothing in it is trusted.
 #[derive(Clone, Debug)]
 pub struct Published {
-    /// What the sender says the trajectory is.
+    /// The header, as the sender states it.
     pub header: TrajectoryHeader,
     /// The encoded trajectory.
     pub bytes: Bytes,
-    /// Number of the process that sent it; 0 if that is not known.
+    /// ID of the process that sent it; 0 if unknown.
     pub process: u32,
 }
 
-/// A reader's end.
+/// A reader's end of the service.
 #[derive(Debug)]
 pub struct TrajectorySubscriber {
     subscriber: Subscriber<SharedMemory, [u8], TrajectoryHeader>,
@@ -286,8 +286,8 @@ impl TrajectorySubscriber {
         Ok(TrajectorySubscriber { subscriber })
     }
 
-    /// The next trajectory, copied out of shared memory; in order per publisher. Connects to new
-    /// publishers too, so it is called before a new actor is answered and at least once a second.
+    /// Returns the next trajectory, copied out of shared memory, in order per publisher. Also connects to new
+    /// publishers, so it must be called before a new actor is answered and at least once a second.
     ///
     /// # Errors
     /// When the connection to a publisher fails.

@@ -1,7 +1,7 @@
-//! Speed and size of the log on episodes as Navigation gives them: 100 steps, 36 kB of cells.
+//! Speed and size of the log with episodes like NAVIGATION's: 100 steps, 36 kB of cells.
 //!
-//! Numbers that learning makes (log-probabilities, rewards, proximity, uncertainty) are drawn at
-//! random here, so that they compress no better than in a run.
+//! Numbers that come from learning (log-probabilities, rewards, proximity, uncertainty) are drawn at random here, so
+//! that they compress no better than in a run.
 #![expect(clippy::print_stdout, reason = "a bench reports to the terminal")]
 
 use std::hint::black_box;
@@ -20,7 +20,7 @@ const EPISODES: u64 = 256;
 const STEPS: usize = 100;
 const SIDE: usize = 19;
 
-/// One of the four rooms' grids: walls around and across, goal, agent.
+/// Returns a grid of the four rooms: walls around and across, goal, agent.
 fn grid(agent: usize, goal: usize) -> [u8; SIDE * SIDE] {
     let mut cells = [0; SIDE * SIDE];
     for (place, cell) in cells.iter_mut().enumerate() {

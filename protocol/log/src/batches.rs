@@ -1,4 +1,4 @@
-//! The batches that a run has learned from, put together again while its log is read.
+//! Reassembles the batches that a run learned from while its log is read.
 
 use std::collections::HashMap;
 
@@ -15,25 +15,25 @@ pub struct Batches {
 }
 
 impl Batches {
-    /// Before the first record of a log.
+    /// Starts before the first record of a log.
     pub fn new(spec: Spec) -> Batches {
         Batches { spec, trajectories: HashMap::new() }
     }
 
-    /// Takes in a trajectory's record.
+    /// Adds a recorded trajectory.
     ///
     /// # Errors
-    /// If it is none of the task, or has no observations.
+    /// If it does not fit the task, or has no observations.
     pub fn add(&mut self, bytes: Bytes) -> Result<(), Error> {
         let encoded = Encoded::decode(bytes, &self.spec)?;
         self.trajectories.insert(encoded.key, encoded);
         Ok(())
     }
 
-    /// The batch of an update, in the order it was learned from. The update comes behind it in a log.
+    /// Returns the batch of an update, in the order it was learned from. In a log, the update comes after its batch.
     ///
     /// # Errors
-    /// [`Error::Batch`] if a trajectory of it has not come.
+    /// [`Error::Batch`] if one of its trajectories has not been added.
     pub fn take(&mut self, update: &PolicyUpdate) -> Result<Vec<Encoded>, Error> {
         let taken = |key: &TrajectoryKey| self.trajectories.remove(key);
         let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();

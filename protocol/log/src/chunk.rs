@@ -1,7 +1,7 @@
-//! Chunks taken apart: the one place where a file of some bytes becomes many more in memory.
+//! Unpacks chunks. Only here can a few bytes of a file become many in memory.
 //!
-//! Neither sizes nor checksums of a file are believed before they are seen, so that no file, damaged
-//! or made to harm, takes more memory than one chunk may have, or more time than its length is worth.
+//! Sizes and checksums in a file are not trusted until they have been checked. So no file, damaged or malicious, takes
+//! more memory than one chunk may have, or more time than its length is worth.
 
 use std::borrow::Cow;
 
@@ -13,26 +13,26 @@ use super::record::{self, LONGEST_RECORD, Trouble};
 /// Bytes before the content of a record: its kind and its length.
 pub(super) const RECORD_HEADER: usize = 1 + 8;
 
-/// Most records of a chunk; one of ours has 34,000 at most.
+/// Maximum number of records in a chunk. Ours have at most 34,000.
 const MOST_RECORDS: u64 = 1 << 20;
 
-/// Bytes that a byte of a file may become, over the whole file; a chunk of nothing but equal
-/// messages becomes some thousand times as long.
+/// Maximum ratio of unpacked to packed bytes, over the whole file. A chunk of nothing but equal messages grows some
+/// thousand times.
 const MOST_EXPANSION: u64 = 10_000;
 
-/// Takes the chunks of one file apart.
+/// Unpacks the chunks of one file.
 #[derive(Default)]
 pub(super) struct Chunks {
     decompressor: Decompressor<'static>,
-    /// Bytes of chunks seen so far, as they lie in the file.
+    /// Bytes of chunks seen so far, as they are in the file.
     packed: u64,
-    /// Bytes and records that came out of them.
+    /// Bytes and records unpacked from them.
     unpacked: u64,
     records: u64,
 }
 
 impl Chunks {
-    /// Gives the records of a chunk to `take`, after its checksum has been checked.
+    /// Passes the records of a chunk to `take`, after checking the checksum.
     pub(super) fn open(
         &mut self,
         content: &[u8],
@@ -61,7 +61,7 @@ impl Chunks {
         })
     }
 
-    /// Makes the `expected` bytes of a chunk again, and never more than those.
+    /// Decompresses the `expected` bytes of a chunk, and never more than those.
     fn unpack(&mut self, packed: &[u8], expected: usize) -> Result<Vec<u8>, Trouble> {
         let mut unpacked = Vec::with_capacity(expected);
         match self.decompressor.decompress_to_buffer(packed, &mut unpacked) {
@@ -70,10 +70,10 @@ impl Chunks {
         }
     }
 
-    /// Counts a record, the so many-th of its chunk.
+    /// Counts a record; `of_chunk` is its number within its chunk.
     fn count(&mut self, of_chunk: u64) -> Result<(), Trouble> {
         self.records += 1;
-        // A message that a file tells of in its index takes more than two bytes of the file.
+        // A message that is listed in a file's index takes more than two bytes of the file.
         if self.records > MOST_RECORDS + self.packed / 2 {
             let (found, bytes) = (self.records, self.packed);
             return Err(Trouble::Foreign(format!(
@@ -88,7 +88,7 @@ impl Chunks {
     }
 }
 
-/// The header of a chunk that can be taken apart, and its data.
+/// Returns the header and the data of a chunk that can be unpacked.
 fn parse(content: &[u8]) -> Result<(ChunkHeader, Cow<'_, [u8]>), Trouble> {
     let record = record::parse(op::CHUNK, content).map_err(damage)?;
     let records::Record::Chunk { header, data } = record else {
@@ -96,7 +96,7 @@ fn parse(content: &[u8]) -> Result<(ChunkHeader, Cow<'_, [u8]>), Trouble> {
     };
     match header.compression.as_str() {
         "" | "zstd" => {}
-        // A name of the format, spelled right, is no damage.
+        // A valid name of the format is no damage.
         "lz4" => {
             let message = "expected chunks compressed by zstd, or not at all, found lz4, which is \
                            not supported";
@@ -113,7 +113,7 @@ fn parse(content: &[u8]) -> Result<(ChunkHeader, Cow<'_, [u8]>), Trouble> {
     Ok((header, data))
 }
 
-/// Compares a chunk's records with what its header says of them; no checksum is written as 0.
+/// Checks a chunk's records against its header. A checksum of 0 means that there is none.
 fn check(header: &ChunkHeader, records: &[u8]) -> Result<(), Trouble> {
     if records.len() as u64 != header.uncompressed_size {
         let (expected, found) = (header.uncompressed_size, records.len());
@@ -129,7 +129,7 @@ fn check(header: &ChunkHeader, records: &[u8]) -> Result<(), Trouble> {
     }
 }
 
-/// Gives each record of a chunk, or of other bytes, to `take`: kind and content.
+/// Passes kind and content of each record of a chunk, or of other bytes, to `take`.
 pub(super) fn each(
     mut records: &[u8],
     mut take: impl FnMut(u8, &[u8]) -> Result<(), Trouble>,
@@ -148,7 +148,7 @@ pub(super) fn each(
     }
     match records {
         [] => Ok(()),
-        rest => Err(damage(format!("{} bytes behind the last record of a chunk", rest.len()))),
+        rest => Err(damage(format!("{} bytes after the last record of a chunk", rest.len()))),
     }
 }
 

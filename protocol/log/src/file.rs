@@ -1,8 +1,8 @@
 //! [`FileWriter`]: one MCAP file from its creation to its sealing.
 //!
-//! mcap's own writer is spoiled for good by one failed write, and takes the open chunk with it. So
-//! it writes to memory here, where nothing fails, and each finished chunk is carried from there to
-//! the file. What the disk does not take stays in memory until it does.
+//! One failed write makes mcap's own writer unusable and loses the open chunk. So here it writes to memory, where
+//! nothing fails, and each finished chunk is copied from there to the file. What the disk does not accept stays in
+//! memory until it does.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -23,22 +23,22 @@ use super::record::LONGEST_RECORD;
 use super::topic::Topic;
 use super::write_error;
 
-/// Uncompressed bytes after which a chunk is closed; what a crash can lose, about.
+/// Uncompressed bytes after which a chunk is closed. A crash can lose about as much.
 pub const CHUNK_BYTES: u64 = 1 << 20;
-/// Longest message that can be recorded, so that readers can bound their memory.
+/// Maximum length of a message, in bytes, so that readers can bound their memory.
 pub const LONGEST_MESSAGE: usize = LONGEST_RECORD / 2;
 
 /// Writes one file: a run's through [`LogWriter`](super::LogWriter), demonstrations directly.
 ///
-/// **Errors.** [`Error::LogWrite`] says that the disk did not take some finished chunk. Nothing is
-/// lost by it: what was handed over is in memory. The owner writes no more, calls
-/// [`flush`](Self::flush) until it succeeds, and goes on; nothing is missing or twice in the file.
-/// [`Error::LogRefused`] says that a message is not in the file and will not be. [`Error::LogUnsynced`] says
-/// that what was written may be lost, and is the answer to every later sync as well.
+/// **Errors.** [`Error::LogWrite`] means that the disk did not accept a finished chunk. Nothing is lost: what was
+/// handed over is in memory. The owner stops writing, calls [`flush`](Self::flush) until it succeeds, and continues;
+/// nothing is then missing or duplicated in the file. [`Error::LogRefused`] means that a message is not in the file
+/// and will not be. [`Error::LogUnsynced`] means that what was written may be lost. Every later sync returns it as
+/// well.
 ///
-/// **Names.** The file is `PATH.active` until [`seal`](Self::seal). A writer dropped unsealed
-/// flushes and leaves `PATH.active`, which reads well and which [`repair`](super::repair()) seals. The
-/// file is locked for as long as its writer lives.
+/// **Names.** The file is called `PATH.active` until [`seal`](Self::seal). A writer that is dropped unsealed flushes
+/// and leaves `PATH.active`, which can be read and which [`repair`](super::repair()) seals. The file is locked while
+/// its writer lives.
 pub struct FileWriter {
     path: PathBuf,
     active: PathBuf,
@@ -47,7 +47,7 @@ pub struct FileWriter {
     writer: mcap::Writer<NoSeek<Memory>>,
     channels: BTreeMap<Topic, Channel>,
     bytes: u64,
-    /// The sync that failed, if one has.
+    /// The error of the sync that failed, if one has.
     unsynced: Option<Error>,
     state: State,
 }
@@ -70,7 +70,7 @@ impl FileWriter {
     /// as its first record. Never overwrites a file.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] if there is such a file, or the disk refuses.
+    /// [`Error::LogWrite`] if the file exists or cannot be created.
     pub fn create(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
         if path.exists() {
             let exists = io::Error::from(io::ErrorKind::AlreadyExists);
@@ -79,11 +79,11 @@ impl FileWriter {
         Self::open(path, metadata, topics)
     }
 
-    /// The same in the place of a file that is there, which stays until this one is sealed. What a
-    /// writer of the same kind left that died is removed.
+    /// As [`create`](Self::create), but replaces an existing file, which stays until this one is sealed. What a dead
+    /// writer of the same kind left is removed.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] if somebody writes such a file right now, or the disk refuses.
+    /// [`Error::LogWrite`] if somebody is writing such a file, or it cannot be created.
     pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
         remove_abandoned(path, metadata.kind)?;
         Self::open(path, metadata, topics)
@@ -93,13 +93,13 @@ impl FileWriter {
         let active = with_ending(path, ACTIVE);
         let file = OpenOptions::new().write(true).create_new(true).open(&active);
         let file = file.map_err(|cause| write_error(&active, "create the file", &cause))?;
-        // So that nobody seals it meanwhile; whoever asks for the lock has it for a moment. Where files cannot be
-        // locked, a run's own lock must do.
+        // The lock keeps others from sealing the file. Those who test it hold it for a moment, so this waits. If files
+        // cannot be locked, the run's own lock must do.
         file.lock().ok();
         let mut writer = Self::begin(path, Box::new(file), metadata, topics)
             .map_err(|cause| failed(&active, cause))?;
         if let Err(error) = writer.drain().and_then(|()| sync_folder_of(&active)) {
-            // Nobody has the writer to try again, and its number must be free for who does.
+            // The caller gets no writer to try again with, so the number must be free for the next attempt.
             writer.state = State::Sealed;
             fs::remove_file(&writer.active).ok();
             return Err(error);
@@ -107,9 +107,9 @@ impl FileWriter {
         Ok(writer)
     }
 
-    /// Lays out header and metadata in memory. Schemas and channels get a chunk with the first message alone:
-    /// a damaged chunk of many must not take them along, and one without any would say in the index that the
-    /// file begins in 1970.
+    /// Lays out header and metadata in memory. Schemas and channels get a chunk with the first message alone: damage
+    /// to a chunk of many messages must not take them along, and a chunk without messages would make the index say
+    /// that the file begins in 1970.
     fn begin(
         path: &Path,
         storage: Box<dyn Storage>,
@@ -156,7 +156,7 @@ impl FileWriter {
         self.message(Topic::of(&trajectory.trajectory), log_time_ns, &trajectory.bytes)
     }
 
-    /// Appends an encoded message. Its log time is not before that of the message before it.
+    /// Appends an encoded message. Its log time must not be before that of the previous message.
     ///
     /// # Errors
     /// [`Error::LogWrite`] for a full or failing disk. [`Error::LogRefused`] for a message longer than
@@ -193,8 +193,8 @@ impl FileWriter {
         Err(Error::LogRefused { path: self.active.clone(), message })
     }
 
-    /// Closes the open chunk and hands everything to the operating system: what was appended
-    /// before survives the death of this process.
+    /// Closes the open chunk and hands everything to the operating system: what was appended so far survives the death
+    /// of this process.
     ///
     /// # Errors
     /// [`Error::LogWrite`] for a full or failing disk.
@@ -205,8 +205,7 @@ impl FileWriter {
         self.drain()
     }
 
-    /// Flushes, and waits until the disk has it: what was appended before survives the death of
-    /// the machine.
+    /// Flushes, and waits until everything is on the disk: what was appended so far survives the death of the machine.
     ///
     /// # Errors
     /// [`Error::LogWrite`] for a full or failing disk, [`Error::LogUnsynced`] once it has failed to sync.
@@ -219,8 +218,7 @@ impl FileWriter {
         self.unsynced.clone().map_or(Ok(()), Err)
     }
 
-    /// Ends the file with its index, syncs it and gives it its name. Can be called again after an
-    /// error.
+    /// Ends the file with its index, syncs it and gives it its final name. Can be called again after an error.
     ///
     /// # Errors
     /// As [`FileWriter::sync`].
@@ -238,7 +236,7 @@ impl FileWriter {
         sync_folder_of(&self.path)
     }
 
-    /// Gives the file up: nothing of it stays on the disk. A sealed file stays.
+    /// Discards the file: nothing of it stays on the disk. A sealed file stays.
     ///
     /// # Errors
     /// [`Error::LogWrite`] if the file cannot be removed.
@@ -250,17 +248,17 @@ impl FileWriter {
         fs::remove_file(&self.active).map_err(|cause| write_error(&self.active, "remove", &cause))
     }
 
-    /// Whether it takes messages still.
+    /// Returns whether it still accepts messages.
     pub(super) fn is_open(&self) -> bool {
         self.state == State::Open
     }
 
-    /// Bytes that the operating system has taken.
+    /// Returns the number of bytes that the operating system has accepted.
     pub fn bytes_written(&self) -> u64 {
         self.bytes
     }
 
-    /// Carries finished chunks from memory to the file.
+    /// Copies finished chunks from memory to the file.
     fn drain(&mut self) -> Result<(), Error> {
         let mut memory = self.memory.lock();
         let mut taken = 0;
@@ -292,8 +290,7 @@ impl Drop for FileWriter {
     }
 }
 
-/// Removes what a writer that died left of the file `path`, if it is of this kind or has not come as far as to
-/// say so.
+/// Removes what a dead writer left of the file `path`, if it is of this kind or ends before its metadata.
 ///
 /// # Errors
 /// [`Error::LogRead`] or [`Error::LogWrite`] if it cannot be read or removed.
@@ -309,12 +306,12 @@ pub fn remove_abandoned(path: &Path, kind: Kind) -> Result<(), Error> {
         .map_err(|cause| write_error(active, "remove the abandoned file", &cause))
 }
 
-/// mcap refusing to lay out a message: not the disk's fault, and not expected.
+/// Returns the error for a message that mcap cannot lay out: not the disk's fault, and not expected.
 fn failed(path: &Path, cause: McapError) -> Error {
     Error::LogRefused { path: path.to_owned(), message: format!("cannot lay out: {cause}") }
 }
 
-/// A sync that failed: what the system had taken is not in memory any more, so nobody can write it again.
+/// Returns the error of a failed sync. What the system had accepted is not in memory, so nobody can write it again.
 fn unsynced(path: &Path, cause: &io::Error) -> Error {
     let message =
         format!("cannot sync: {cause}; what was written cannot be known to be on the disk");
@@ -333,7 +330,7 @@ impl Storage for File {
     }
 }
 
-/// Laid-out bytes on their way to the file.
+/// Encoded bytes on their way to the file.
 #[derive(Clone, Default)]
 struct Memory(Arc<Mutex<Vec<u8>>>);
 
@@ -359,7 +356,7 @@ mod tests {
     use super::*;
     use crate::{Ending, Record};
 
-    /// A disk with so much room left.
+    /// A disk with limited room: the number of free bytes, and what was written.
     #[derive(Clone, Default)]
     struct Disk(Arc<Mutex<(usize, Vec<u8>)>>);
 
@@ -383,7 +380,7 @@ mod tests {
         }
     }
 
-    /// A disk that loses what it has taken, and says so once.
+    /// A disk that loses what it has accepted, and reports that once.
     #[derive(Default)]
     struct LosingDisk {
         has_told: bool,
@@ -429,7 +426,7 @@ mod tests {
         assert!(writer.active.exists() && !path.exists(), "it is left for a repair");
     }
 
-    /// Bytes that no compressor makes smaller.
+    /// Returns bytes that no compressor makes smaller.
     fn noise(number: u64) -> Vec<u8> {
         let hashes = (0..2000u64)
             .map(|place| xxhash_rust::xxh3::xxh3_64_with_seed(b"", place))

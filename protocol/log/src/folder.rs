@@ -1,7 +1,7 @@
 //! The files of a run's log folder, and the room on its disk.
 //!
-//! Files are `trajectories-00000.mcap`, `updates-00000.mcap` and so on, `.active` at the end while
-//! they are written. A number is used once, whatever became of the file.
+//! Files are called `trajectories-00000.mcap`, `updates-00000.mcap` and so on, with `.active` at the end while they
+//! are written. A number is used once, whatever became of the file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use super::{read_error, write_error};
 
 /// Ending of a sealed file's name.
 pub(super) const SEALED: &str = "mcap";
-/// What a file's name has behind it until it is sealed.
+/// Ending that is added to a file's name until it is sealed.
 pub(super) const ACTIVE: &str = "active";
 
 /// A file of a run's log.
@@ -21,15 +21,15 @@ pub(super) const ACTIVE: &str = "active";
 pub struct LogFile {
     /// What it holds.
     pub contents: Contents,
-    /// Its place among the files of the same contents.
+    /// Its number among the files of the same contents.
     pub number: u32,
-    /// Not sealed: being written, or left by a crash.
+    /// Whether it is not sealed: being written, or left by a crash.
     pub active: bool,
     /// Where it is.
     pub path: PathBuf,
 }
 
-/// The readable files of a log folder by contents and number; files of other names are left out.
+/// Returns the readable files of a log folder by contents and number. Files with other names are left out.
 ///
 /// # Errors
 /// [`Error::LogRead`] if the folder cannot be listed.
@@ -48,7 +48,7 @@ pub fn log_files(folder: &Path) -> Result<Vec<LogFile>, Error> {
     Ok(files)
 }
 
-/// The first number that no file of these contents has had.
+/// Returns the first number that no file of these contents has had.
 pub(super) fn next_number(folder: &Path, contents: Contents) -> Result<u32, Error> {
     let names = names(folder)?;
     let numbers = names.iter().filter_map(|(name, _)| parse(name));
@@ -56,29 +56,29 @@ pub(super) fn next_number(folder: &Path, contents: Contents) -> Result<u32, Erro
     Ok(last.map_or(0, |last| last + 1))
 }
 
-/// Whether a file's name says that it is not sealed.
+/// Returns whether a file's name says that it is not sealed.
 pub fn is_active(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == ACTIVE)
 }
 
-/// Whether a writer that lives has a file that is to be `path` when it is sealed.
+/// Returns whether a living writer has the file that will be `path` when it is sealed.
 pub fn is_being_written(path: &Path) -> bool {
     durable::is_locked(&with_ending(path, ACTIVE))
 }
 
-/// The sealed name of a file.
+/// Returns the path of a file once it is sealed.
 pub(super) fn path(folder: &Path, contents: Contents, number: u32) -> PathBuf {
     folder.join(format!("{}-{number:05}.{SEALED}", contents.name()))
 }
 
-/// Where a file is now that was at `path` a moment ago: its writer may have sealed it since.
+/// Returns where the file is that was at `path` a moment ago: its writer may have sealed it since.
 pub(super) fn followed(path: PathBuf) -> PathBuf {
     let sealed = path.with_extension("");
     let moved = is_active(&path) && !path.exists();
     if moved && sealed.exists() { sealed } else { path }
 }
 
-/// `path` with `.ending` behind its whole name.
+/// Returns `path` with `.ending` after its whole name.
 pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");
@@ -86,7 +86,7 @@ pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Makes renames and new files of a folder outlive the machine's death.
+/// Syncs the folder that `path` is in, so that renames and new files survive the death of the machine.
 pub(super) fn sync_folder_of(path: &Path) -> Result<(), Error> {
     let folder = durable::folder_of(path);
     durable::sync_folder_of(path).map_err(|cause| write_error(folder, "sync the folder", &cause))
@@ -95,7 +95,7 @@ pub(super) fn sync_folder_of(path: &Path) -> Result<(), Error> {
 /// Refuses a folder whose disk has less than `bytes` free.
 ///
 /// # Errors
-/// [`Error::LogWrite`] if it has, or the system does not say.
+/// [`Error::LogWrite`] if it has less, or the system does not say.
 pub fn require_room(folder: &Path, bytes: u64) -> Result<(), Error> {
     let disk = rustix::fs::statvfs(folder)
         .map_err(|cause| write_error(folder, "ask for the room on the disk", &cause.into()))?;

@@ -1,4 +1,4 @@
-//! What a log file holds and in which state it is, for `goalward log info`.
+//! The content and state of a log file, for `goalward log info`.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,13 +17,13 @@ use super::topic::Topic;
 pub struct FileInfo {
     /// The file.
     pub path: PathBuf,
-    /// Whether its name says that it is being written, or its writer died.
+    /// Whether its name says that it is not sealed: being written, or left by a dead writer.
     pub active: bool,
-    /// How it ends; every checksum before that is right.
+    /// How it ends. All checksums before that are right.
     pub ending: Ending,
-    /// What it says of itself.
+    /// Its metadata.
     pub metadata: Metadata,
-    /// Readable messages of each topic that has any.
+    /// Number of readable messages, for each topic that has any.
     pub messages: BTreeMap<Topic, u64>,
     /// Log times of the first and the last readable message, nanoseconds since 1970.
     pub span_ns: Option<(u64, u64)>,
@@ -33,7 +33,7 @@ pub struct FileInfo {
     pub file_bytes: u64,
 }
 
-/// Reads all of a file and says what it holds; none if it ends before it says what it is.
+/// Reads a whole file and returns what it holds; `None` if it ends before its metadata.
 ///
 /// # Errors
 /// As [`FileReader::open`]. A damaged file is no error: see [`FileInfo::ending`].
@@ -66,15 +66,15 @@ impl FileInfo {
     pub fn state(&self) -> &'static str {
         match (&self.ending, self.active) {
             (Ending::Complete, false) => "sealed",
-            (Ending::Complete, true) => "sealed but for its name",
+            (Ending::Complete, true) => "sealed except for its name",
             (Ending::Unsealed, true) => "active",
             (Ending::Unsealed, false) => "not sealed",
             (Ending::Truncated { .. } | Ending::Corrupt { .. }, _) => "damaged",
         }
     }
 
-    /// The bytes of messages and file, with the part of them that compression leaves. A file of few
-    /// messages is mostly schemas and index, of which a part would say nothing.
+    /// Returns the sizes of messages and file, and their ratio if the file is smaller. A file of few messages is
+    /// mostly schemas and index, for which a ratio says nothing.
     fn sizes(&self) -> String {
         let (raw, file) = (self.raw_bytes, self.file_bytes);
         let part = match file < raw {
@@ -97,13 +97,13 @@ impl fmt::Display for FileInfo {
             let messages = if *count == 1 { "message" } else { "messages" };
             writeln!(formatter, "  {:<24}{count:>10} {messages}", topic.name())?;
         }
-        // Demonstrations are numbered where a run has times.
+        // Demonstrations have numbers in place of log times.
         if let Some((first, last)) = self.span_ns.filter(|_| self.metadata.kind == Kind::Run) {
             let seconds = (last - first) as f64 / 1e9;
             writeln!(formatter, "  {seconds:.1} s from the first message to the last")?;
         }
         writeln!(formatter, "  {}", self.sizes())?;
-        let checksums = if self.ending.lost() { "right up to the damage" } else { "right" };
+        let checksums = if self.ending.lost() { "correct up to the damage" } else { "correct" };
         write!(formatter, "  checksums {checksums}; {}", self.ending)
     }
 }

@@ -1,37 +1,37 @@
-//! The log: how a run is kept, and where demonstrations and replays come from.
+//! The log: how a run is recorded, and where demonstrations and replays come from.
 //!
-//! Everything a run did is in MCAP files that any MCAP tool opens: the learner appends the bytes
-//! that the actors published before it uses them. This is the only module that names mcap.
+//! Everything a run did is in MCAP files that any MCAP tool can open. The learner appends the bytes that the actors
+//! published before it uses them. Only this crate depends on mcap.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`topic`] | topics, their schemas, which file they go to |
-//! | [`metadata`] | the first record of every file: whose it is |
+//! | [`metadata`] | the first record of every file: what the file is |
 //! | [`file`](mod@file) | [`FileWriter`]: one file, from creation to sealing |
 //! | [`writer`] | [`LogWriter`]: a run's folder; rotation and numbering |
 //! | [`folder`] | names of a folder's files, room on the disk |
-//! | `chunk` | chunks taken apart, within limits |
-//! | `record` | records parsed, their lengths measured first |
-//! | `source` | outermost records of a file |
-//! | `summary` | the end of a sealed file, which says what it has |
-//! | `scan` | bytes of a file to blocks of messages, whatever state the file is in |
+//! | `batches` | the batches a run learned from, while its log is read |
+//! | `chunk` | unpacks chunks, within limits |
+//! | `record` | parses records, after checking their lengths |
+//! | `source` | top-level records of a file |
+//! | `summary` | the summary at the end of a sealed file |
+//! | `scan` | turns the bytes of a file into blocks of messages, whatever state the file is in |
 //! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
 //! | [`run`] | [`read_run`]: all files of a run in order, each record once |
-//! | `name` | what makes two records the same thing, recorded twice |
-//! | `undone` | which records a run's going back to a checkpoint has undone |
-//! | [`mod@rewrite`] | a run's log once more, with other trajectories |
+//! | `name` | the name of a record; records with the same name are the same thing, recorded twice |
+//! | `undone` | which records a run has undone by going back to a checkpoint |
+//! | [`mod@rewrite`] | copies a run's log with other trajectories |
 //! | [`mod@info`] | what a file holds, for `goalward log info` |
 //! | [`mod@repair`] | seals a file that a crash or a bad disk left, for `goalward log repair` |
 //!
-//! What a crash can lose: messages since the last [`LogWriter::flush`], at most one chunk (1 MiB)
-//! and the message after it. What was flushed survives the death of the process; what was synced
-//! survives the death of the machine. A full disk loses nothing, and one that fails to sync is told of for good:
-//! see [`FileWriter`].
+//! What a crash can lose: messages since the last [`LogWriter::flush`], at most one chunk (1 MiB) and the message
+//! after it. What was flushed survives the death of the process; what was synced survives the death of the machine. A
+//! full disk loses nothing. A failed sync is an error for good: see [`FileWriter`].
 //!
-//! What a file can cost who reads it: a record has 64 MiB at most, and a chunk taken apart has no more,
-//! and 1,048,576 records at most; a file has no more than that and one record for every two bytes, and
-//! grows to 10,000 times its length at most; a schema, a channel and the metadata have 1 MiB each. So a
-//! reader holds one chunk: as it lies in the file, taken apart, and as messages.
+//! What a file can cost its reader: a record has at most 64 MiB. A chunk unpacks to at most as much, and to at most
+//! 1,048,576 records. A file has at most that many records and one more for every two bytes, and grows to at most
+//! 10,000 times its length and 64 MiB more. A schema, a channel and the metadata have at most 1 MiB each. So a reader
+//! holds one chunk: packed, unpacked, and as messages.
 
 mod batches;
 mod chunk;
@@ -71,7 +71,7 @@ use protocol::Error;
 use protocol::dropped::shortened;
 use protocol::error::MESSAGE_CHARS;
 
-/// A failed write, in words that say what to do about it.
+/// Returns the error of a failed write. It says if the disk is full.
 fn write_error(path: &Path, attempt: &str, cause: &io::Error) -> Error {
     use io::ErrorKind::{QuotaExceeded, StorageFull};
     let message = match cause.kind() {
@@ -81,7 +81,7 @@ fn write_error(path: &Path, attempt: &str, cause: &io::Error) -> Error {
     Error::LogWrite { path: path.to_owned(), message }
 }
 
-/// What cannot be read, in one line: names in a file are somebody else's words.
+/// Returns the error of a failed read, in one short line: names in a file are foreign text.
 fn read_error(path: &Path, message: impl AsRef<str>) -> Error {
     let message = shortened(message.as_ref(), MESSAGE_CHARS);
     Error::LogRead { path: path.to_owned(), message }

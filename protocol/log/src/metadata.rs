@@ -1,15 +1,15 @@
-//! The first record of every file: what the file is, of which task, made how.
+//! The first record of every file: what the file is, for which task, and how it was made.
 //!
-//! It comes first because the end of a file is what a crash takes.
+//! It comes first because a crash costs the end of a file.
 
 use std::collections::BTreeMap;
 
 use protocol::build::Build;
 
-/// Newest layout of topics and metadata that this build reads, and the one it writes.
+/// The layout of topics and metadata that this build writes, and the newest one that it reads.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// What a file is part of.
+/// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The log of a run.
@@ -22,7 +22,7 @@ impl Kind {
     /// Every kind.
     pub const ALL: [Kind; 2] = [Kind::Run, Kind::Demonstrations];
 
-    /// Name of the metadata record.
+    /// Returns the name of the metadata record.
     pub fn name(self) -> &'static str {
         match self {
             Kind::Run => "goalward.run",
@@ -31,21 +31,20 @@ impl Kind {
     }
 }
 
-/// What a file says of itself.
+/// A file's description of itself.
 ///
-/// Always there: `format_version`, `goalward_version`, `build` as JSON, `task`, `seed`. A run adds its
-/// whole effective configuration as `config`; demonstrations add `episodes`, `expert` and `setting`,
-/// the last as JSON.
+/// Every file has `format_version`, `goalward_version`, `build` as JSON, `task` and `seed`. A run adds its whole
+/// effective configuration as `config`; demonstrations add `episodes`, `expert` and `setting`, the last as JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Metadata {
-    /// What the file is part of.
+    /// The kind of the file.
     pub kind: Kind,
-    /// Everything else, by name.
+    /// All other entries, by name.
     pub entries: BTreeMap<String, String>,
 }
 
 impl Metadata {
-    /// Metadata of a new file, with what every file has.
+    /// Creates the metadata of a new file, with the entries that every file has.
     pub fn new(kind: Kind, task: &str, seed: u64) -> Self {
         let build = serde_json::to_string(Build::own()).expect("a build has only plain values");
         Metadata { kind, entries: BTreeMap::new() }
@@ -62,12 +61,12 @@ impl Metadata {
         self
     }
 
-    /// The entry of that name.
+    /// Returns the entry called `name`.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.entries.get(name).map(String::as_str)
     }
 
-    /// The build that wrote the file; the unknown one where it does not say so.
+    /// Returns the build that wrote the file; the unknown one if the file does not say.
     pub fn build(&self) -> Build {
         let build = self.get("build").and_then(|text| serde_json::from_str(text).ok());
         build.unwrap_or_default()
@@ -91,7 +90,7 @@ impl Metadata {
     }
 }
 
-/// Words for an MCAP file that somebody else wrote.
+/// Returns the message for an MCAP file that is not ours.
 pub(super) fn not_ours(found: &str) -> String {
     let [run, demonstrations] = Kind::ALL.map(Kind::name);
     format!(

@@ -1,4 +1,4 @@
-//! What records are called: by their names a run's log is read, where something was recorded twice.
+//! Names of records, which show what a run has recorded twice.
 
 use std::path::Path;
 
@@ -9,14 +9,14 @@ use super::read_error;
 use super::scan::Message;
 use super::topic::Topic;
 
-/// What makes two records the same thing recorded twice: topic, iteration, and what it is about
-/// within the iteration.
+/// The name of a record: topic, iteration, and two numbers within the iteration. Records with the same name are the
+/// same thing, recorded twice.
 pub(super) type Name = (Topic, u64, u64, u64);
 
-/// The name of a record of a run.
+/// Returns the name of a run's record.
 ///
 /// # Errors
-/// [`Error::LogRead`] if it cannot be decoded that far, or is none of a run.
+/// [`Error::LogRead`] if the name cannot be decoded, or the record is not one of a run.
 pub(super) fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
     let bytes = message.bytes.as_ref();
     let topic = message.topic;
@@ -46,7 +46,7 @@ pub(super) fn name_of(path: &Path, message: &Message) -> Result<Name, Error> {
     Ok((topic, iteration, second, third))
 }
 
-/// The fields of a trajectory that name it; decoding them leaves the rest alone.
+/// The fields of a trajectory that name it. Decoding them skips the rest.
 #[derive(Clone, PartialEq, prost::Message)]
 struct TrajectoryName {
     #[prost(uint64, tag = "3")]
@@ -68,8 +68,8 @@ struct ScoreName {
     episode: u64,
 }
 
-/// The fields of an update of the reward model that name it. The offline training and the first
-/// online update are of the same iteration.
+/// The fields of an update of the reward model that name it. The offline training and the first online update have the
+/// same iteration.
 #[derive(Clone, PartialEq, prost::Message)]
 struct RewardUpdateName {
     #[prost(uint64, tag = "1")]

@@ -1,8 +1,8 @@
 //! [`FileReader`]: the records of one file, and how the file ends.
 //!
-//! Reads sealed files, files that are being written and files that a crash or a bad disk left. The
-//! records given are always those that were written, in order, without a gap: reading stops at the
-//! first damage and says so. [`repair`](super::repair()) goes on behind it.
+//! Reads sealed files, files that are being written, and files that a crash or a bad disk left. The records returned
+//! are always those that were written, in order and without a gap: reading stops at the first damage and reports it.
+//! [`repair`](super::repair()) continues after the damage.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -22,8 +22,8 @@ use super::scan::{Block, Message, Scanner};
 use super::source::{Damage, Tail};
 use super::topic::Topic;
 
-/// What was recorded. Trajectories are encoded, as the actor published them;
-/// [`Encoded::decode`](protocol::trajectory::Encoded::decode) takes them and checks them.
+/// A recorded message. Trajectories are encoded, as the actor published them;
+/// [`Encoded::decode`](protocol::trajectory::Encoded::decode) decodes and checks them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Record {
     /// On `/trajectory`.
@@ -45,7 +45,7 @@ pub enum Record {
 }
 
 impl Record {
-    /// The encoded trajectory, of training or of evaluation, if it is one.
+    /// Returns the encoded trajectory, of training or of evaluation, if the record is one.
     pub fn trajectory(self) -> Option<Bytes> {
         match self {
             Record::Trajectory(bytes) | Record::EvaluationTrajectory(bytes) => Some(bytes),
@@ -70,28 +70,28 @@ impl Record {
 /// A record and when it was appended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Nanoseconds since 1970.
+    /// Log time, in nanoseconds since 1970.
     pub log_time_ns: u64,
-    /// What was recorded.
+    /// The record.
     pub record: Record,
 }
 
-/// How a file ends, or where reading it did.
+/// How a file ends, or where reading it stopped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Sealed, every checksum right.
+    /// Sealed, and every checksum is right.
     Complete,
     /// Not sealed, as its name says: being written, or its writer died. What the writer had not
     /// flushed is missing.
     Unsealed,
-    /// It has lost its end.
+    /// Its end is missing.
     Truncated {
-        /// Where the first record starts that is not there as a whole.
+        /// Where the first incomplete record starts.
         offset: u64,
-        /// Bytes of that record that are there, and of no use.
+        /// Bytes of that record that are there but of no use.
         lost_bytes: u64,
     },
-    /// Not as it was written.
+    /// Damaged.
     Corrupt {
         /// Where the damaged record starts.
         offset: u64,
@@ -99,13 +99,13 @@ pub enum Ending {
         reason: String,
         /// Bytes from there to the end of the file.
         lost_bytes: u64,
-        /// Records not given, if the file's end says how many it had.
+        /// Number of records not returned, if the file's summary says how many it has.
         lost_records: Option<u64>,
     },
 }
 
 impl Ending {
-    /// Whether something that was in the file is not readable.
+    /// Returns whether something that was in the file cannot be read.
     pub fn lost(&self) -> bool {
         matches!(self, Ending::Truncated { .. } | Ending::Corrupt { .. })
     }
@@ -136,9 +136,9 @@ impl fmt::Display for Ending {
 
 /// Iterates over the records of a file.
 ///
-/// An item is an error if the system cannot read on, if a record of ours has another schema, or if
-/// an intact record is not the message its topic says; nothing comes behind an error. Damage is no
-/// error: iteration ends, and [`ending`](Self::ending) tells.
+/// An item is an error if the system cannot read on, if a topic of ours has another schema, or if an intact record is
+/// not the message its topic says. Nothing comes after an error. Damage is no error: iteration ends, and
+/// [`ending`](Self::ending) reports it.
 pub struct FileReader {
     path: PathBuf,
     scanner: Scanner,
@@ -152,15 +152,15 @@ impl FileReader {
     /// Opens a file recorded by goalward and reads its metadata.
     ///
     /// # Errors
-    /// [`Error::LogRead`] with what was expected and found: no MCAP file, somebody else's MCAP
-    /// file, a newer format, or a file that ends before its metadata.
+    /// [`Error::LogRead`] if the file is not an MCAP file, is not ours, has a newer format, or ends before its
+    /// metadata.
     pub fn open(path: &Path) -> Result<Self, Error> {
         Self::open_begun(path)?.ok_or_else(|| {
             read_error(path, "expected metadata as the first record, found the end of the file")
         })
     }
 
-    /// The same, with none for a file that ends before its metadata.
+    /// As [`open`](Self::open), but returns `None` for a file that ends before its metadata.
     pub(super) fn open_begun(path: &Path) -> Result<Option<Self>, Error> {
         Ok(Scanner::open(path)?.map(|scanner| FileReader {
             path: path.to_owned(),
@@ -172,33 +172,33 @@ impl FileReader {
         }))
     }
 
-    /// What the file says of itself.
+    /// Returns the file's metadata.
     pub fn metadata(&self) -> &Metadata {
         self.scanner.metadata()
     }
 
-    /// How the file ends; none until the iterator has.
+    /// Returns how the file ends; `None` until iteration has ended.
     pub fn ending(&self) -> Option<&Ending> {
         self.ending.as_ref()
     }
 
-    /// Byte at which the chunk of the record given last begins; see [`entries_at`](Self::entries_at).
+    /// Returns the byte at which the chunk of the last returned record begins; see [`entries_at`](Self::entries_at).
     pub fn offset(&self) -> u64 {
         self.scanner.offset()
     }
 
-    /// The records of the chunk that begins at a byte, wherever iterating is.
+    /// Returns the records of the chunk that begins at byte `offset`, wherever the iteration is.
     ///
     /// # Errors
-    /// [`Error::LogRead`] if no chunk of this file begins there, or it is not as it was.
+    /// [`Error::LogRead`] if no chunk of this file begins there, or it is damaged.
     pub fn entries_at(&self, offset: u64) -> Result<Vec<Entry>, Error> {
         let messages = self.scanner.chunk_at(offset)?.into_iter();
         messages.map(|message| decode(&self.path, message)).collect()
     }
 
-    /// Iterates on over what a file has now that was being written when the iterator ended. Its writer may
-    /// have sealed it since. False if another file has its place, as after a repair: its records lie
-    /// elsewhere, and whoever wants them opens it.
+    /// Continues the iteration of a file that was being written when the iteration ended. Its writer may have sealed
+    /// it since. Returns false if another file has its place, as after a repair: its records have other offsets, so it
+    /// must be opened to be read.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the file is gone.
@@ -214,12 +214,12 @@ impl FileReader {
         Ok(is_same)
     }
 
-    /// The topics that the file has declared so far.
+    /// Returns the topics that the file has declared so far.
     pub(super) fn topics(&self) -> Vec<Topic> {
         self.scanner.topics()
     }
 
-    /// The next message, undecoded; none at the end.
+    /// Returns the next message, undecoded; `None` at the end.
     pub(super) fn next_message(&mut self) -> Result<Option<Message>, Error> {
         while self.messages.is_empty() && self.ending.is_none() {
             match self.scanner.next_block()? {
@@ -270,8 +270,8 @@ impl Iterator for FileReader {
     }
 }
 
-/// The ending of a file whose last `bytes` are of no use, or that has no end if there are none. It is
-/// no loss in a file whose name says that it was not sealed.
+/// Returns the ending of a file whose last `bytes` are of no use or, if there are none, whose end is missing. Nothing
+/// is lost if the file's name says that it was not sealed.
 pub(super) fn cut_off(path: &Path, length: u64, bytes: u64) -> Ending {
     if is_active(path) {
         return Ending::Unsealed;

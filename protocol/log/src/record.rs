@@ -1,23 +1,23 @@
-//! Records parsed: the texts within one are measured first, because the parser makes room for any
-//! length that it reads, four gigabytes for the four bytes of a false one.
+//! Parses records. The lengths of texts are checked first, because mcap's parser allocates any length that it reads,
+//! up to four gigabytes for a wrong length field.
 
 use mcap::records::{Record, op};
 
-/// Longest record that is believed: what a damaged length can make a reader allocate.
+/// Maximum length of a record, in bytes: the most that a damaged length can make a reader allocate.
 pub(super) const LONGEST_RECORD: usize = 64 << 20;
 
-/// What keeps a record from being taken.
+/// The reason why a record is not accepted.
 pub(super) enum Trouble {
-    /// It is not as it was written.
+    /// It is damaged.
     Damage(String),
-    /// It is as somebody else wrote it.
+    /// It is intact, but not ours.
     Foreign(String),
 }
 
 /// Parses the content of a record.
 ///
 /// # Errors
-/// When it is not as the format says, or a text in it is longer than the record.
+/// When it does not follow the format, or a text in it is longer than the record.
 pub(super) fn parse(kind: u8, content: &[u8]) -> Result<Record<'_>, String> {
     if !texts_fit(kind, content) {
         return Err("a text in it is longer than the record".to_owned());
@@ -25,16 +25,16 @@ pub(super) fn parse(kind: u8, content: &[u8]) -> Result<Record<'_>, String> {
     mcap::parse_record(kind, content).map_err(|cause| cause.to_string())
 }
 
-/// What a record begins with, as far as its texts go.
+/// A part of a record. The parts of a kind end with its last text.
 enum Part {
     Bytes(usize),
-    /// A length of four bytes and as many bytes.
+    /// A length of four bytes, and that many bytes.
     Text,
-    /// A length of four bytes and, in as many bytes, pairs of texts.
+    /// A length of four bytes, and that many bytes of pairs of texts.
     Map,
 }
 
-/// Whether the texts of a record lie within it.
+/// Returns whether the texts of a record lie within it.
 fn texts_fit(kind: u8, content: &[u8]) -> bool {
     use Part::{Bytes, Map, Text};
     let parts: &[Part] = match kind {
@@ -42,7 +42,7 @@ fn texts_fit(kind: u8, content: &[u8]) -> bool {
         op::SCHEMA => &[Bytes(2), Text, Text],
         op::CHANNEL => &[Bytes(4), Text, Text, Map],
         op::CHUNK => &[Bytes(28), Text],
-        // A map of numbers has a length as a text has.
+        // A map of numbers starts with its length, as a text does.
         op::CHUNK_INDEX => &[Bytes(32), Text, Bytes(8), Text],
         op::ATTACHMENT => &[Bytes(16), Text, Text],
         op::ATTACHMENT_INDEX => &[Bytes(40), Text, Text],
@@ -61,7 +61,7 @@ fn texts_fit(kind: u8, content: &[u8]) -> bool {
     })
 }
 
-/// What of a record is not measured yet.
+/// The part of a record that has not been checked yet.
 struct Rest<'a>(&'a [u8]);
 
 impl<'a> Rest<'a> {
@@ -128,7 +128,7 @@ mod tests {
         }
     }
 
-    /// A record with a false length of the text that begins there.
+    /// Refuses a record with a wrong length of the text at `at`, without allocating for it.
     fn refused_without_room(kind: u8, content: &[u8], at: usize) {
         let mut false_one = content.to_vec();
         false_one[at + 3] = 0x7f;

@@ -1,7 +1,7 @@
 //! Seals a file that a crash or a bad disk left, for `goalward log repair` and for resuming.
 //!
-//! All messages whose chunk is intact go to a new file, those behind damage too; the new file is
-//! read back before it takes the name. The original is kept if anything in it could not be.
+//! All messages in intact chunks go to a new file, including those after damage. The new file is read back before it
+//! gets the name. The original is kept if anything in it could not be copied.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -19,25 +19,25 @@ use super::source::{Damage, Tail};
 use super::topic::Topic;
 use super::{read_error, write_error};
 
-/// What the original has behind its name if something in it is lost.
+/// Ending that is added to the original's name if something in it is lost.
 const DAMAGED: &str = "damaged";
-/// What the new file has behind its name until it has been read back.
+/// Ending that is added to the new file's name until it has been read back.
 const REPAIRING: &str = "repairing";
 
 /// What [`repair`] did.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Repair {
-    /// The file given.
+    /// The file that was to be repaired.
     pub original: PathBuf,
-    /// The sealed file; none if there was nothing to keep.
+    /// The sealed file; `None` if there was nothing to keep.
     pub sealed: Option<PathBuf>,
-    /// Messages kept of each topic that has any.
+    /// Number of messages kept, for each topic that has any.
     pub kept: BTreeMap<Topic, u64>,
-    /// What was wrong, each with the byte it starts at; empty if the file was only not sealed.
+    /// What was wrong, with the byte it starts at; empty if the file was only not sealed.
     pub damage: Vec<String>,
-    /// Messages that are known to be lost; damage at the end of a file hides how many it took.
+    /// Number of messages known to be lost. Damage at the end of a file hides how many it took.
     pub lost: u64,
-    /// Where the original was put, if something in it is lost.
+    /// Where the original is kept, if something in it is lost.
     pub damaged: Option<PathBuf>,
 }
 
@@ -69,12 +69,12 @@ impl fmt::Display for Repair {
 
 /// Seals a file. A file that is sealed and intact stays as it is. `PATH.active` becomes `PATH`.
 ///
-/// A repair that died can be done again: the original is there until the new file has its place, and
-/// what is there of both is recognised.
+/// A repair that died can be repeated: the original is there until the new file has its place, and what exists of both
+/// is recognised.
 ///
 /// # Errors
-/// [`Error::LogRead`] as [`FileReader::open`], if the file is being written, or if another file has the
-/// sealed name; [`Error::LogWrite`] if the new file cannot be written. The original is then as it was.
+/// [`Error::LogRead`] as [`FileReader::open`], if the file is being written, or if another file has the sealed name;
+/// [`Error::LogWrite`] if the new file cannot be written. The original is then unchanged.
 pub fn repair(path: &Path) -> Result<Repair, Error> {
     let _held = hold(path)?;
     let target = sealed_path(path);
@@ -106,10 +106,10 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
     Ok(repair)
 }
 
-/// Keeps other repairs away, and refuses a file that its writer still holds.
+/// Locks the file against other repairs, and refuses one that its writer still holds.
 fn hold(path: &Path) -> Result<File, Error> {
     use io::ErrorKind::{PermissionDenied, ReadOnlyFilesystem};
-    // NFS gives the lock to one alone only where the file is open for writing.
+    // NFS grants an exclusive lock only if the file is open for writing.
     let opened = File::options().read(true).write(true).open(path);
     let opened = opened.or_else(|cause| match cause.kind() {
         PermissionDenied | ReadOnlyFilesystem => File::open(path),
@@ -118,15 +118,15 @@ fn hold(path: &Path) -> Result<File, Error> {
     let file = opened.map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
-            Err(read_error(path, "expected a file that nobody writes, found it being written"))
+            Err(read_error(path, "expected a file that no process writes, found one being written"))
         }
-        // Where files cannot be locked, a run's own lock must do.
+        // If the file system has no locks, the run's own lock must do.
         Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
     }
 }
 
-/// Reads a file. Gives the topics to repair it with, none of them if it is intact and sealed, and
-/// no answer if the file ends before its metadata.
+/// Reads a file. Returns the topics to repair it with: an empty list if it is intact and sealed, `None` if it ends
+/// before its metadata.
 fn inspect(path: &Path, repair: &mut Repair) -> Result<Option<Vec<Topic>>, Error> {
     let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(None) };
     let mut kept = BTreeMap::new();
@@ -141,7 +141,7 @@ fn inspect(path: &Path, repair: &mut Repair) -> Result<Option<Vec<Topic>>, Error
     Ok(Some(if declared.is_empty() { Topic::ALL.to_vec() } else { declared }))
 }
 
-/// Writes all that can be read to a new file and puts that in the original's place.
+/// Writes everything that can be read to a new file and puts that in the original's place.
 fn write_anew(
     path: &Path,
     target: &Path,
@@ -158,7 +158,7 @@ fn write_anew(
     let mut writer = FileWriter::create(&draft, scanner.metadata(), topics)?;
     let copied = copy(&mut scanner, &mut writer, repair).and_then(|()| writer.seal());
     if copied.is_err() {
-        // The original has everything; the draft would but take room.
+        // The original has everything; the draft would only take room.
         writer.discard().ok();
     }
     copied?;
@@ -219,7 +219,7 @@ fn verify(draft: &Path, repair: &Repair) -> Result<(), Error> {
     }
 }
 
-/// Puts the new file in the original's place. At no moment is there neither.
+/// Puts the new file in the original's place. At every moment one of them is there.
 fn replace(path: &Path, target: &Path, draft: &Path, repair: &mut Repair) -> Result<(), Error> {
     if path == target && !repair.damage.is_empty() {
         repair.damaged = Some(link_aside(path)?);
@@ -229,7 +229,7 @@ fn replace(path: &Path, target: &Path, draft: &Path, repair: &mut Repair) -> Res
     if path == target { Ok(()) } else { put_away(path, repair) }
 }
 
-/// Puts an original away whose repaired file has its place.
+/// Removes the original once the repaired file has its place, or sets it aside if it was damaged.
 fn put_away(path: &Path, repair: &mut Repair) -> Result<(), Error> {
     if !repair.damage.is_empty() {
         repair.damaged = Some(set_aside(path)?);
@@ -239,7 +239,7 @@ fn put_away(path: &Path, repair: &mut Repair) -> Result<(), Error> {
     sync_folder_of(path)
 }
 
-/// Ends a repair that died when the new file had its place and the original was still there.
+/// Completes a repair that died after the new file got its place and before the original was removed.
 fn finish(path: &Path, target: &Path, repair: &mut Repair) -> Result<(), Error> {
     let differs = || {
         let target = target.display();
@@ -269,7 +269,7 @@ fn finish(path: &Path, target: &Path, repair: &mut Repair) -> Result<(), Error> 
     put_away(path, repair)
 }
 
-/// Gives a file that stays in its place a second name.
+/// Gives a file a second name; it also keeps its own.
 fn link_aside(path: &Path) -> Result<PathBuf, Error> {
     let failed = |cause| write_error(path, "keep the damaged file", &cause);
     let mut names = names_aside(path);
@@ -283,7 +283,7 @@ fn link_aside(path: &Path) -> Result<PathBuf, Error> {
     Ok(aside)
 }
 
-/// What a link is where there are no links.
+/// Copies the file, for file systems without hard links.
 fn copy_aside(path: &Path, aside: &Path) -> io::Result<()> {
     let unfinished = durable::unfinished(aside);
     fs::copy(path, &unfinished)?;
@@ -302,13 +302,13 @@ fn set_aside(path: &Path) -> Result<PathBuf, Error> {
     Ok(aside)
 }
 
-/// Names for the damaged original.
+/// Returns possible names for the damaged original.
 fn names_aside(path: &Path) -> impl Iterator<Item = PathBuf> {
     let numbered = (1..).map(move |number| with_ending(path, &format!("{DAMAGED}-{number}")));
     std::iter::once(with_ending(path, DAMAGED)).chain(numbered)
 }
 
-/// `path` without `.active`.
+/// Returns `path` without `.active`.
 fn sealed_path(path: &Path) -> PathBuf {
     if is_active(path) { path.with_extension("") } else { path.to_owned() }
 }

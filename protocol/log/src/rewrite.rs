@@ -1,4 +1,4 @@
-//! [`rewrite`]: the log of a run once more, with other trajectories.
+//! [`rewrite`]: copies the log of a run, with other trajectories.
 
 use std::fs;
 use std::path::Path;
@@ -11,15 +11,15 @@ use super::run::read_run;
 use super::topic::Contents;
 use super::{folder, write_error};
 
-/// Messages that are held at a time.
+/// Number of messages held at a time.
 const MESSAGES_AT_ONCE: usize = 4096;
 
-/// Writes the records of a run's log into the folder `out`, in their order and at their log times,
-/// with trajectories as `change` gives them back: as many as it was given. Files that are cut off or
-/// damaged are written as far as they can be read.
+/// Writes the records of a run's log into the folder `out`, in their order and with their log times. `change` replaces
+/// trajectories and returns as many as it was given. Files that are cut off or damaged are copied as far as they can
+/// be read.
 ///
 /// # Errors
-/// Those of `change`, and [`Error::LogRead`] and [`Error::LogWrite`]; also when `out` has a log.
+/// Those of `change`, [`Error::LogRead`] and [`Error::LogWrite`]; also when `out` already has a log.
 pub fn rewrite<E: From<Error>>(
     log: &Path,
     out: &Path,

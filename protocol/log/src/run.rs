@@ -1,9 +1,8 @@
-//! [`read_run`]: everything a run recorded, in order, each thing once.
+//! [`read_run`]: everything a run recorded, in order, each record once.
 //!
-//! A run that went back to a checkpoint, because a process died or it was resumed, has recorded
-//! some iterations twice. The later record counts, and where there is none yet, none does: the iteration
-//! was undone. Which record is the last of its name is known only at the end, so the files are read
-//! twice: for the names, and for the records.
+//! A run that went back to a checkpoint, because a process died or it was resumed, has recorded some iterations twice.
+//! The later record counts. If there is none yet, neither counts: the iteration was undone. Which record is the last
+//! of its name is known only at the end, so the files are read twice: for the names, and for the records.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -22,17 +21,17 @@ use super::topic::Contents;
 use super::undone::{Mark, Return};
 use super::{Kind, read_error};
 
-/// Reads all that a run's log folder holds: trajectories, scores, updates and checkpoints merged
-/// by log time. A policy update comes behind the trajectories it learned from.
+/// Reads everything in a run's log folder: trajectories, scores, updates and checkpoints merged by log time. A policy
+/// update comes after the trajectories it learned from.
 ///
 /// # Errors
-/// [`Error::LogRead`] as [`FileReader::open`], or if the folder has no log or that of two runs.
+/// [`Error::LogRead`] as [`FileReader::open`], or if the folder has no log or the logs of two runs.
 pub fn read_run(folder: &Path) -> Result<RunReader, Error> {
     RunReader::open(folder, &Contents::ALL)
 }
 
-/// Reads only trajectories and scores, or only updates and checkpoints. Trajectories are the first to tell
-/// that a run went back: read without them, updates that it undid count until it has made the first again.
+/// Reads only trajectories and scores, or only updates and checkpoints. Trajectories are the first to show that a run
+/// went back. Read without them, undone updates count until the run has made the first of them again.
 ///
 /// # Errors
 /// As [`read_run`].
@@ -94,28 +93,28 @@ impl RunReader {
         Ok(reader)
     }
 
-    /// What the first file says of the run.
+    /// Returns the metadata of the run's first file.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Every file read and how it ends.
+    /// Returns every file that was read, and how it ends.
     pub fn endings(&self) -> &[(PathBuf, Ending)] {
         &self.endings
     }
 
-    /// Records left out because the same was recorded again later, or is to be.
+    /// Returns the number of records left out because they were recorded again later, or were undone.
     pub fn left_out(&self) -> u64 {
         self.left_out
     }
 
-    /// Trajectories that count, of training and of evaluation, wherever iterating is.
+    /// Returns the number of trajectories that count, of training and of evaluation, wherever the iteration is.
     pub fn trajectories(&self) -> u64 {
         let names = self.streams.iter().flat_map(|stream| stream.last.keys());
         names.filter(|(topic, ..)| topic.is_of_trajectories()).count() as u64
     }
 
-    /// The next message, undecoded, and the file it is from; none at the end.
+    /// Returns the next message, undecoded, with the file it is from; `None` at the end.
     pub(super) fn next_message(&mut self) -> Result<Option<(PathBuf, Message)>, Error> {
         let heads = self.streams.iter_mut().filter(|stream| stream.head.is_some());
         let earliest =
@@ -145,11 +144,11 @@ impl Iterator for RunReader {
     }
 }
 
-/// Where a record is, and since when.
+/// Where a record is, and when it was written.
 struct Place {
     /// Number of the file.
     file: usize,
-    /// Number of the record in it.
+    /// Number of the record in the file.
     record: u64,
     log_time_ns: u64,
 }
@@ -159,7 +158,7 @@ struct Stream {
     files: VecDeque<PathBuf>,
     opened: usize,
     reader: Option<(PathBuf, FileReader)>,
-    /// Messages read of the open file.
+    /// Number of messages read from the open file.
     read: u64,
     last: BTreeMap<Name, Place>,
     head: Option<(PathBuf, Message)>,
@@ -191,8 +190,7 @@ impl Stream {
     }
 }
 
-/// Notes where each record of a file is, and how many there are; those noted before under the same name
-/// count no more.
+/// Notes where each record of a file is, in place of earlier records of the same name. Returns the number of records.
 fn last_of_each_name(
     path: &Path,
     reader: &mut FileReader,
@@ -242,8 +240,8 @@ fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Er
     Err(read_error(path, message))
 }
 
-/// What the files of a run's log say of themselves, oldest first, as far as they can be read: a file may
-/// be cut off, or of an older build.
+/// Returns the metadata of the files of a run's log, by contents and number. Files whose metadata cannot be read are
+/// left out.
 ///
 /// # Errors
 /// [`Error::LogRead`] if the folder cannot be listed.
@@ -252,13 +250,13 @@ pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
     Ok(log_files(folder)?.into_iter().filter_map(metadata).collect())
 }
 
-/// The builds that a run was trained by, one after another, as far as the files of its log tell.
+/// Returns the builds that a run was trained by, one after another, as far as the files of its log show.
 ///
 /// # Errors
 /// [`Error::LogRead`] if the folder cannot be listed.
 pub fn recorded_builds(folder: &Path) -> Result<Vec<Build>, Error> {
     let mut builds = Vec::new();
-    // Whoever begins to write a log begins a file of each contents.
+    // Each writer of a log begins a file of each contents.
     let is_of_updates = |file: &LogFile| file.contents == Contents::Updates;
     for file in log_files(folder)?.into_iter().filter(is_of_updates) {
         let Ok(Some(reader)) = FileReader::open_begun(&followed(file.path)) else { continue };

@@ -1,8 +1,8 @@
-//! From the bytes of a file to blocks of messages, whatever state the file is in.
+//! Turns the bytes of a file into blocks of messages, whatever state the file is in.
 //!
-//! An MCAP file is a sequence of records: kind, length, content. Messages are in chunks, which are
-//! records with a checksum of their own. So a damaged chunk costs that chunk: its length still says
-//! where the next record is. Memory is bounded by one chunk, whose limits are in `chunk`.
+//! An MCAP file is a sequence of records: kind, length, content. Messages are in chunks, which are records with a
+//! checksum of their own. So damage costs only the damaged chunk: its length still says where the next record is.
+//! Memory is bounded by one chunk, whose limits are in `chunk`.
 
 use std::collections::BTreeMap;
 use std::fs::TryLockError;
@@ -21,11 +21,11 @@ use super::source::{Damage, Frame, Source, Tail, identity};
 use super::summary::Summary;
 use super::topic::Topic;
 
-/// Longest record that declares something. Ours have some thousand bytes; in memory they become
+/// Maximum length of a record that declares something, in bytes. Ours have some thousand; in memory they become
 /// several times as long.
 const LONGEST_DECLARATION: usize = 1 << 20;
 
-/// Letters of a foreign schema's name that are kept, for words about it.
+/// Number of characters kept of a foreign schema's name, for error messages.
 const LETTERS_KEPT: usize = 100;
 
 /// A message as recorded.
@@ -36,11 +36,11 @@ pub(super) struct Message {
     pub(super) bytes: Bytes,
 }
 
-/// What comes next in a file.
+/// The next part of a file.
 pub(super) enum Block {
-    /// A chunk whose checksum is right; none of its messages is missing.
+    /// A chunk whose checksum is right. None of its messages is missing.
     Messages(Vec<Message>),
-    /// Something that is not as it was written. Scanning can go on behind it.
+    /// Damage. Scanning can continue after it.
     Damage(Damage),
 }
 
@@ -51,17 +51,17 @@ pub(super) struct Scanner {
     source: Source,
     chunks: Chunks,
     directory: Directory,
-    /// Whether the end of the file was looked at for channels that its beginning lacks.
+    /// Whether the summary has been read for channels that the beginning lacks.
     summary_read: bool,
     /// A block found together with the damage before it.
     held: Option<Block>,
-    /// Where the block given last begins.
+    /// Where the last returned block begins.
     offset: u64,
     tail: Option<Tail>,
 }
 
 impl Scanner {
-    /// Opens a file and reads up to its metadata. None if it ends before: a crash can leave that.
+    /// Opens a file and reads its metadata. Returns `None` if the file ends before that, as a crash can leave it.
     pub(super) fn open(path: &Path) -> Result<Option<Self>, Error> {
         let mut source = Source::open(path)?;
         let header = source.next(path)?;
@@ -94,37 +94,37 @@ impl Scanner {
         &self.metadata
     }
 
-    /// How the file ends, once [`next_block`](Self::next_block) has given all of it.
+    /// Returns how the file ends, once [`next_block`](Self::next_block) has returned all of it.
     pub(super) fn tail(&self) -> Option<&Tail> {
         self.tail.as_ref()
     }
 
-    /// Messages that sequence numbers show to be missing so far.
+    /// Returns the number of messages that are missing so far, as sequence numbers show.
     pub(super) fn missing(&self) -> u64 {
         self.directory.missing
     }
 
-    /// The topics that the file has declared so far.
+    /// Returns the topics that the file has declared so far.
     pub(super) fn topics(&self) -> Vec<Topic> {
         self.directory.channels.values().filter_map(|channel| channel.topic).collect()
     }
 
-    /// Messages that a sealed file says it has; none if the file is not sealed.
+    /// Returns the number of messages that a sealed file says it has; `None` if the file is not sealed.
     pub(super) fn recorded_messages(&self) -> Option<u64> {
         Repeated::read(&self.path)?.messages
     }
 
-    /// Length of the file.
+    /// Returns the length of the file.
     pub(super) fn length(&self) -> u64 {
         self.source.length()
     }
 
-    /// Where the block given last begins.
+    /// Returns where the last returned block begins.
     pub(super) fn offset(&self) -> u64 {
         self.offset
     }
 
-    /// Takes the file as it is now, behind what was whole when it ended; false if another one has its place.
+    /// Continues with the file as it is now, after its last whole record. Returns false if another file has its place.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the system cannot open it.
@@ -138,16 +138,16 @@ impl Scanner {
         Ok(is_same)
     }
 
-    /// Whether another file has the place of this one.
+    /// Returns whether another file has the place of this one.
     pub(super) fn is_replaced(&self) -> bool {
         let found = followed(self.path.clone()).metadata();
         found.is_ok_and(|found| identity(&found) != self.source.identity())
     }
 
-    /// The messages of the chunk that begins at `offset`, whose channels this scanner has met.
+    /// Returns the messages of the chunk that begins at `offset`, whose channels this scanner has read before.
     ///
     /// # Errors
-    /// [`Error::LogRead`] if there is no such chunk any more, or it is not as it was.
+    /// [`Error::LogRead`] if there is no such chunk any more, or it is damaged.
     pub(super) fn chunk_at(&self, offset: u64) -> Result<Vec<Message>, Error> {
         let path = followed(self.path.clone());
         let failed =
@@ -166,7 +166,7 @@ impl Scanner {
         }
     }
 
-    /// Whether a writer that lives has the file, or had it when this scanner had read all there was.
+    /// Returns whether a living writer has the file, or one has extended it since this scanner opened it.
     pub(super) fn is_being_written(&self) -> bool {
         let file = self.source.file();
         let is_locked = match file.try_lock_shared() {
@@ -179,7 +179,7 @@ impl Scanner {
         is_locked || file.metadata().is_ok_and(|now| now.len() > self.source.length())
     }
 
-    /// The next block; none at the end of what can be read.
+    /// Returns the next block; `None` at the end of what can be read.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the system cannot read the file, or if a topic of ours has messages
@@ -237,11 +237,11 @@ impl Scanner {
 #[derive(Default)]
 struct ChunkContents {
     messages: Vec<Message>,
-    /// Messages that should have come before these, with no known damage to explain it.
+    /// Number of messages missing before these, without known damage to explain it.
     gap: u64,
 }
 
-/// The schemas and channels of a file so far, and how many messages each channel had.
+/// The schemas and channels of a file so far, and the next message number of each channel.
 #[derive(Clone, Default)]
 struct Directory {
     schemas: BTreeMap<u16, String>,
@@ -251,15 +251,15 @@ struct Directory {
 
 #[derive(Clone)]
 struct Channel {
-    /// None for a topic that is not ours: somebody added to the file, which is their right.
+    /// `None` for a topic that is not ours, which anybody may add to a file.
     topic: Option<Topic>,
     next: u32,
-    /// Damage has been met since its last message, so a gap in its numbers is no news.
+    /// Whether damage was found since its last message, so that a gap in its numbers is not reported again.
     forgiven: bool,
 }
 
 impl Directory {
-    /// Takes a record that is no chunk.
+    /// Takes in a record that is not a chunk.
     fn take(&mut self, kind: u8, content: &[u8], found: &mut ChunkContents) -> Result<(), Trouble> {
         if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
@@ -327,19 +327,19 @@ impl Directory {
         Ok(())
     }
 
-    /// Takes the channels from the end of a sealed file, for a file whose beginning is damaged.
+    /// Takes the channels from the summary of a sealed file, for a file whose beginning is damaged.
     fn adopt(&mut self, repeated: Option<Repeated>) {
         for (id, topic) in repeated.into_iter().flat_map(|repeated| repeated.directory.topics()) {
             self.channels.insert(id, Channel { topic, next: 0, forgiven: true });
         }
     }
 
-    /// The topic of each channel.
+    /// Returns the topic of each channel.
     fn topics(self) -> impl Iterator<Item = (u16, Option<Topic>)> {
         self.channels.into_iter().map(|(id, channel)| (id, channel.topic))
     }
 
-    /// Damage has been reported; what it took is not reported again.
+    /// Notes that damage has been reported, so that what it took is not reported again.
     fn forgive(&mut self) {
         for channel in self.channels.values_mut() {
             channel.forgiven = true;
@@ -358,14 +358,14 @@ fn metadata(content: &[u8]) -> Result<Metadata, String> {
     }
 }
 
-/// What the end of a sealed file repeats and counts.
+/// What the summary of a sealed file repeats and counts.
 struct Repeated {
     directory: Directory,
     messages: Option<u64>,
 }
 
 impl Repeated {
-    /// Reads that of a file, whatever its checksum says; none if it is not there or not readable.
+    /// Reads the summary of a file, whatever its checksum says; `None` if it is missing or not readable.
     fn read(path: &Path) -> Option<Repeated> {
         let summary = Summary::read(path)?;
         let mut repeated = Repeated { directory: Directory::default(), messages: None };

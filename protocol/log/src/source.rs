@@ -1,4 +1,4 @@
-//! The outermost records of a file, one after another, from its beginning or from a record on.
+//! The top-level records of a file, one after another, from its beginning or from a given record.
 
 use std::fs::{File, Metadata};
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -13,7 +13,7 @@ use super::chunk::RECORD_HEADER;
 use super::read_error;
 use super::record::LONGEST_RECORD;
 
-/// Where a file is not as it was written, and in which way.
+/// Damage in a file: where it is, and what is wrong.
 #[derive(Clone, Debug)]
 pub(super) struct Damage {
     pub(super) offset: u64,
@@ -25,38 +25,38 @@ pub(super) struct Damage {
 pub(super) enum Tail {
     /// As a sealed file does.
     Sealed,
-    /// Behind a whole record, without the end of a sealed file.
+    /// After a whole record, without the end of a sealed file.
     Unsealed,
     /// Within the record that starts at `offset`.
     Cut { offset: u64, bytes: u64 },
-    /// In bytes from which no next record can be found.
+    /// In bytes from which the next record cannot be found.
     Lost(Damage),
 }
 
-/// The outermost records of a file.
+/// The top-level records of a file.
 pub(super) struct Source {
     file: BufReader<File>,
     identity: (u64, u64),
     records: LinearReader,
     kind: u8,
     content: Vec<u8>,
-    /// Where the record given last starts, and where it ends.
+    /// Where the last record returned starts, and where it ends.
     start: u64,
     end: u64,
     length: u64,
     read: u64,
 }
 
-/// What comes next.
+/// The next part of a file.
 pub(super) enum Frame<'a> {
     /// A record, and where it begins.
     Record { kind: u8, content: &'a [u8], offset: u64 },
-    /// Nothing more.
+    /// The end of the file.
     End(Tail),
 }
 
 impl Source {
-    /// Opens a file from its beginning on.
+    /// Opens a file at its beginning.
     pub(super) fn open(path: &Path) -> Result<Self, Error> {
         let failed = |cause| read_error(path, format!("cannot open: {cause}"));
         let mut file = File::open(path).map_err(failed)?;
@@ -74,7 +74,7 @@ impl Source {
         Ok(Source { end: magic_bytes, ..source })
     }
 
-    /// Opens a file from a record on, whose place is known.
+    /// Opens a file at the record that begins at `offset`.
     pub(super) fn open_at(path: &Path, offset: u64) -> Result<Self, Error> {
         let failed = |cause| read_error(path, format!("cannot open: {cause}"));
         let mut file = File::open(path).map_err(failed)?;
@@ -101,27 +101,27 @@ impl Source {
         })
     }
 
-    /// The file itself.
+    /// Returns the open file.
     pub(super) fn file(&self) -> &File {
         self.file.get_ref()
     }
 
-    /// Device of the file and its number there, which no other file gets while this one is open.
+    /// Returns the file's device and inode number, which no other file has while this one is open.
     pub(super) fn identity(&self) -> (u64, u64) {
         self.identity
     }
 
-    /// Length of the file when it was opened.
+    /// Returns the length of the file when it was opened.
     pub(super) fn length(&self) -> u64 {
         self.length
     }
 
-    /// Where the last whole record ends.
+    /// Returns where the last whole record ends.
     pub(super) fn end(&self) -> u64 {
         self.end
     }
 
-    /// The next record, or how the file ends.
+    /// Returns the next record, or how the file ends.
     pub(super) fn next(&mut self, path: &Path) -> Result<Frame<'_>, Error> {
         loop {
             match self.records.next_event() {
@@ -140,7 +140,7 @@ impl Source {
         Ok(Frame::Record { kind: self.kind, content: &self.content, offset: self.start })
     }
 
-    /// Gives the parser what it asks for, as far as the file had it when it was opened.
+    /// Reads what the parser asks for, up to the length that the file had when it was opened.
     fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Error> {
         let left = usize::try_from(self.length - self.read).unwrap_or(usize::MAX);
         let room = self.records.insert(wanted.min(left));
@@ -167,7 +167,7 @@ impl Source {
     }
 }
 
-/// Device of a file and its number there.
+/// Returns the device and inode number of a file.
 pub(super) fn identity(found: &Metadata) -> (u64, u64) {
     (found.dev(), found.ino())
 }

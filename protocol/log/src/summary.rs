@@ -1,4 +1,4 @@
-//! The end of a sealed file, which says in short what the file has, read without the rest.
+//! The summary at the end of a sealed file, which can be read without the rest.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -9,7 +9,7 @@ use mcap::records::{Record, Statistics, op};
 use super::chunk::{RECORD_HEADER, each};
 use super::record::{self, LONGEST_RECORD};
 
-/// Bytes of the last record, which says where the summary begins and ends with the summary's checksum.
+/// Bytes of the last record, the footer. It says where the summary begins, and ends with the summary's checksum.
 const FOOTER: usize = RECORD_HEADER + 20;
 
 /// Bytes of that checksum.
@@ -22,7 +22,7 @@ pub(super) struct Summary {
 }
 
 impl Summary {
-    /// Reads that of a file; none if it is not there or not readable.
+    /// Reads the summary of a file; `None` if it is missing or not readable.
     pub(super) fn read(path: &Path) -> Option<Summary> {
         let mut file = File::open(path).ok()?;
         let behind = (FOOTER + mcap::MAGIC.len()) as u64;
@@ -47,7 +47,7 @@ impl Summary {
     }
 }
 
-/// What a sealed file says of its messages; none if it does not, or not as it was written.
+/// Returns the statistics of a sealed file; `None` if they are missing or damaged.
 pub(super) fn statistics(path: &Path) -> Option<Statistics> {
     let summary = Summary::read(path).filter(|summary| summary.has_right_checksum)?;
     let mut statistics = None;

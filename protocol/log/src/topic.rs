@@ -5,30 +5,30 @@
 
 use protocol::trajectory::{Source, Trajectory};
 
-/// `schema/goalward.proto` as a serialized `FileDescriptorSet`; `tests/schema.rs` makes it.
+/// `schema/goalward.proto` as a serialized `FileDescriptorSet`, made by `tests/schema.rs`.
 pub const SCHEMA: &[u8] = include_bytes!("../../schema/goalward.bin");
 
 /// `schema/scene.proto` in the same form.
 pub const SCENE_SCHEMA: &[u8] = include_bytes!("../../schema/scene.bin");
 
-/// What a recorded message is.
+/// The topic of a recorded message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Topic {
     /// An episode to learn from: a policy's, or an expert's in a file of demonstrations.
     Trajectory,
     /// An episode on evaluation seeds.
     EvaluationTrajectory,
-    /// What the reward model said of a trajectory.
+    /// The reward model's output for a trajectory.
     Score,
     /// A policy update.
     PolicyUpdate,
     /// An update of the reward model.
     RewardUpdate,
-    /// A checkpoint of both.
+    /// A checkpoint of learner and proximity service.
     Checkpoint,
-    /// What a viewer draws of an evaluation episode.
+    /// A scene of an evaluation episode, for viewers.
     Scene,
-    /// A picture that an environment has rendered of one.
+    /// An image of an evaluation episode, rendered by the environment.
     Picture,
 }
 
@@ -45,7 +45,7 @@ impl Topic {
         Topic::Picture,
     ];
 
-    /// The topic's name in MCAP.
+    /// Returns the topic's name in MCAP.
     pub fn name(self) -> &'static str {
         match self {
             Topic::Trajectory => "/trajectory",
@@ -59,7 +59,7 @@ impl Topic {
         }
     }
 
-    /// The full name of the topic's message in the schema.
+    /// Returns the full name of the topic's message in the schema.
     pub fn schema(self) -> &'static str {
         match self {
             Topic::Trajectory | Topic::EvaluationTrajectory => "goalward.v1.Trajectory",
@@ -72,12 +72,12 @@ impl Topic {
         }
     }
 
-    /// The compiled schema that declares the topic's message.
+    /// Returns the compiled schema that declares the topic's message.
     pub fn schema_set(self) -> &'static [u8] {
         if matches!(self, Topic::Scene | Topic::Picture) { SCENE_SCHEMA } else { SCHEMA }
     }
 
-    /// The topic that a trajectory goes to.
+    /// Returns the topic that a trajectory goes to.
     pub fn of(trajectory: &Trajectory) -> Topic {
         match Source::try_from(trajectory.source) {
             Ok(Source::Evaluation) => Topic::EvaluationTrajectory,
@@ -85,7 +85,7 @@ impl Topic {
         }
     }
 
-    /// Whether the topic's messages are trajectories.
+    /// Returns whether the topic's messages are trajectories.
     pub(super) fn is_of_trajectories(self) -> bool {
         matches!(self, Topic::Trajectory | Topic::EvaluationTrajectory)
     }
@@ -95,8 +95,8 @@ impl Topic {
     }
 }
 
-/// What a file of a run holds. Reading one topic costs the decompression of its whole file, so the
-/// few bytes of updates are not mixed with the many of trajectories.
+/// What a file of a run holds. Reading one topic means decompressing its whole file, so the few bytes of updates are
+/// kept apart from the many of trajectories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Contents {
     /// Trajectories and their scores.
@@ -106,10 +106,10 @@ pub enum Contents {
 }
 
 impl Contents {
-    /// Both.
+    /// Both kinds.
     pub const ALL: [Contents; 2] = [Contents::Trajectories, Contents::Updates];
 
-    /// What the names of such files begin with.
+    /// Returns what the names of such files begin with.
     pub fn name(self) -> &'static str {
         match self {
             Contents::Trajectories => "trajectories",
@@ -117,7 +117,7 @@ impl Contents {
         }
     }
 
-    /// The topics in such files.
+    /// Returns the topics in such files.
     pub fn topics(self) -> &'static [Topic] {
         match self {
             Contents::Trajectories => &Topic::ALL[..3],

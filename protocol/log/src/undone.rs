@@ -1,12 +1,12 @@
-//! What a run undid: it went back to a checkpoint, and has not come as far again yet.
+//! The records that a run has undone: it went back to a checkpoint, and has not come as far again yet.
 //!
-//! Iterations after the checkpoint are recorded again, and until then the old records of them would come
-//! ahead of the iterations that they follow.
+//! Iterations after the checkpoint are recorded again. Until then, their old records would come before the iterations
+//! that they follow.
 
 use super::name::Name;
 use super::topic::Topic;
 
-/// A training trajectory or a policy update, which tell how far a run is.
+/// A training trajectory or a policy update, which show how far a run is.
 pub(super) struct Mark {
     log_time_ns: u64,
     iteration: u64,
@@ -14,7 +14,7 @@ pub(super) struct Mark {
 }
 
 impl Mark {
-    /// None for other records.
+    /// Returns the mark of a record; `None` if it is of another topic.
     pub(super) fn of(&(topic, iteration, ..): &Name, log_time_ns: u64) -> Option<Mark> {
         let is_update = topic == Topic::PolicyUpdate;
         let tells = is_update || topic == Topic::Trajectory;
@@ -22,14 +22,14 @@ impl Mark {
     }
 }
 
-/// A run's going back: it did the iterations from this one on again, after this time.
+/// A run's return to a checkpoint: after this time, it did the iterations from this one on again.
 pub(super) struct Return {
     log_time_ns: u64,
     iteration: u64,
 }
 
 impl Return {
-    /// Every one, from the marks of all files.
+    /// Finds all returns in the marks of all files.
     pub(super) fn all(mut marks: Vec<Mark>) -> Vec<Return> {
         marks.sort_by_key(|mark| mark.log_time_ns);
         let mut returns = Vec::new();
@@ -46,8 +46,8 @@ impl Return {
         returns
     }
 
-    /// Whether a record of that time counts no more. Checkpoints are there all the same, and what comes
-    /// ahead of the first iteration is recorded again before it.
+    /// Returns whether this return undoes a record of that log time. Checkpoints stay valid. Updates of the reward
+    /// model in iteration 0 stay, because offline training is recorded again before the return shows.
     pub(super) fn undoes(&self, &(topic, iteration, ..): &Name, log_time_ns: u64) -> bool {
         let stays = match topic {
             Topic::Checkpoint => true,

@@ -1,8 +1,8 @@
-//! [`LogWriter`]: the log folder of a run, as its learner writes it.
+//! [`LogWriter`]: the log folder of a run, written by its learner.
 //!
-//! Two files are open at a time: trajectories with their scores, and updates with checkpoints.
-//! When one has grown enough the next number is opened and the old file sealed. Every sitting of a
-//! run (the first, and each resumption) opens new numbers; no file is ever appended to again.
+//! Two files are open at a time: one for trajectories with their scores, one for updates with checkpoints. When a file
+//! has grown enough, the next number is opened and the old file sealed. Each time a run is started or resumed, it
+//! opens new numbers; no file is ever appended to again.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -20,7 +20,7 @@ use super::summary::statistics;
 use super::topic::{Contents, Topic};
 use super::write_error;
 
-/// How a log is written.
+/// Options for writing a log.
 #[derive(Clone, Copy, Debug)]
 pub struct LogOptions {
     /// Size at which a file is sealed and the next one opened.
@@ -35,13 +35,13 @@ impl Default for LogOptions {
     }
 }
 
-/// Writes a run's log. When a call has returned, the message is laid out in the open chunk; the
-/// owner calls [`flush`](Self::flush) about every second and [`sync`](Self::sync) at checkpoints.
+/// Writes a run's log. When a call has returned, the message is in the open chunk. The owner calls
+/// [`flush`](Self::flush) about every second and [`sync`](Self::sync) at checkpoints.
 ///
-/// An [`Error::LogRefused`] means that a message is not recorded and will not be. An
-/// [`Error::LogWrite`] of any call means that the disk refuses, not that the message is lost:
-/// pause, call [`flush`](Self::flush) until it succeeds, go on; do not append the message again. An
-/// [`Error::LogUnsynced`] means that what was appended since the last sync may be lost, and no pause helps.
+/// An [`Error::LogRefused`] means that a message is not recorded and will not be. An [`Error::LogWrite`] of any call
+/// means that the disk refuses, not that the message is lost: pause, call [`flush`](Self::flush) until it succeeds,
+/// and continue, without appending the message again. An [`Error::LogUnsynced`] means that what was appended since the
+/// last sync may be lost, and no pause helps.
 pub struct LogWriter {
     trajectories: Stream,
     updates: Stream,
@@ -50,8 +50,8 @@ pub struct LogWriter {
 }
 
 impl LogWriter {
-    /// Opens the next file of both contents in `folder`, which is made if it is not there. Log times go on behind
-    /// those of the files that are there.
+    /// Opens the next file of each contents in `folder`, which is created if it is missing. Log times continue after
+    /// those of the existing files.
     ///
     /// # Errors
     /// [`Error::LogWrite`] for a full or failing disk, [`Error::LogRead`] if the folder cannot be listed.
@@ -114,7 +114,7 @@ impl LogWriter {
         self.updates.message(Topic::Checkpoint, self.clock.now_ns(), &checkpoint.encode_to_vec())
     }
 
-    /// Closes the open chunks: what was appended before survives the death of this process.
+    /// Closes the open chunks: what was appended so far survives the death of this process.
     ///
     /// # Errors
     /// [`Error::LogWrite`] for a full or failing disk.
@@ -124,7 +124,7 @@ impl LogWriter {
         trajectories
     }
 
-    /// Flushes and waits for the disk: what was appended before survives the machine's death.
+    /// Flushes and waits for the disk: what was appended so far survives the death of the machine.
     ///
     /// # Errors
     /// As [`FileWriter::sync`].
@@ -144,7 +144,7 @@ impl LogWriter {
         self.updates.current.seal()
     }
 
-    /// Bytes that the operating system has taken since [`create`](Self::create).
+    /// Returns the number of bytes that the operating system has accepted since [`create`](Self::create).
     pub fn bytes_written(&self) -> u64 {
         self.trajectories.bytes_written() + self.updates.bytes_written()
     }
@@ -158,7 +158,7 @@ struct Stream {
     rotate_bytes: u64,
     number: u32,
     current: FileWriter,
-    /// The file before, while the disk does not let it be sealed.
+    /// The previous file, while the disk does not let it be sealed.
     unsealed: Option<FileWriter>,
     earlier_bytes: u64,
 }
@@ -195,7 +195,7 @@ impl Stream {
         self.rotate()
     }
 
-    /// Goes on to the next file when this one has grown enough, and seals the one before.
+    /// Opens the next file when the current one has grown enough, and seals the previous one.
     fn rotate(&mut self) -> Result<(), Error> {
         let grown = self.current.is_open() && self.current.bytes_written() >= self.rotate_bytes;
         if grown && self.unsealed.is_none() {
@@ -218,13 +218,13 @@ impl Stream {
     }
 }
 
-/// The newest log time of a folder's files, as far as they can be read; 0 where there is none.
+/// Returns the newest log time in a folder's files, as far as they can be read; 0 if there is none.
 fn newest_log_time_ns(folder: &Path) -> Result<u64, Error> {
     let times = log_files(folder)?.into_iter().filter_map(|file| last_log_time_ns(&file.path));
     Ok(times.max().unwrap_or(0))
 }
 
-/// That of a file. One that does not say it is read.
+/// Returns the newest log time in a file. A file without statistics is read for it.
 fn last_log_time_ns(path: &Path) -> Option<u64> {
     match statistics(path) {
         Some(statistics) => Some(statistics.message_end_time),
@@ -232,14 +232,14 @@ fn last_log_time_ns(path: &Path) -> Option<u64> {
     }
 }
 
-/// Log times: wall time that always goes on, also from one sitting of a run to the next, for they tell what a
-/// run that went back has undone. The only clock of this crate; no result sees it.
+/// The clock of log times: wall time that never goes back, not even when a run is resumed, because log times show what
+/// a run that went back has undone. It is the only clock of this crate, and results do not depend on it.
 struct Clock {
     last_ns: u64,
 }
 
 impl Clock {
-    /// Nanoseconds since 1970.
+    /// Returns the next log time, in nanoseconds since 1970.
     fn now_ns(&mut self) -> u64 {
         let elapsed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);

@@ -1,6 +1,6 @@
 """Reads a log with the public MCAP packages alone and prints what it found, as JSON lines.
 
-Usage: log_python.py FILE. Run by log_python.rs; needs requirements.txt beside this file.
+Usage: log_python.py FILE. Run by log_python.rs; needs the packages of tests/requirements.txt.
 """
 
 import json

@@ -1,7 +1,7 @@
 //! The log is read by the public Python packages for MCAP and protobuf, with no help from us.
 //!
-//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`;
-//! `GOALWARD_PYTHON=none` leaves the test out.
+//! Needs the packages of `tests/requirements.txt` for the interpreter in `GOALWARD_PYTHON`; `GOALWARD_PYTHON=none`
+//! skips the test.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::Path;

@@ -1,6 +1,6 @@
-//! The schema in the log is the one in `schema/goalward.proto`, and our messages are its messages.
+//! Checks that the schema in the log is `schema/goalward.proto`, and that our messages follow it.
 //!
-//! `GOALWARD_WRITE_SCHEMA=1 cargo test -p mcap-log --test schema` compiles the schema anew.
+//! `GOALWARD_WRITE_SCHEMA=1 cargo test -p mcap-log --test schema` recompiles the schema.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::PathBuf;
@@ -37,7 +37,7 @@ fn the_committed_schemas_are_what_the_protos_compile_to() {
     }
 }
 
-/// Decodes our bytes by the schema: every field of the schema is there, and nothing else is.
+/// Decodes our bytes by the schema. Every field of the schema must be there, and nothing else.
 fn by_schema(name: &str, bytes: &[u8]) -> DynamicMessage {
     let pool = DescriptorPool::decode(SCHEMA).unwrap();
     let descriptor = pool.get_message_by_name(name).unwrap();
@@ -119,7 +119,7 @@ fn trajectory() {
     assert_eq!(number(&theirs, "full_hash"), (1u64 << 41) as f64);
 }
 
-/// A trajectory whose arrays are declared as numbers, as anybody else would.
+/// A trajectory whose arrays are declared as numbers, as others would declare them.
 #[derive(Clone, PartialEq, Message)]
 struct PlainTrajectory {
     #[prost(float, repeated, tag = "11")]

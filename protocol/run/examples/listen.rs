@@ -1,13 +1,13 @@
-//! Listens to the trajectories of a run and prints a line for each: of one that is being trained, or of
-//! one whose log is published again. In two terminals:
+//! Listens to the trajectories of a run and prints a line for each. The run is being trained, or
+//! its log is published again. In two terminals:
 //!
 //! ```text
 //! cargo run --release -p run --example listen -- runs/navigation-0001
 //! goalward replay runs/navigation-0001 --publish
 //! ```
 //!
-//! It listens until Ctrl-C. What it takes in here are whole episodes: [`Trajectory`] has observations,
-//! actions and how it ended.
+//! It listens until Ctrl-C. What it receives are whole episodes: [`Trajectory`] has observations,
+//! actions and how the episode ended.
 
 use std::error::Error;
 use std::io::Write;
@@ -17,7 +17,7 @@ use bus::{Bus, BusAddress, Published};
 use protocol::trajectory::{Encoded, Trajectory};
 use run::folder::RunFolder;
 
-/// Pause between two looks. A reader is waited for, so it should look often.
+/// Pause between two polls. `replay --publish` waits for slow readers, and training does not wait at all: poll often.
 const PAUSE: Duration = Duration::from_millis(5);
 
 fn main() -> Result<(), Box<dyn Error>> {

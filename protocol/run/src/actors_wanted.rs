@@ -1,8 +1,9 @@
-//! How many actors a machine of a run is to have, which can change while it trains.
+//! How many actors each machine of a run should have, which can change during training.
 //!
-//! The number wanted is a file in the run's folder, one for the machine that learns and one for each other:
-//! `goalward scale` writes it, the supervisor or the gateway looks at it; a run that is continued has its own
-//! in its configuration. Whether it is seen sooner or later, and who runs which lease, changes no result.
+//! The number is in a file of the run's folder, one for the machine that learns and one for each
+//! other machine. `goalward scale` writes it; the supervisor or the gateway reads it. When a run is
+//! resumed, the number of the machine that learns becomes part of its configuration. When a change
+//! is noticed, and which actor runs which lease, changes no result.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -15,48 +16,48 @@ use protocol::{MAX_ACTORS, durable};
 
 use crate::folder::RunFolder;
 
-/// Most bytes looked at.
+/// Most bytes read from a file.
 const MOST_BYTES: u64 = 32;
 
-/// The number of actors that is wanted of a machine.
+/// A handle to the number of actors wanted on a machine.
 #[derive(Clone, Debug)]
 pub struct ActorsWanted {
     file: PathBuf,
-    /// What was there at the last look.
+    /// Text of the file at the last look.
     known: Option<String>,
 }
 
 impl ActorsWanted {
-    /// Of the machine that has the folder.
+    /// Returns the handle of the machine that has the folder.
     pub fn here(folder: &RunFolder) -> ActorsWanted {
         ActorsWanted { file: folder.actors_file(), known: None }
     }
 
-    /// Of another machine of the run.
+    /// Returns the handle of another machine of the run.
     pub fn of_host(folder: &RunFolder, host: &str) -> ActorsWanted {
         ActorsWanted { file: folder.actors_file_of(host), known: None }
     }
 
-    /// So many are wanted from now on.
+    /// Asks for `count` actors from now on.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// If the file cannot be written.
     pub fn want(&self, count: u64) -> Result<(), Error> {
         durable::write(&self.file, count.to_string()).map_err(|error| self.failed(&error))
     }
 
-    /// The number wanted, if there is one.
+    /// Returns the number wanted, if there is one.
     ///
     /// # Errors
-    /// When there is something else in the file.
+    /// If the file holds anything else.
     pub fn count(&self) -> Result<Option<u64>, Error> {
         self.beginning().map(|text| self.parsed(&text)).transpose()
     }
 
-    /// The number wanted, if it has changed since the last look.
+    /// Returns the number wanted, if it has changed since the last look.
     ///
     /// # Errors
-    /// When there is something else in the file; said once.
+    /// If the file holds anything else; reported once.
     pub fn changed(&mut self) -> Result<Option<u64>, Error> {
         let Some(text) = self.beginning() else { return Ok(None) };
         if self.known.as_ref() == Some(&text) {
@@ -67,12 +68,12 @@ impl ActorsWanted {
         count.map(Some)
     }
 
-    /// The number wanted, which nobody finds after that.
+    /// Returns the number wanted and removes the file.
     ///
     /// # Errors
-    /// As [`ActorsWanted::count`], or when the file cannot be taken away.
+    /// As [`ActorsWanted::count`], or if the file cannot be renamed or removed.
     pub fn take(&self) -> Result<Option<u64>, Error> {
-        // What is wanted from now on comes under the name again.
+        // After the renaming, a new number goes into a new file of the old name.
         let mut name = OsString::from("taken-");
         name.push(self.file.file_name().unwrap_or_default());
         let taken = ActorsWanted { file: self.file.with_file_name(name), known: None };
@@ -85,10 +86,10 @@ impl ActorsWanted {
         count
     }
 
-    /// Forgets it: who looks next knows it.
+    /// Removes the file, if there is one, for callers that have adopted the number.
     ///
     /// # Errors
-    /// When the file cannot be removed.
+    /// If the file cannot be removed.
     pub fn forget(&self) -> Result<(), Error> {
         match fs::remove_file(&self.file) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(self.failed(&error)),
@@ -96,7 +97,7 @@ impl ActorsWanted {
         }
     }
 
-    /// As much of the file as a number could have; none if there is no file.
+    /// Reads as much of the file as a number could take; `None` if there is no file.
     fn beginning(&self) -> Option<String> {
         let mut bytes = Vec::new();
         File::open(&self.file).ok()?.take(MOST_BYTES).read_to_end(&mut bytes).ok()?;

@@ -1,5 +1,5 @@
-//! Where a run goes on from: the newest checkpoint that holds. One holds if each of its files is the one
-//! the log says was saved, and has finite numbers only.
+//! Finds the checkpoint that a run resumes from: the newest intact one. A checkpoint is intact if
+//! each of its files is the one that was saved according to the log, and has only finite numbers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,15 +13,15 @@ use protocol::{Error, digest, durable};
 
 use crate::folder::{CHECKPOINT_FILES, LEARNER_FILE, POLICY_FILE, RunFolder};
 
-/// What a checkpoint's folder is called behind its number once it has been laid aside.
+/// Extension of a checkpoint's folder that has been set aside.
 const DAMAGED: &str = "damaged";
 
-/// A checkpoint that holds.
+/// An intact checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Checkpoint {
-    /// Iterations finished.
+    /// Number of iterations finished.
     pub iteration: u64,
-    /// Where it is.
+    /// Its folder.
     pub folder: PathBuf,
 }
 
@@ -44,31 +44,32 @@ impl Checkpoint {
     }
 }
 
-/// The newest checkpoint that holds, and those that were passed over for it.
+/// The newest intact checkpoint, and newer ones that were passed over.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NewestCheckpoint {
-    /// Where to go on from; none where the run begins anew.
+    /// The checkpoint to resume from; `None` if the run starts over.
     pub newest: Option<Checkpoint>,
-    /// Newer folders and what is wrong with them, the newest first.
+    /// The folders passed over and what is wrong with each, newest first.
     pub damaged: Vec<(PathBuf, Error)>,
 }
 
 impl NewestCheckpoint {
-    /// What its user is to know: a line for each checkpoint passed over, and what comes of it.
+    /// Returns what the user should know: a line for each checkpoint passed over, and that the run
+    /// starts over if none is left.
     pub fn remarks(&self) -> Vec<String> {
         let mut lines: Vec<String> =
             self.damaged.iter().map(|(_, error)| format!("not used: {error}")).collect();
         if let (Some(last), None) = (lines.last_mut(), &self.newest) {
-            last.push_str("; no other one is left: the run begins anew");
+            last.push_str("; no checkpoint is left: the run starts over");
         }
         lines
     }
 }
 
-/// The newest checkpoint whose `files` hold; whoever needs the policy alone does not mind the others.
+/// Finds the newest checkpoint whose `files` are intact. A caller that needs only the policy need not check the others.
 ///
 /// # Errors
-/// When there is a log and it cannot be read.
+/// If there is a log but it cannot be read.
 pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error> {
     let mut found = NewestCheckpoint::default();
     let folders = run.checkpoint_folders();
@@ -89,12 +90,12 @@ pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error
     Ok(found)
 }
 
-/// The checkpoint after so many iterations, or else the newest one, whose `files` hold. A warning tells
-/// of each that was passed over.
+/// Returns the checkpoint after `iteration` iterations, or else the newest one, whose `files` are
+/// intact. Warns of each checkpoint that was passed over.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] if there is none, or the one asked for does not hold; when there is a log and it
-/// cannot be read.
+/// [`Error::Checkpoint`] if there is none, or the one asked for is not intact. Also fails if there is
+/// a log but it cannot be read.
 pub fn chosen(
     run: &RunFolder,
     iteration: Option<u64>,
@@ -103,7 +104,7 @@ pub fn chosen(
     let Some(iteration) = iteration else {
         let found = newest(run, files)?;
         found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
-        let message = "expected a checkpoint that holds, found none".to_owned();
+        let message = "expected an intact checkpoint, found none".to_owned();
         return found.newest.ok_or(Error::Checkpoint { path: run.checkpoints(), message });
     };
     let folder = run.checkpoint_folder(iteration);
@@ -113,8 +114,8 @@ pub fn chosen(
     Ok(Checkpoint { iteration, folder })
 }
 
-/// The newest checkpoint that holds as a whole. Those passed over are laid aside, so that they can be
-/// saved again.
+/// Finds the newest checkpoint whose files are all intact. Those passed over are set aside, so that
+/// they can be saved again.
 ///
 /// # Errors
 /// As [`newest`], and [`Error::Checkpoint`] if a folder cannot be renamed.
@@ -134,7 +135,7 @@ pub fn settle(run: &RunFolder) -> Result<NewestCheckpoint, Error> {
     Ok(found)
 }
 
-/// What the log has of each checkpoint, by iteration; none where there is no log.
+/// Returns the log's records of checkpoints, by iteration; `None` if there is no log.
 fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
     let files = log_files(&run.log()).unwrap_or_default();
     if files.iter().all(|file| file.contents != Contents::Updates) {
@@ -149,7 +150,7 @@ fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
     Ok(Some(records))
 }
 
-/// Checks a file against what the log has of its checkpoint, if there is a log.
+/// Checks a file against the log's record of its checkpoint, if there is a log.
 fn check(folder: &Path, name: &str, held_to: Option<Option<&Recorded>>) -> Result<(), Error> {
     let path = folder.join(name);
     let failed = |message: String| Error::Checkpoint { path: path.clone(), message };
@@ -188,13 +189,13 @@ fn hold_to(recorded: &Recorded, name: &str, bytes: &[u8]) -> Result<(), String> 
     Err(format!("expected {what} of SHA-256 {expected}... as in the log, found {found}..."))
 }
 
-/// Hash of the policy in a learner's file.
+/// Returns the hash of the policy in a learner's file.
 fn learners_policy(tensors: &Tensors) -> Result<String, String> {
     let parameters = tensors.f32("policy.parameters")?;
     Ok(Weights::new(0, &parameters, &tensors.f64("policy.moments")?).sha256())
 }
 
-/// Hash of the ensemble in a service's file.
+/// Returns the hash of the ensemble in a proximity service's file.
 fn members(tensors: &Tensors) -> String {
     let member = |number| tensors.f32_bytes(&format!("member{number}.parameters")).ok();
     digest::sha256((0..).map_while(member))
@@ -255,7 +256,7 @@ mod tests {
     }
 
     fn flip(mut bytes: Vec<u8>) -> Vec<u8> {
-        // The third-last byte is one of a number's.
+        // The third-last byte belongs to a number.
         let at = bytes.len() - 3;
         bytes[at] ^= 1;
         bytes
@@ -314,7 +315,7 @@ mod tests {
         }
         let found = settle(&run).unwrap();
         assert_eq!((found.newest.as_ref(), found.damaged.len()), (None, 2));
-        assert!(found.remarks()[1].ends_with("the run begins anew"), "{:?}", found.remarks());
+        assert!(found.remarks()[1].ends_with("the run starts over"), "{:?}", found.remarks());
         assert!(run.checkpoint_folders().is_empty());
         assert!(run.checkpoints().join("000008.damaged").exists());
         assert_eq!(settle(&run).unwrap(), NewestCheckpoint::default());

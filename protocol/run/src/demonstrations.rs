@@ -1,4 +1,4 @@
-//! The demonstrations of a run, read from their MCAP file by whoever learns from them.
+//! Reads the demonstrations of a run from their MCAP file.
 
 use std::path::{Path, PathBuf};
 
@@ -19,15 +19,15 @@ use crate::config::{RewardConfig, RunConfig, merged_settings};
 use crate::folder::RunFolder;
 use crate::metadata::recorded_task;
 
-/// What the folder of demonstrations is called that an experiment has beside its folder of runs.
+/// Name of the folder of demonstrations in an experiment's folder, beside its folder of runs.
 pub const SHARED_FOLDER: &str = "demonstrations";
 
-/// What demonstrations may take of memory: hundreds of times what the paper has.
+/// Most memory that demonstrations may take, bytes: hundreds of times what the paper's take.
 const MOST_BYTES: usize = 1 << 30;
 
-/// The file that a run learns from: the one it was given, or its own, which may not be there yet. Where the
-/// one it was given is gone, the experiment's folder that the run lies in may have been moved, or be seen
-/// under another path than where the run began: then it is the file of that name there.
+/// Returns the demonstrations file that a run learns from: the configured one, or else the run's own, which may
+/// not exist yet. If the configured file is missing, the experiment that contains the run may have been moved or
+/// be mounted under another path: then the file of the same name in that experiment is returned, if there is one.
 pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
     let Some(given) = &config.demonstrations.file else { return folder.demonstrations_file() };
     if given.exists() {
@@ -37,21 +37,21 @@ pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
     moved.unwrap_or_else(|| given.clone())
 }
 
-/// Where a file of this name lies in the experiment that a run, in `runs/NAME` there, belongs to.
+/// Returns the path that a file of this name has in the experiment whose `runs/NAME` is the run's folder.
 fn in_experiment(folder: &RunFolder, file: &Path) -> Option<PathBuf> {
-    // The name of a folder may be relative and have no parent by itself.
+    // A relative path may have no parent.
     let run = folder.path().canonicalize().ok()?;
     let experiment = run.parent()?.parent()?;
     Some(experiment.join(SHARED_FOLDER).join(file.file_name()?))
 }
 
-/// What a run of this configuration learns from of a file: as many demonstrations as it asks for, and
-/// where the file has more, each seed takes its own subset. Each ends where it first reached the goal.
-/// Actions are in the measure of the run's own action scale.
+/// Reads the demonstrations that a run of this configuration learns from. If the file has more than
+/// the configuration asks for, each seed takes its own subset. Each demonstration ends where it first
+/// reached the goal, if the task tells success. Actions are converted to the run's own action scale.
 ///
 /// # Errors
-/// [`Error::Demonstrations`] if the file is damaged, is of another task or setting, has too few, lacks
-/// actions that the method needs, or does not say where a goal was reached.
+/// [`Error::Demonstrations`] if the file is damaged, is of another task or setting, has too few
+/// demonstrations or rows, lacks actions that the method needs, or does not say where a goal was reached.
 pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error> {
     let mut reader = open(file, &config.task)?;
     let recorded = setting(&reader, file)?;
@@ -63,8 +63,8 @@ pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error
     let (found, wanted) = (trajectories.len(), config.demonstrations.episodes as usize);
     if found < wanted {
         let message = format!(
-            "expected at least {wanted} demonstrations, found {found} (fewer are asked for with \
-             --set demonstrations.episodes={found})"
+            "expected at least {wanted} demonstrations, found {found} (--set \
+             demonstrations.episodes={found} uses only these)"
         );
         return Err(failed(file, message));
     }
@@ -80,9 +80,10 @@ pub fn of_file(file: &Path, config: &RunConfig) -> Result<Vec<Trajectory>, Error
     Ok(chosen)
 }
 
-/// A configuration whose demonstrations differ from the agent's environment as its file of them says,
-/// where `settings`, the user's own words, do not. A file that does not tell counts as recorded in the
-/// environment itself. Of a file with fewer demonstrations than a task's runs have, all are learned from.
+/// Updates a configuration with what its demonstrations file says about the environment of the
+/// demonstrations. Keys that the user's `settings` name keep the user's values. A file without a
+/// setting counts as recorded in the agent's environment. If the file has fewer demonstrations than
+/// the configuration asks for, and `settings` do not name a number, the run learns from all of them.
 ///
 /// # Errors
 /// [`Error::Demonstrations`] if the file cannot be read, or is of another task.
@@ -113,8 +114,8 @@ pub fn adopt(mut config: RunConfig, settings: &[String]) -> Result<RunConfig, Er
     Ok(config)
 }
 
-/// Whether a file says what its demonstrations were recorded in: which starts and goals, which
-/// scale of actions.
+/// Returns whether a file says in which setting its demonstrations were recorded, such as starts,
+/// goals and action scale.
 ///
 /// # Errors
 /// As [`adopt`].
@@ -122,7 +123,7 @@ pub fn tells_setting(file: &Path, task: &Task) -> Result<bool, Error> {
     Ok(setting(&open(file, task)?, file)?.is_some())
 }
 
-/// Opens a file that has to hold demonstrations of a task.
+/// Opens a file and checks that it holds demonstrations of a task.
 fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
     let reader = FileReader::open(file)?;
     let metadata = reader.metadata();
@@ -144,18 +145,18 @@ fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
     }
 }
 
-/// The setting that demonstrations were recorded in, if their file tells it.
+/// Returns the setting that demonstrations were recorded in, if their file has it.
 fn setting(reader: &FileReader, file: &Path) -> Result<Option<Setting>, Error> {
     let Some(text) = reader.metadata().get("setting") else { return Ok(None) };
     let setting = serde_json::from_str(text);
     setting.map(Some).map_err(|error| failed(file, format!("setting {text}: {error}")))
 }
 
-/// What may be another one where demonstrations were recorded: a scale of actions, which are brought to the
-/// run's own, who demonstrates, and the packages it was done with, for states stay what they are.
+/// Keys of the recorded setting that may differ from the run's, because states stay the same: the
+/// action scale (actions are converted to the run's), the expert, and the package versions.
 const MAY_DIFFER: [&str; 3] = [ACTION_SCALE, EXPERT, VERSIONS];
 
-/// Refuses demonstrations that were recorded in another setting than the configuration says.
+/// Refuses demonstrations that were recorded in a setting other than the configuration's.
 fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Result<(), Error> {
     let own = config.demonstration_setting();
     for (key, found) in recorded.0.iter().filter(|(key, _)| !MAY_DIFFER.contains(&key.as_str())) {
@@ -171,8 +172,8 @@ fn require_setting(recorded: &Setting, config: &RunConfig, file: &Path) -> Resul
     Ok(())
 }
 
-/// Refuses demonstrations that do not make a single batch of a reward model, or leave it a segment without
-/// a state.
+/// Refuses demonstrations that have too few rows for one batch of the reward model, no two rows to
+/// rank, or no state in one of its segments.
 fn require_rows(
     demonstrations: &[Trajectory],
     config: &RunConfig,
@@ -183,8 +184,7 @@ fn require_rows(
     let (rows, count) = (rows.sum::<u64>(), demonstrations.len());
     if model.trains && rows < batch as u64 {
         let message = format!(
-            "expected rows for a batch, reward.batch = {batch}, found {rows} in {count} \
-             demonstrations"
+            "expected at least reward.batch = {batch} rows, found {rows} in {count} demonstrations"
         );
         return Err(failed(file, message));
     }
@@ -208,7 +208,7 @@ fn require_rows(
     Ok(())
 }
 
-/// The first segment that no state lies in.
+/// Returns the first segment without a state.
 fn empty_segment(demonstrations: &[Trajectory], config: &RewardConfig) -> Option<usize> {
     let mut found = vec![false; config.segments];
     for steps in demonstrations.iter().map(|one| one.steps as usize) {
@@ -217,8 +217,8 @@ fn empty_segment(demonstrations: &[Trajectory], config: &RewardConfig) -> Option
     found.iter().position(|found| !found)
 }
 
-/// A demonstration up to where it first reached the goal, as one that ends there: what came after would have
-/// labels as if it were closer.
+/// Cuts a demonstration where it first reached the goal, so that it ends there: later states would
+/// be labelled as if they were closer to it.
 fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String> {
     if !trajectory.success {
         return Err("expected one that reaches the goal".to_owned());
@@ -235,7 +235,7 @@ fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String>
     }
 }
 
-/// The first `steps` steps of a trajectory, which lead to the goal.
+/// Returns the first `steps` steps of a trajectory, which lead to the goal.
 fn cut(trajectory: Trajectory, steps: u32, spec: &Spec) -> Trajectory {
     let first = |bytes: &Bytes, count: u32, one: usize| {
         bytes.slice(..bytes.len().min(count as usize * one))
@@ -249,14 +249,14 @@ fn cut(trajectory: Trajectory, steps: u32, spec: &Spec) -> Trajectory {
         continuous_actions: first(&trajectory.continuous_actions, steps, action),
         environment_rewards: first(&trajectory.environment_rewards, steps, 4),
         ending: TrajectoryEnding::GoalReached as i32,
-        // It was that of the last state.
+        // The hash was that of the last state, which is cut off.
         state_hash: 0,
         ..trajectory
     }
 }
 
-/// What each number of a recorded action is multiplied with so that it acts alike under another
-/// scale; none where both are the same.
+/// Returns the factors by which the numbers of a recorded action are multiplied to have the same
+/// effect under the run's own scale; empty if both scales are the same.
 fn factors(recorded: &[f32], own: &[f32]) -> Vec<f32> {
     if recorded == own {
         return Vec::new();
@@ -276,15 +276,16 @@ fn rescaled(trajectory: Trajectory, factors: &[f32]) -> Trajectory {
     Trajectory { continuous_actions: to_bytes(&numbers), ..trajectory }
 }
 
-/// Every demonstration of a file, each up to where it first reached the goal, if the task tells.
+/// Reads all demonstrations of a file, each up to where it first reached the goal, if the task tells success.
 ///
 /// # Errors
-/// [`Error::Demonstrations`] if the file is damaged, or lacks actions where they are needed.
+/// [`Error::Demonstrations`] if the file is damaged, or a demonstration is of another task, does
+/// not say where it reached the goal, or lacks actions that are needed.
 pub fn read(file: &Path, task: &Task, with_actions: bool) -> Result<Vec<Trajectory>, Error> {
     rest(&mut FileReader::open(file)?, file, task, with_actions)
 }
 
-/// What a reader has not given yet of a file of demonstrations.
+/// Reads the demonstrations that a reader of the file has not returned yet.
 fn rest(
     reader: &mut FileReader,
     file: &Path,

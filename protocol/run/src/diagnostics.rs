@@ -1,5 +1,5 @@
-//! What programs say of themselves on standard error, in one of two forms: for people, lines that begin
-//! with `goalward:` whichever program they come from, and for a log file, lines with time and level.
+//! Diagnostics of programs on standard error, in one of two forms: for people, lines that begin with
+//! `goalward:`, whichever program they come from, and for a log file, lines with time and level.
 
 use std::fmt;
 use std::io::IsTerminal;
@@ -13,15 +13,15 @@ use tracing_subscriber::registry::LookupSpan;
 /// A form of diagnostics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Diagnostics {
-    /// `goalward: what there is to say`.
+    /// `goalward: message`.
     ForPeople,
-    /// `2026-01-31T12:00:00.000000Z ERROR learner: what there is to say`.
+    /// `2026-01-31T12:00:00.000000Z ERROR learner: message`.
     ForLog,
 }
 
 impl Diagnostics {
-    /// The form for a process that works for long: people see it only where it was started by hand, on a
-    /// terminal.
+    /// Returns the form for a long-running process: people read it only if the process was started
+    /// by hand, on a terminal.
     pub fn of_service() -> Diagnostics {
         match std::io::stderr().is_terminal() {
             true => Diagnostics::ForPeople,
@@ -29,14 +29,14 @@ impl Diagnostics {
         }
     }
 
-    /// Begins to say what is of this `level` or above it, such as `info`; `RUST_LOG` changes that.
+    /// Starts to print messages of `level`, such as `info`, and above; `RUST_LOG` overrides it.
     pub fn begin(self, level: &str) {
         let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
         let lines = tracing_subscriber::fmt()
             .with_env_filter(filter)
             .with_writer(std::io::stderr)
             .with_ansi(false)
-            // Otherwise a disk that does not take the line would end the process in a panic.
+            // Otherwise a line that the disk does not take would make the process panic.
             .log_internal_errors(false);
         match self {
             Diagnostics::ForPeople => lines.event_format(PlainLine).init(),
@@ -45,7 +45,7 @@ impl Diagnostics {
     }
 }
 
-/// A line for people.
+/// Formats a line for people.
 struct PlainLine;
 
 impl<S, N> FormatEvent<S, N> for PlainLine

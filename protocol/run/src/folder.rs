@@ -1,4 +1,4 @@
-//! The folder of a run: what lies where, and which checkpoint is the newest.
+//! The folder of a run: the paths of its files, and its newest checkpoint.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -8,86 +8,87 @@ use protocol::{Error, durable};
 
 use crate::config::{ActionChoice, RunConfig};
 
-/// The folder of a run. Everything in it but the log is derived from configuration, seed and log.
+/// The folder of a run. Everything in it except the log is derived from configuration, seed and log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunFolder {
     path: PathBuf,
 }
 
 impl RunFolder {
-    /// The run at `path`, which need not exist yet.
+    /// Returns the folder of the run at `path`, which need not exist yet.
     pub fn new(path: impl Into<PathBuf>) -> RunFolder {
         RunFolder { path: path.into() }
     }
 
-    /// The folder itself.
+    /// Returns the path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether a `goalward train` has the folder right now. Asking takes its lock for a moment.
+    /// Returns whether a `goalward train` holds the folder right now. Takes the lock for a moment.
     pub fn is_trained(&self) -> bool {
         durable::is_locked(&self.lock_file())
     }
 
-    /// The file whose lock a `goalward train` holds: on NFS and Lustre the lock of a folder keeps nobody out on
-    /// another machine.
+    /// Returns the file whose lock a `goalward train` holds. The lock of a folder would not do: on
+    /// NFS and Lustre it does not exclude other machines.
     pub fn lock_file(&self) -> PathBuf {
         self.path.join("lock")
     }
 
-    /// The effective configuration.
+    /// Returns the file of the effective configuration.
     pub fn config_file(&self) -> PathBuf {
         self.path.join("config.toml")
     }
 
-    /// The demonstrations the expert recorded for this run.
+    /// Returns the file of the demonstrations that the expert recorded for this run.
     pub fn demonstrations_file(&self) -> PathBuf {
         self.path.join("demonstrations.mcap")
     }
 
-    /// Folder of the MCAP log.
+    /// Returns the folder of the MCAP log.
     pub fn log(&self) -> PathBuf {
         self.path.join("log")
     }
 
-    /// Folder of the checkpoints, one folder each, named by the iterations finished.
+    /// Returns the folder of the checkpoints. Each is a folder named by the number of iterations finished.
     pub fn checkpoints(&self) -> PathBuf {
         self.path.join("checkpoints")
     }
 
-    /// How far offline training has come, until there is a checkpoint.
+    /// Returns the file with the progress of offline training, which exists until there is a checkpoint.
     pub fn offline_file(&self) -> PathBuf {
         self.checkpoints().join("offline.safetensors")
     }
 
-    /// Folder of what the processes printed.
+    /// Returns the folder of what the processes print.
     pub fn output(&self) -> PathBuf {
         self.path.join("output")
     }
 
-    /// The newest message of progress while the run is trained.
+    /// Returns the file with the newest progress message while the run is trained.
     pub fn progress_file(&self) -> PathBuf {
         self.output().join("progress.pb")
     }
 
-    /// The other machines that take part while the run is trained.
+    /// Returns the file that lists the other machines taking part while the run is trained.
     pub fn hosts_file(&self) -> PathBuf {
         self.output().join("hosts.json")
     }
 
-    /// How the run listened for them when it was trained last; none where it did not.
+    /// Returns the file that says how the run listened for other machines when it was last trained.
+    /// It does not exist if the run did not listen.
     pub fn listening_file(&self) -> PathBuf {
         self.output().join("listening.json")
     }
 
-    /// Summary of the finished run.
+    /// Returns the file with the summary of the finished run.
     pub fn summary_file(&self) -> PathBuf {
         self.path.join("summary.json")
     }
 
-    /// What an evaluation of a version of the policy in so many episodes is recorded in; it names a seed that
-    /// is not the run's.
+    /// Returns the file that records an evaluation of a policy version over `episodes` episodes.
+    /// Its name has the seed if that is not the run's.
     pub fn evaluation_file(
         &self,
         policy_version: u64,
@@ -100,20 +101,20 @@ impl RunFolder {
         self.path.join(format!("evaluation-v{policy_version:06}-{episodes}-{actions}{seed}.mcap"))
     }
 
-    /// How many actors the run is to have from now on, if that was changed while it trained.
+    /// Returns the file with the number of actors wanted from now on, if it was changed during training.
     pub fn actors_file(&self) -> PathBuf {
         self.path.join("actors")
     }
 
-    /// The same of another machine that takes part.
+    /// Returns the file with the number of actors wanted on another machine that takes part.
     pub fn actors_file_of(&self, host: &str) -> PathBuf {
         self.output().join(format!("actors@{host}"))
     }
 
-    /// Where the folder is now.
+    /// Returns where the folder is now.
     ///
     /// # Errors
-    /// When it is not there.
+    /// [`Error::RunMoved`] if it does not exist.
     pub fn place(&self) -> Result<Place, Error> {
         let missing = |_| Error::RunMoved { path: self.path.clone() };
         let path = self.path.canonicalize().map_err(missing)?;
@@ -121,7 +122,7 @@ impl RunFolder {
         Ok(Place { path, identity })
     }
 
-    /// Whether this is the folder of a run, though perhaps of a damaged one.
+    /// Returns whether this is the folder of a run, even of a damaged one.
     pub fn is_run(&self) -> bool {
         self.config().is_ok() || log_files(&self.log()).is_ok_and(|files| !files.is_empty())
     }
@@ -129,7 +130,7 @@ impl RunFolder {
     /// Reads the effective configuration.
     ///
     /// # Errors
-    /// [`Error::NotARun`] without a configuration; as [`RunConfig::from_text`] for one that is not sound.
+    /// [`Error::NotARun`] if there is no configuration; as [`RunConfig::from_text`] if it is invalid.
     pub fn config(&self) -> Result<RunConfig, Error> {
         let file = self.config_file();
         let text = std::fs::read_to_string(&file).map_err(|error| Error::NotARun {
@@ -139,7 +140,7 @@ impl RunFolder {
         RunConfig::from_text(&text, &file.display().to_string())
     }
 
-    /// The checkpoints there are, oldest first, as (iterations finished, folder).
+    /// Returns all checkpoints, oldest first, as (iterations finished, folder).
     pub fn checkpoint_folders(&self) -> Vec<(u64, PathBuf)> {
         let Ok(entries) = std::fs::read_dir(self.checkpoints()) else { return Vec::new() };
         let number = |path: &Path| path.file_name()?.to_str()?.parse::<u64>().ok();
@@ -151,23 +152,23 @@ impl RunFolder {
         folders
     }
 
-    /// The newest checkpoint there is, sound or not; [`crate::checkpoint::newest`] looks into them.
+    /// Returns the newest checkpoint without checking it; [`crate::checkpoint::newest`] checks.
     pub fn newest_checkpoint(&self) -> Option<(u64, PathBuf)> {
         self.checkpoint_folders().pop()
     }
 
-    /// Folder of the checkpoint after `iteration` iterations.
+    /// Returns the folder of the checkpoint after `iteration` iterations.
     pub fn checkpoint_folder(&self, iteration: u64) -> PathBuf {
         self.checkpoints().join(format!("{iteration:06}"))
     }
 }
 
-/// Where a run's folder was found, so that its processes notice when it is moved or removed: what they
-/// have open would still take what they write, and a folder made anew under the old name is not the run.
+/// Where a run's folder was found. Its processes use it to notice that the folder was moved or removed:
+/// files that they have open would still accept data, and a new folder under the old name is not the run's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     path: PathBuf,
-    /// Device and number of the folder on it.
+    /// Device and inode number of the folder.
     identity: (u64, u64),
 }
 
@@ -175,7 +176,7 @@ impl Place {
     /// Checks that the folder is still there.
     ///
     /// # Errors
-    /// [`Error::RunMoved`] when it is not, or another one is.
+    /// [`Error::RunMoved`] if it is not, or if another folder has taken its place.
     pub fn check(&self) -> Result<(), Error> {
         match identity(&self.path) {
             Ok(identity) if identity == self.identity => Ok(()),
@@ -188,16 +189,16 @@ fn identity(folder: &Path) -> std::io::Result<(u64, u64)> {
     std::fs::metadata(folder).map(|found| (found.dev(), found.ino()))
 }
 
-/// The policy's weights within a checkpoint folder, all that acting needs.
+/// Name of the file with the policy's weights in a checkpoint folder. Acting needs no other file.
 pub const POLICY_FILE: &str = "policy.safetensors";
 
-/// The learner's own state within a checkpoint folder.
+/// Name of the file with the learner's own state in a checkpoint folder.
 pub const LEARNER_FILE: &str = "learner.safetensors";
 
-/// The proximity service's state within a checkpoint folder.
+/// Name of the file with the proximity service's state in a checkpoint folder.
 pub const PROXIMITY_FILE: &str = "proximity.safetensors";
 
-/// All files of a checkpoint folder.
+/// Names of all files in a checkpoint folder.
 pub const CHECKPOINT_FILES: [&str; 3] = [POLICY_FILE, LEARNER_FILE, PROXIMITY_FILE];
 
 #[cfg(test)]

@@ -1,15 +1,15 @@
-//! How far a program is that was started for one piece of work, such as an evaluation. It says so in
-//! lines of JSON on its standard output, before the result it ends with; whoever started it shows them.
+//! The progress of a program that was started for one piece of work, such as an evaluation. The program
+//! prints it as lines of JSON on standard output, before its result; the program that started it shows them.
 
 use std::io::Write;
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-/// Time between two lines.
+/// Least time between two lines.
 const EVERY: Duration = Duration::from_millis(200);
 
-/// How far a piece of work is.
+/// The progress of a piece of work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Headway {
@@ -21,14 +21,14 @@ pub struct Headway {
     pub steps_done: u64,
 }
 
-/// Says how far this process is.
+/// Prints the progress of this process.
 #[derive(Debug, Default)]
 pub struct Teller {
     told: Option<Instant>,
 }
 
 impl Teller {
-    /// Says it, unless it was said a moment ago. That nobody listens is no failure.
+    /// Prints the progress, unless it was printed a moment ago. It is no error if nobody reads it.
     pub fn tell(&mut self, headway: Headway) {
         if self.told.is_some_and(|told| told.elapsed() < EVERY) {
             return;

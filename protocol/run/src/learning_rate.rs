@@ -1,18 +1,18 @@
-//! Learning rates over a run: of the policy and of the reward model.
+//! Learning rates of the policy and of the reward model over a run.
 
 use crate::config::{RewardConfig, RunConfig};
 
-/// A learning rate that stays as it is, or falls linearly to 0.
+/// A learning rate that is constant or falls linearly to 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LearningRate {
-    /// That of the first iteration.
+    /// Rate in the first iteration.
     pub first: f64,
-    /// Iterations until it is 0, if it falls.
+    /// Iterations until it is 0; `None` if it is constant.
     pub iterations: Option<u64>,
 }
 
 impl LearningRate {
-    /// The rate in an iteration.
+    /// Returns the rate in an iteration.
     pub fn at(&self, iteration: u64) -> f64 {
         let Some(iterations) = self.iterations else { return self.first };
         self.first * (1.0 - iteration as f64 / iterations as f64).max(0.0)
@@ -20,18 +20,18 @@ impl LearningRate {
 }
 
 impl RunConfig {
-    /// The learning rate of the policy, which every learner has in a table of its own.
+    /// Returns the learning rate of the policy, which every learner has in its own table.
     pub fn policy_learning_rate(&self) -> LearningRate {
         self.learner.learning_rate(self)
     }
 
-    /// The learning rate of the reward model.
+    /// Returns the learning rate of the reward model.
     pub fn reward_learning_rate(&self) -> LearningRate {
         let RewardConfig { learning_rate, learning_rate_decay, decay_steps, .. } = self.reward;
         self.learning_rate(learning_rate, learning_rate_decay, decay_steps)
     }
 
-    /// A rate that falls, if it does, over so many steps; 0 takes the run's own.
+    /// Returns a rate that is constant or, with `decay`, falls over `decay_steps` steps; 0 means the steps of the run.
     pub(crate) fn learning_rate(&self, first: f64, decay: bool, decay_steps: u64) -> LearningRate {
         let steps = if decay_steps == 0 { self.steps } else { decay_steps };
         LearningRate { first, iterations: decay.then(|| steps.div_ceil(self.iteration_steps())) }

@@ -1,9 +1,9 @@
-//! What a run is: [`config`] says what it does, [`folder`] what lies where, [`mod@demonstrations`] what
-//! it learns from, [`checkpoint`] where it goes on from, [`origin`] whether it is still what it began
-//! as, [`repeat`] how it is made again, [`summary`] and [`time_to_success`] what came of it, [`overview`] all that in
-//! a line, [`updates`] what its log has of its policy and [`loss`] what that has lost, [`hosts`] which other machines take
-//! part, [`actors_wanted`] how many actors each is to have, [`process`] what every process of it wears, [`mod@output`]
-//! what it has printed, and [`process_stat`] what the system says of it.
+//! What a run is. [`config`] is what it does, [`folder`] where its files are, [`mod@demonstrations`] what
+//! it learns from, [`checkpoint`] where it resumes, [`origin`] what it began with, and [`repeat`] the
+//! command that repeats it. [`summary`] and [`time_to_success`] are its results, [`overview`] is a run in
+//! one line, [`updates`] are the updates in its log, [`loss`] is what the log has lost. [`hosts`] are the
+//! other machines that take part, [`actors_wanted`] how many actors each should have, [`process`] is what
+//! all its processes have in common, [`mod@output`] what they print, and [`process_stat`] their state.
 
 pub mod actors_wanted;
 pub mod checkpoint;

@@ -1,20 +1,20 @@
-//! What a run's log has lost of all that was recorded.
+//! What a run's log has lost.
 
 use mcap_log::RunReader;
 
 use crate::folder::RunFolder;
 use crate::summary::Summary;
 
-/// A line for each file of which something could not be read, and one if the log lacks some of a finished
-/// run's episodes. A file that is being written has lost nothing.
+/// Returns a line for each file that could not be read in full, and one if the log lacks episodes
+/// of a finished run. A file that is being written has lost nothing.
 pub fn of_log(folder: &RunFolder, log: &RunReader) -> Vec<String> {
     let lost = log.endings().iter().filter(|(_, ending)| ending.lost());
     let files = lost.map(|(path, ending)| format!("{}: {ending}", path.display()));
     files.chain(of_episodes(folder, log.trajectories())).collect()
 }
 
-/// What a finished run's log lacks of the episodes that its summary counts, if `found` are not as many:
-/// whole files may be gone.
+/// Returns a line if `found` is less than the number of episodes in a finished run's summary: whole
+/// files may be missing.
 fn of_episodes(folder: &RunFolder, found: u64) -> Option<String> {
     let expected = Summary::of_run(folder).ok()??.log.trajectories;
     let log = folder.log();

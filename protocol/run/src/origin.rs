@@ -1,4 +1,4 @@
-//! What a run's log says the run began with, and whether it is still there.
+//! What a run began with, according to its log, and whether that is still the same.
 
 use mcap_log::{FileReader, recorded_metadata};
 use protocol::build::{Build, short};
@@ -11,16 +11,16 @@ use crate::config::RunConfig;
 use crate::demonstrations::{file_of, of_file};
 use crate::folder::RunFolder;
 
-/// What the metadata of demonstrations calls who acted.
+/// Metadata key of demonstrations that says who acted.
 pub const EXPERT: &str = "expert";
 
-/// The expert that comes with the task.
+/// Value of [`EXPERT`] for the expert that comes with the task.
 pub const TASKS_OWN: &str = "of the task";
 
-/// What the metadata of a run's log calls the hash of its demonstrations.
+/// Metadata key of a run's log with the SHA-256 of its demonstrations file.
 pub const DEMONSTRATIONS_SHA256: &str = "demonstrations_sha256";
 
-/// SHA-256 of the file of demonstrations that a run learns from; none where it imitates nobody.
+/// Returns the SHA-256 of the demonstrations file that a run learns from; `None` if it does not imitate.
 ///
 /// # Errors
 /// [`Error::Demonstrations`] if the file cannot be read, or is not the one that the run began with.
@@ -39,13 +39,13 @@ pub fn demonstrations_sha256(
     match recorded.find(|expected| *expected != found) {
         None => Ok(Some(found)),
         Some(expected) => Err(failed(format!(
-            "expected SHA-256 {expected}, which the run began with, found {found}: other \
-             demonstrations make another run"
+            "expected SHA-256 {expected}, which the run began with, found {found}: start a new run \
+             to use other demonstrations"
         ))),
     }
 }
 
-/// The demonstrations that a run learns from, which are those that it began with.
+/// Loads the demonstrations that a run learns from, after checking that they are those it began with.
 ///
 /// # Errors
 /// As [`demonstrations_sha256`] and [`of_file`].
@@ -53,28 +53,28 @@ pub fn load_demonstrations(
     folder: &RunFolder,
     config: &RunConfig,
 ) -> Result<Vec<Trajectory>, Error> {
-    // Whoever makes a model of a run again would have another one by others.
+    // Rebuilding a model of the run from other demonstrations would give another model.
     demonstrations_sha256(folder, config)?;
     of_file(&file_of(folder, config), config)
 }
 
-/// What a run imitated.
+/// The demonstrations that a run learned from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Demonstrations {
     /// SHA-256 of their file.
     pub sha256: String,
     /// Whether the task's own expert recorded them for the run's seed. Such demonstrations differ
-    /// from seed to seed as everything does that a seed decides.
+    /// between seeds, like everything else that depends on the seed.
     pub of_own_seed: bool,
     /// The build that recorded them.
     pub build: Build,
 }
 
 impl Demonstrations {
-    /// Those of a run; none if it imitates nobody.
+    /// Returns the demonstrations of a run; `None` if it does not imitate.
     ///
     /// # Errors
-    /// When their file cannot be read.
+    /// If their file cannot be read.
     pub fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Option<Demonstrations>, Error> {
         if !config.imitates() {
             return Ok(None);
@@ -84,7 +84,7 @@ impl Demonstrations {
             let message = cause.to_string();
             Error::Demonstrations { path: path.clone(), message }
         };
-        // A log that tells it saves reading all of the file.
+        // If the log has the hash, the file need not be read as a whole.
         let log = recorded_metadata(&folder.log()).unwrap_or_default();
         let sha256 = match log.iter().find_map(|file| file.get(DEMONSTRATIONS_SHA256)) {
             Some(recorded) => recorded.to_owned(),
@@ -101,15 +101,15 @@ impl Demonstrations {
         }))
     }
 
-    /// What they are known by: two runs that differ in nothing but their seeds imitated the same if theirs
-    /// have one of these in common.
+    /// Returns marks that identify the demonstrations. Two runs that differ only in their seeds
+    /// imitated the same expert data if they have a mark in common.
     pub fn marks(&self) -> Vec<String> {
         let of_own_seed = self.of_own_seed.then(|| format!("of its own seed, by {:?}", self.build));
         std::iter::once(self.sha256.clone()).chain(of_own_seed).collect()
     }
 }
 
-/// One phrase.
+/// Writes one phrase.
 impl fmt::Display for Demonstrations {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.of_own_seed {
@@ -119,8 +119,8 @@ impl fmt::Display for Demonstrations {
     }
 }
 
-/// The configurations that the files of a run's log were recorded under, oldest first, as far as they
-/// can be read.
+/// Returns the configurations that the files of a run's log were recorded under, by contents and number.
+/// Those that cannot be read are left out.
 ///
 /// # Errors
 /// [`Error::LogRead`] if the folder cannot be listed.

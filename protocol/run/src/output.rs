@@ -1,10 +1,10 @@
-//! What a process of a run has printed: the end of its file.
+//! Reads the end of the file that a process of a run prints to.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The last lines of a file, `bytes` of them at most; whole ones where they do not begin the file.
+/// Returns the last lines of a file, at most `bytes` bytes. A line that may have lost its beginning is left out.
 ///
 /// # Errors
 /// When the file cannot be read.

@@ -1,4 +1,4 @@
-//! A run in a line: what it is and how far it has come.
+//! A run in one line: what it is and how far it has come.
 
 use std::path::PathBuf;
 
@@ -9,20 +9,20 @@ use crate::folder::RunFolder;
 use crate::summary::Summary;
 use crate::updates::policy_updates;
 
-/// How far a run is.
+/// The state of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// A `goalward train` has it.
+    /// A `goalward train` holds it.
     Live,
     /// It has a summary.
     Finished,
-    /// Neither; it can be continued.
+    /// Neither; it can be resumed.
     Stopped,
 }
 
 impl State {
-    /// What people read.
+    /// Returns the name shown to users.
     pub fn name(self) -> &'static str {
         match self {
             State::Live => "live",
@@ -32,16 +32,16 @@ impl State {
     }
 }
 
-/// A run in a line.
+/// A run in one line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Overview {
     /// Its folder.
     pub run: PathBuf,
-    /// How far it is.
+    /// Its state.
     pub state: State,
     /// Name of the task.
     pub task: String,
-    /// The method.
+    /// Name of the method.
     pub method: String,
     /// Name of the preset.
     pub preset: String,
@@ -49,21 +49,22 @@ pub struct Overview {
     pub seed: u64,
     /// Environment steps learned from.
     pub environment_steps: u64,
-    /// Environment steps it is to take.
+    /// Environment steps that it takes in all.
     pub steps_wanted: u64,
-    /// Of the last 100 training episodes.
+    /// Success rate of the last 100 training episodes.
     pub success_rate: Option<f64>,
-    /// Of the evaluation at the end.
+    /// Success rate of the evaluation at the end.
     pub evaluated_success_rate: Option<f64>,
     /// Wall time of training, seconds.
     pub wall_s: Option<f64>,
 }
 
 impl Overview {
-    /// That of a run. What of its log cannot be read is left out; `remark` is told of a damaged summary.
+    /// Returns the overview of a run. Whatever cannot be read in its log is left out; `remark` is
+    /// called if its summary is damaged.
     ///
     /// # Errors
-    /// When it has no configuration that can be read.
+    /// If its configuration is missing or cannot be read.
     pub fn of(folder: &RunFolder, remark: impl FnOnce(&str)) -> Result<Overview, Error> {
         let config = folder.config()?;
         let begun = Overview {

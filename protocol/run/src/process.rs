@@ -1,9 +1,9 @@
-//! The shell every process of a run wears: its output, its end, its exit code.
+//! What all processes of a run have in common: their output, how they stop, their exit code.
 //!
-//! `goalward` holds a pipe to the standard input of each process it starts, and says so in
-//! [`INPUT_IS_HELD`]. When the pipe closes, because the process is to stop or because its parent is
-//! gone, the process stops. Any other input (a terminal, `/dev/null`, the closed pipe of a remote
-//! shell) says nothing: a process started by hand lives until a signal ends it or its work is done.
+//! `goalward` holds a pipe to the standard input of each process that it starts, and says so in
+//! [`INPUT_IS_HELD`]. It closes the pipe to stop the process; the pipe also closes when `goalward` is
+//! gone. Either way, the process stops. Any other input (a terminal, `/dev/null`, the closed pipe of a
+//! remote shell) means nothing: a process started by hand runs until a signal ends it or its work is done.
 
 use std::error::Error;
 use std::fmt::Display;
@@ -15,13 +15,13 @@ use std::time::{Duration, Instant};
 
 use crate::diagnostics::Diagnostics;
 
-/// Environment variable of a process whose input ends when it is to stop.
+/// Environment variable that tells a process to stop when its standard input ends.
 pub const INPUT_IS_HELD: &str = "GOALWARD_INPUT_IS_HELD";
 
-/// How often a sleeper looks whether it is to stop.
+/// How often a sleeping thread checks whether the process should stop.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// Whether the process has been asked to stop. Cheap to ask, cheap to share.
+/// Whether the process has been asked to stop. Cheap to check and to clone.
 #[derive(Clone, Debug, Default)]
 pub struct Stop {
     requested: Arc<AtomicBool>,
@@ -29,22 +29,22 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Whether the process is to stop.
+    /// Returns whether the process has been asked to stop.
     pub fn is_requested(&self) -> bool {
         self.requested.load(Ordering::Relaxed)
     }
 
-    /// Asks it to stop.
+    /// Asks the process to stop.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Relaxed);
     }
 
-    /// Whether a parent holds this process's input, so that it ends with its parent.
+    /// Returns whether a parent holds this process's standard input, so that the process stops with its parent.
     pub fn is_held(&self) -> bool {
         self.is_held
     }
 
-    /// Sleeps so long, or until the process is to stop; returns whether it is.
+    /// Sleeps for `duration`, or until the process is asked to stop; returns whether it was.
     pub fn sleep(&self, duration: Duration) -> bool {
         let deadline = Instant::now() + duration;
         while !self.is_requested() {
@@ -57,10 +57,10 @@ impl Stop {
         true
     }
 
-    /// Asks the process to stop when its standard input ends, if its parent holds that.
+    /// Returns a [`Stop`] that asks the process to stop when its standard input ends, if its parent holds that.
     ///
     /// # Errors
-    /// When the thread that watches it cannot start.
+    /// If the thread that watches the input cannot start.
     pub fn at_end_of_input() -> std::io::Result<Stop> {
         let stop = Stop { is_held: is_held(), ..Stop::default() };
         if stop.is_held {
@@ -71,10 +71,10 @@ impl Stop {
     }
 }
 
-/// Ends the process when its parent is gone: for work that nobody else waits for.
+/// Ends the process when its parent is gone, for work that nobody else waits for.
 ///
 /// # Errors
-/// When the thread that watches its standard input cannot start.
+/// If the thread that watches the standard input cannot start.
 pub fn end_with_parent() -> std::io::Result<()> {
     if is_held() {
         at_end_of_input(|| std::process::exit(1))?;
@@ -95,17 +95,17 @@ fn is_held() -> bool {
     std::env::var_os(INPUT_IS_HELD).is_some()
 }
 
-/// Exit code of a process that has met [`Final`].
+/// Exit code of a process that failed with [`Final`].
 pub const FINAL_CODE: u8 = 4;
 
-/// A failure that the same process, started again, would come to again: training that diverged, or
-/// demonstrations that are not those of the run.
+/// A failure that would recur if the process were started again: training that diverged, or
+/// demonstrations that are not the run's.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Final(pub String);
 
-/// Runs a process to its end: diagnostics on standard error, one line for a failure, exit code 0, 1 or
-/// [`FINAL_CODE`].
+/// Runs a process to its end, with diagnostics on standard error and one line for a failure.
+/// Returns exit code 0, 1 or [`FINAL_CODE`].
 pub fn run<E>(diagnostics: Diagnostics, body: impl FnOnce() -> Result<(), E>) -> ExitCode
 where
     E: Display + AsRef<dyn Error + 'static>,
@@ -120,7 +120,7 @@ where
     }
 }
 
-/// Whether a [`Final`] is an error's cause.
+/// Returns whether an error is or was caused by a [`Final`].
 fn is_final(error: &(dyn Error + 'static)) -> bool {
     let mut causes = std::iter::successors(Some(error), |&cause| cause.source());
     causes.any(|cause| cause.is::<Final>())

@@ -1,30 +1,30 @@
-//! What the system says of a process (proc_pid_stat(5)), and the processor time that follows from it.
+//! The state of a process as the kernel reports it (proc_pid_stat(5)), and processor times measured from it.
 
 use std::fs;
 use std::time::Duration;
 
-/// What the system says of a process at one moment.
+/// The state of a process at one moment, as the kernel reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessStat {
-    /// Its state, as the letter that the system has for it.
+    /// The kernel's letter for its state.
     pub state: char,
-    /// Processor time so far, of all its threads.
+    /// Processor time of all its threads so far.
     pub busy: Duration,
     /// Processor time of its child processes that have ended.
     pub ended_children: Duration,
-    /// When it was started, since the machine was.
+    /// When it was started, as time since the machine booted.
     pub started: Duration,
 }
 
 impl ProcessStat {
-    /// None if there is no such process, or none that the system shows.
+    /// Reads the state of a process; `None` if there is no such process, or its state cannot be read.
     pub fn of(id: u32) -> Option<ProcessStat> {
         let ticks_per_second = rustix::param::clock_ticks_per_second();
         ProcessStat::parse(&fs::read_to_string(format!("/proc/{id}/stat")).ok()?, ticks_per_second)
     }
 
     fn parse(line: &str, ticks_per_second: u64) -> Option<ProcessStat> {
-        // The second field is the program's name in parentheses, in which there can be anything.
+        // The second field is the program's name in parentheses. It can contain any character.
         let (_, fields) = line.rsplit_once(") ")?;
         let fields: Vec<&str> = fields.split_whitespace().collect();
         let time = |field: usize| -> Option<Duration> {
@@ -40,14 +40,14 @@ impl ProcessStat {
     }
 }
 
-/// Tells how much processor time went by, of this process and of those that it started.
+/// Measures the processor time of this process and its children.
 #[derive(Debug, Default)]
 pub struct ProcessorClock {
     told: Duration,
 }
 
 impl ProcessorClock {
-    /// Seconds since the last call, or since the process began; to a hundredth.
+    /// Returns the processor time since the last call, or since the process began, in seconds, to a hundredth.
     pub fn lap(&mut self) -> f64 {
         let now = family_busy().unwrap_or(self.told);
         let lap = now.saturating_sub(self.told);
@@ -56,15 +56,15 @@ impl ProcessorClock {
     }
 }
 
-/// Processor time of this process and its children. A child's time moves from one part of the sum to
-/// another when the child ends.
+/// Returns the processor time of this process and its children. When a child ends, its time moves
+/// from one term of the sum to another.
 fn family_busy() -> Option<Duration> {
     let own = ProcessStat::of(std::process::id())?;
     let alive = children().into_iter().filter_map(ProcessStat::of);
     Some(alive.map(|child| child.busy).sum::<Duration>() + own.busy + own.ended_children)
 }
 
-/// The living children of all threads of this process.
+/// Returns the living children of all threads of this process.
 fn children() -> Vec<u32> {
     let Ok(threads) = fs::read_dir("/proc/self/task") else { return Vec::new() };
     let lists =

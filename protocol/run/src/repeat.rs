@@ -1,4 +1,4 @@
-//! How a run is made again: the command line whose configuration is that of the run.
+//! How a run is repeated: the command line that gives the run's configuration.
 
 use std::fmt::Display;
 
@@ -11,28 +11,27 @@ use crate::demonstrations::file_of;
 use crate::folder::RunFolder;
 use crate::tasks;
 
-/// Keys that have flags of their own.
+/// Keys that have their own flags.
 const WITH_FLAGS: [&str; 4] = ["method", "preset", "seed", "steps"];
 
-/// A setting that is not the default of the run's task, preset and method.
+/// A setting that differs from the defaults of the run's task, preset and method.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
     /// Its key in the task's file.
     pub key: String,
-    /// What the run has, as TOML.
+    /// The run's value, as TOML.
     pub value: String,
-    /// What it would have by itself.
+    /// The default value, as TOML.
     pub default: String,
 }
 
-/// What a run changes in the configuration that its task, preset and method have by themselves; seed and
-/// steps left out.
+/// Returns the settings of a run that differ from the defaults of its task, preset and method, except seed and steps.
 pub fn differences(config: &RunConfig) -> Vec<Difference> {
-    // A preset or method of another version: the run's own configuration says all there is.
+    // This version may lack the run's task, preset or method; the run's own configuration then says all.
     usual(config).map(|usual| changes(config, &usual)).unwrap_or_default()
 }
 
-/// The same where it is known what they have by themselves, also of a task of the user's own.
+/// Returns the same against given defaults, also for a user's own task.
 pub fn changes(config: &RunConfig, usual: &RunConfig) -> Vec<Difference> {
     let differences = config.result_differences(usual).into_iter();
     differences
@@ -41,29 +40,29 @@ pub fn changes(config: &RunConfig, usual: &RunConfig) -> Vec<Difference> {
         .collect()
 }
 
-/// Whether it is known what a run's task has by itself, as it is of those that come with Goalward.
+/// Returns whether the defaults of a run's task are known, as they are for the tasks that come with Goalward.
 pub fn is_of_ours(config: &RunConfig) -> bool {
     usual(config).is_ok()
 }
 
-/// The configuration that a run's task, preset and method have by themselves.
+/// Returns the defaults of a run's task, preset and method.
 fn usual(config: &RunConfig) -> Result<RunConfig, Error> {
     let method = format!("method={}", config.method);
     tasks::configuration(&config.task.name, Some(&config.preset), &[method])
 }
 
-/// The same as keys and values.
+/// Returns the [`differences`] of a run as keys and values.
 pub fn settings(config: &RunConfig) -> Vec<(String, String)> {
     let differences = differences(config).into_iter();
     differences.map(|it| (it.key, unquoted(&it.value))).collect()
 }
 
-/// A value as `--set` takes it.
+/// Returns a value in the form that `--set` takes.
 pub fn unquoted(value: &str) -> String {
     value.trim_matches('"').to_owned()
 }
 
-/// The command line; a task of the user's own is in the run's own configuration.
+/// Returns the command line that repeats a run. For a user's own task it names the run's own configuration.
 pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     let RunConfig { task, method, preset, seed, steps, .. } = config;
     if !is_of_ours(config) {
@@ -71,7 +70,7 @@ pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     }
     let mut line = format!("goalward train {task} --method {method} --preset {preset}");
     line += &format!(" --seed {seed} --steps {steps}");
-    // What a file of demonstrations does not tell is absent; adopting the file leaves it out again.
+    // Keys that a demonstrations file does not tell are absent; adopting the file leaves them out again.
     for Difference { key, value, .. } in
         differences(config).into_iter().filter(|it| it.value != ABSENT)
     {
@@ -86,7 +85,7 @@ pub fn command(folder: &RunFolder, config: &RunConfig) -> String {
     line
 }
 
-/// A word as a shell takes it.
+/// Quotes a word for a shell if it needs quotes.
 pub fn quoted(word: impl Display) -> String {
     let word = word.to_string();
     let is_plain = |letter: char| letter.is_alphanumeric() || "._-=/:,+".contains(letter);

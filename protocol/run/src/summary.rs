@@ -12,12 +12,12 @@ use crate::folder::RunFolder;
 use crate::origin::Demonstrations;
 use crate::time_to_success::TimeToSuccess;
 
-/// What a finished run has come to.
+/// The results of a finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the task.
     pub task: String,
-    /// The method.
+    /// Name of the method.
     pub method: String,
     /// Name of the preset the configuration came from.
     pub preset: String,
@@ -31,29 +31,29 @@ pub struct Summary {
     pub episodes: u64,
     /// Iterations finished.
     pub iterations: u64,
-    /// Of the last 100 training episodes, in [0, 1]; none where there are none, or the task does not tell success.
+    /// Success rate of the last 100 training episodes, in [0, 1]; `None` if there are no episodes,
+    /// or the task does not tell success.
     pub success_rate: Option<f64>,
-    /// Episodes run after training.
+    /// Results of the evaluation after training.
     pub evaluation: EvaluationFigures,
-    /// Wall time of training, earlier sittings of a resumed run included, seconds.
+    /// Wall time of training, including the time before a run was resumed, seconds.
     pub wall_s: f64,
-    /// Processor time of all its processes in that time, seconds.
+    /// Processor time of all the run's processes in that time, seconds.
     #[serde(default)]
     pub processor_s: f64,
-    /// What it took until the success rate had reached 50, 90, 95 and 98 %, as far as it has.
+    /// What the run took to reach success rates of 50, 90, 95 and 98 %, for those that it reached.
     #[serde(default)]
     pub time_to_success: Vec<TimeToSuccess>,
     /// Environment steps per second of wall time.
     pub steps_per_s: f64,
-    /// Of the policy's weights.
+    /// SHA-256 of the policy's weights.
     pub policy_sha256: String,
-    /// Of the reward model's weights.
+    /// SHA-256 of the reward model's weights.
     pub proximity_sha256: String,
-    /// The builds that trained it, one after another; none in a summary from before builds were
-    /// recorded.
+    /// The builds that trained it, in order; empty in a summary from before builds were recorded.
     #[serde(default)]
     pub builds: Vec<Build>,
-    /// What it imitated; none if it imitated nobody, or was trained before this was recorded.
+    /// What it imitated; `None` if it did not imitate, or in a summary from before this was recorded.
     #[serde(default)]
     pub demonstrations: Option<Demonstrations>,
     /// The recorded files.
@@ -62,15 +62,15 @@ pub struct Summary {
     pub seconds: Seconds,
 }
 
-/// Episodes run after training.
+/// Results of the evaluation after training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationFigures {
-    /// How many.
+    /// Number of episodes.
     pub episodes: u64,
-    /// Share of them that reached the goal; none where there are none, or the task does not tell.
+    /// Share of them that reached the goal; `None` if there are no episodes, or the task does not tell success.
     pub success_rate: Option<f64>,
-    /// Mean of the environment's own returns; none where there are no episodes, or in a summary from before
-    /// this was recorded.
+    /// Mean of the environment's own returns; `None` if there are no episodes, or in a summary from
+    /// before this was recorded.
     #[serde(default)]
     pub mean_return: Option<f64>,
 }
@@ -78,25 +78,26 @@ pub struct EvaluationFigures {
 /// The recorded files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogFigures {
-    /// How many.
+    /// Number of files.
     pub files: u64,
-    /// Trajectories in them, those of the evaluation included.
+    /// Trajectories in them, including those of the evaluation.
     pub trajectories: u64,
-    /// Their size.
+    /// Their size in bytes.
     pub bytes: u64,
 }
 
-/// Where the time of the last sitting went, seconds. Actors' parts are summed over actors and lie
-/// within `rollout`; `reward_update` runs beside `policy_update` unless it comes first.
+/// Where the time went since the run was last started or resumed, seconds. `rollout`, `scoring`, `policy_update` and
+/// `reward_update` follow each other. The actors' parts are summed over actors and lie within `rollout`; the log is
+/// written in parallel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     /// Waiting for rollouts.
     pub rollout: f64,
-    /// Of actors, in environments.
+    /// Actors: stepping environments.
     pub environment: f64,
-    /// Of actors, in the policy's network and in drawing actions.
+    /// Actors: evaluating the policy's network and sampling actions.
     pub inference: f64,
-    /// Of actors, encoding and publishing trajectories.
+    /// Actors: encoding and publishing trajectories.
     pub transport: f64,
     /// Writing the log.
     pub log: f64,
@@ -104,12 +105,12 @@ pub struct Seconds {
     pub scoring: f64,
     /// Updating the policy.
     pub policy_update: f64,
-    /// Of the proximity service, updating the reward model.
+    /// Waiting for the reward model's update, beyond the policy update if the two run at the same time.
     pub reward_update: f64,
 }
 
 impl Summary {
-    /// Writes the summary of a run; it is there whole or not at all.
+    /// Writes the summary of a run; the file is written whole or not at all.
     ///
     /// # Errors
     /// [`Error::Summary`] if the disk refuses.
@@ -120,19 +121,19 @@ impl Summary {
         durable::write(&path, text + "\n").map_err(|error| failed(error.to_string()))
     }
 
-    /// The summary of a finished run. A damaged one makes no run finished: `remark` is told, and the
-    /// run can be continued, which writes it anew.
+    /// Returns the summary of a finished run. With a damaged summary the run counts as unfinished:
+    /// `remark` is called, and resuming the run writes the summary again.
     pub fn of_finished(folder: &RunFolder, remark: impl FnOnce(&str)) -> Option<Summary> {
         Summary::of_run(folder).unwrap_or_else(|error| {
-            remark(&format!("{error}; the run counts as unfinished, --resume writes it anew"));
+            remark(&format!("{error}; the run counts as unfinished, --resume writes it again"));
             None
         })
     }
 
-    /// Reads the summary of a run; none if the run is not finished.
+    /// Reads the summary of a run; `None` if the run is not finished.
     ///
     /// # Errors
-    /// When the file is there but cannot be read or is not a summary.
+    /// If the file exists but cannot be read or is not a summary.
     pub fn of_run(folder: &RunFolder) -> Result<Option<Summary>, Error> {
         let path = folder.summary_file();
         if !path.exists() {

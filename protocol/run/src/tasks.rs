@@ -1,5 +1,4 @@
-//! The configuration files of tasks and methods: those carried within the program, and tasks of the
-//! user's own.
+//! The configuration files of tasks and methods: those built into the program, and the user's own tasks.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +12,7 @@ use crate::config::RunConfig;
 /// The text of `deploy/methods.toml`.
 const METHODS: &str = include_str!("../../../deploy/methods.toml");
 
-/// The tasks of the paper, in its order, with the text of each one's file.
+/// The paper's tasks, in its order, each with the text of its file.
 const BUILT_IN: [(&str, &str); 4] = [
     ("navigation", include_str!("../../../deploy/tasks/navigation.toml")),
     ("fetch-pick", include_str!("../../../deploy/tasks/fetch_pick.toml")),
@@ -21,15 +20,15 @@ const BUILT_IN: [(&str, &str); 4] = [
     ("ant-reach", include_str!("../../../deploy/tasks/ant_reach.toml")),
 ];
 
-/// The task that is trained unless another one is asked for.
+/// The task that is trained unless another is named.
 pub const DEFAULT_TASK: &str = BUILT_IN[0].0;
 
-/// The effective configuration of a task under a preset, with `key=value` settings; the method is
-/// one of them. The task is a name, or the path of a file such as `deploy/tasks/*.toml`; a program
-/// that the file names lies beside it unless its path is absolute.
+/// Returns the effective configuration of a task under a preset, with `key=value` settings; the
+/// method is one of them. The task is a name, or the path of a file such as `deploy/tasks/*.toml`.
+/// If the file names a program by a relative path, that is relative to the file's folder.
 ///
 /// # Errors
-/// When there is no such task, or its configuration is not sound.
+/// If there is no such task, or its configuration is invalid.
 pub fn configuration(
     task: &str,
     preset: Option<&str>,
@@ -52,10 +51,10 @@ pub fn configuration(
     Ok(config)
 }
 
-/// The same of a task whose file has this text; `origin` says where it comes from.
+/// Returns the same as [`configuration`] for a task whose file has this text; `origin` says where the text comes from.
 ///
 /// # Errors
-/// When the configuration is not sound.
+/// If the configuration is invalid.
 pub fn of_text(
     text: &str,
     origin: &str,
@@ -68,15 +67,15 @@ pub fn of_text(
     })
 }
 
-/// Names of the tasks of the paper, in its order.
+/// Returns the names of the paper's tasks, in its order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// Names of the methods, and what each is in a line.
+/// Returns the names of the methods, each with a one-line description.
 ///
 /// # Panics
-/// Never: a test reads the file.
+/// Never: a test parses the file.
 pub fn methods() -> Vec<(String, String)> {
     let methods = METHODS.parse::<Table>().expect("the file is read by every test");
     let about = |changes: &Value| changes.get("about").and_then(Value::as_str).map(str::to_owned);
@@ -86,7 +85,7 @@ pub fn methods() -> Vec<(String, String)> {
         .collect()
 }
 
-/// A task's place among those of the paper; those of others come behind.
+/// Returns a task's place among those of the paper; other tasks come after them.
 pub fn place(task: &str) -> usize {
     BUILT_IN.iter().position(|(name, _)| *name == task).unwrap_or(BUILT_IN.len())
 }
@@ -137,7 +136,7 @@ mod tests {
                    action.continuous.len = 1\nhorizon_steps = 80\nprogram = \"my-actor\"\n";
         fs::write(&file, own).unwrap();
         let methods = METHODS.parse::<Table>().unwrap();
-        // Labels that fall by the horizon are of one horizon.
+        // The method `linear` needs a delta that fits the task's horizon.
         for method in methods.keys().filter(|method| *method != "linear") {
             let config = configuration(path, None, &[format!("method={method}")]).unwrap();
             assert_eq!(config.task.program, Some(folder.path().join("my-actor")), "{method}");

@@ -1,4 +1,4 @@
-//! How long a run took until it succeeded, from the policy updates in its log.
+//! What a run took until it succeeded, from the policy updates in its log.
 
 use protocol::Error;
 use protocol::messages::PolicyUpdate;
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use crate::folder::RunFolder;
 use crate::updates::policy_updates;
 
-/// The success rates whose times are taken.
+/// The success rates for which times are taken.
 pub const LEVELS: [f64; 4] = [0.5, 0.9, 0.95, 0.98];
 
-/// What a run took until it had reached a success rate for good.
+/// What a run took until it reached a success rate for good.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimeToSuccess {
     /// The success rate, in (0, 1].
@@ -24,24 +24,24 @@ pub struct TimeToSuccess {
 }
 
 impl TimeToSuccess {
-    /// Of a run, by what its log has so far; levels that it has not reached are left out.
+    /// Returns the times of a run from its log so far; levels that it has not reached are left out.
     ///
     /// # Errors
-    /// When the log is not there or cannot be read.
+    /// If the log does not exist or cannot be read.
     pub fn of_run(folder: &RunFolder) -> Result<Vec<TimeToSuccess>, Error> {
         let updates = policy_updates(folder)?.collect::<Result<Vec<_>, Error>>()?;
         Ok(TimeToSuccess::of_updates(&updates))
     }
 
-    /// Of a run's policy updates, in order.
+    /// Returns the times from a run's policy updates, which are in order.
     ///
-    /// A level is reached for good at the first update whose success rate is at least as high, and so
-    /// is the mean of all success rates from it on: a single lucky count does not make it.
+    /// A level is reached for good at the first update whose success rate is at least the level and from
+    /// which on the mean of all success rates is at least the level, too: a single lucky count is not enough.
     pub fn of_updates(updates: &[PolicyUpdate]) -> Vec<TimeToSuccess> {
         LEVELS.iter().filter_map(|&level| reached(updates, level)).collect()
     }
 
-    /// Those of each of [`LEVELS`]; none of one that was not reached.
+    /// Returns the time for each of [`LEVELS`]; `None` for a level that was not reached.
     pub fn by_level(times: &[TimeToSuccess]) -> [Option<&TimeToSuccess>; LEVELS.len()] {
         LEVELS.map(|level| times.iter().find(|time| time.success_rate == level))
     }

@@ -1,4 +1,4 @@
-//! The updates of a run, from its log.
+//! Reads the updates of a run from its log.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -11,13 +11,13 @@ use crate::folder::RunFolder;
 /// An update of the policy.
 #[derive(Clone, Debug)]
 pub struct Update {
-    /// The record of it.
+    /// Its record in the log.
     pub policy: PolicyUpdate,
-    /// The last update of the reward model before it, unless that came before an earlier one.
+    /// The last update of the reward model since the previous update of the policy, if there was one.
     pub reward: Option<RewardUpdate>,
 }
 
-/// What the entries of a log have of updates, in order.
+/// Returns the updates among the entries of a log, in order.
 pub fn updates(
     entries: impl Iterator<Item = Result<Entry, Error>>,
 ) -> impl Iterator<Item = Result<Update, Error>> {
@@ -35,10 +35,10 @@ pub fn updates(
     })
 }
 
-/// The policy's updates that the log has so far, in order; an item fails as those of the log do.
+/// Returns the policy's updates in the log so far, in order; items fail as those of the log do.
 ///
 /// # Errors
-/// When the log is not there or cannot be read.
+/// If the log does not exist or cannot be read.
 pub fn policy_updates(
     folder: &RunFolder,
 ) -> Result<impl Iterator<Item = Result<PolicyUpdate, Error>>, Error> {
@@ -46,8 +46,8 @@ pub fn policy_updates(
     Ok(updates(entries).map(|update| update.map(|update| update.policy)))
 }
 
-/// When a run was begun: when it was laid out, which every resumption does again, or before the first record
-/// of its log, by as long as the offline training took that it tells of; whichever was earlier.
+/// Returns when a run began: when its configuration was written, which happens again at every resumption, or the
+/// time of the first record in its log, less the duration of the offline training it reports; whichever is earlier.
 pub fn begun(folder: &RunFolder) -> Option<SystemTime> {
     let laid_out = folder.config_file().metadata().and_then(|file| file.modified()).ok();
     let recorded = first_entry(folder).and_then(|entry| before(&entry));

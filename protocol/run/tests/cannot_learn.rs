@@ -1,5 +1,5 @@
-//! Configurations that cannot learn, or say what nobody reads: each is refused with the values that
-//! contradict each other, and what stands in a task's file or method is not.
+//! Configurations that cannot learn, or set keys that the run does not read: each is refused with
+//! the values that contradict each other. Unread keys in a task's file or a method are not refused.
 
 use protocol::Error;
 use run::config::RunConfig;
@@ -7,13 +7,13 @@ use run::tasks::{configuration, of_text};
 
 const TASKS: [&str; 4] = ["navigation", "fetch-pick", "fetch-push", "ant-reach"];
 
-/// Settings between spaces.
+/// Assembles the configuration of a task with settings that are separated by spaces.
 fn assemble(task: &str, settings: &str) -> Result<RunConfig, Error> {
     let settings: Vec<String> = settings.split_whitespace().map(str::to_owned).collect();
     configuration(task, None, &settings)
 }
 
-/// Settings of a task, and words of its refusal; no words where it is none.
+/// Checks cases of settings and words of the refusal; without words, the settings must be accepted.
 fn judge(task: &str, cases: &[(&str, &[&str])]) {
     for (settings, words) in cases {
         match assemble(task, settings) {
@@ -68,7 +68,10 @@ fn convolutions_fit_the_grid() {
             ("policy.pool=0", &["`policy.pool`", "1 to 16", "found 0"]),
             ("reward.pool=17", &["`reward.pool`", "found 17"]),
             ("reward.convolution_kernel=0", &["`reward.convolution_kernel`", "found 0"]),
-            ("policy.convolution_kernel=6", &["`policy.convolution_kernel`", "3 times", "19 x 19"]),
+            (
+                "policy.convolution_kernel=6",
+                &["`policy.convolution_kernel`", "3 convolutions", "19 x 19"],
+            ),
             ("policy.convolution_kernel=9223372036854775807", &["`policy.convolution_kernel`"]),
             ("method=bco inverse_dynamics.pool=10", &["`inverse_dynamics.convolution_kernel`"]),
             ("policy.convolution_kernel=3 policy.pool=3 reward.pool=1", &[]),
@@ -133,7 +136,7 @@ fn the_ensemble_gets_what_it_trains_on() {
         "fetch-pick",
         &[
             ("reward.batch=2048", &["`reward.samples`", "reward.batch = 2048", "found 1024"]),
-            // Whoever draws no samples may have any batch.
+            // Without samples, any batch is allowed.
             ("reward.batch=2048 reward.samples=0", &[]),
             ("method=temporal-distance reward.batch=2048", &[]),
         ],
@@ -165,7 +168,7 @@ fn labels_tell_near_from_far() {
     both("reward.discounting=linear reward.delta=0.1", &[]);
     both("reward.discounting=linear reward.delta=0.005", &[]);
     both("reward.discounting=linear reward.delta=1e-6", &["`reward.delta`", "0.000001"]);
-    // The file's exponential delta with the other discounting.
+    // The file's exponential delta with linear discounting.
     judge("navigation", &[("reward.discounting=linear", &["`reward.delta`", "0.95"])]);
 }
 
@@ -212,7 +215,7 @@ fn no_minibatch_can_be_empty() {
                 "ppo.minibatches=2049",
                 &["`ppo.minibatches`", "at most 2048, half the steps", "2049"],
             ),
-            // Whoever makes no minibatches of a rollout may have the shortest.
+            // A learner that makes no minibatches of a rollout allows the shortest.
             ("method=sqil rollout.lanes=1 rollout.lane_steps=100", &[]),
         ],
     );
@@ -351,7 +354,7 @@ fn tables_of_other_learners_in_a_task_s_file_are_not_judged() {
     assert!(said.contains("`inverse_dynamics.batch` must be at least 1"), "{said}");
 }
 
-/// A task of a few lines, with more of them, under a setting.
+/// Assembles the configuration of a small task, whose file has `more` lines, with a setting.
 fn line(more: &str, setting: &str) -> Result<RunConfig, Error> {
     let own = "[task]\nname = \"line\"\nobservation.vector.len = 2\naction.discrete.count = 2\n";
     of_text(&format!("{own}{more}"), "line", None, &[setting.to_owned()])
@@ -429,8 +432,8 @@ fn a_recorded_configuration_is_read_as_it_is() {
     RunConfig::from_text(&never_learned, "an old run").unwrap();
 }
 
-/// Every key of every method with values at the edges of what can be written: a refusal or a
-/// configuration whose size can be told, never a panic.
+/// Gives every key of ten methods values at the edges of what can be written. Each must lead to a
+/// refusal or to a configuration whose size can be estimated, never to a panic.
 #[test]
 fn no_value_breaks_the_judgement() {
     const EDGES: [&str; 12] = [
@@ -473,7 +476,7 @@ fn no_value_breaks_the_judgement() {
             if let Ok(config) = configuration(task, None, &settings) {
                 let estimate = config.estimate(2);
                 let numbers = [estimate.bytes(), estimate.environment_steps, estimate.row_passes];
-                // Infinite is more than any machine has.
+                // Infinity is allowed: it is more than any machine has.
                 let sound = numbers.iter().all(|number| *number >= 0.0);
                 assert!(sound, "{task} {settings:?}: {estimate:?}");
                 taken += 1;
@@ -483,7 +486,7 @@ fn no_value_breaks_the_judgement() {
     assert!(taken > 500, "{taken}");
 }
 
-/// The dotted keys of a configuration's text.
+/// Returns the dotted keys of a configuration's text.
 fn keys_of(text: &str) -> Vec<String> {
     let (mut table, mut keys) = (String::new(), Vec::new());
     for line in text.lines() {

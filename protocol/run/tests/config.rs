@@ -1,4 +1,4 @@
-//! The configuration: presets and settings over a task's file, and what is refused with which words.
+//! The configuration: presets and settings over a task's file, and the words of refusals.
 
 use std::path::PathBuf;
 
@@ -72,7 +72,7 @@ fn what_is_wrong_is_named() {
         ("ppo.clip", "key=value"),
         ("ppo.clip=0", "`ppo.clip` must be above 0, found 0"),
         ("ppo.gamma=1.5", "`ppo.gamma` must be above 0 and at most 1, found 1.5"),
-        ("task.horizon_steps=50", "only renames it"),
+        ("task.horizon_steps=50", "only changes the name"),
         ("resources.actors=65", "at most 64"),
         ("resources.lease_timeout_ms=9223372036854775807", "at most a day"),
         ("log.file_mib=9223372036854775807", "at most 1048576"),
@@ -87,7 +87,7 @@ fn what_is_wrong_is_named() {
         ("reward.model=none", "`reward.model` must be some for ppo"),
         ("reward.form=gail", "`reward.form`"),
         ("reward.input=transition", "`reward.input` must be state or state-action with proximity"),
-        ("reward.gradient_penalty=1.0", "0 but for a discriminator of vectors"),
+        ("reward.gradient_penalty=1.0", "0, except for a discriminator of vector observations"),
         ("reward.weight_decay=-1.0", "`reward.weight_decay` must be between 0e0 and 1e6"),
         ("reward.prior=-1.0", "`reward.prior` must be between 0e0 and 1e6"),
     ] {
@@ -123,7 +123,7 @@ fn what_a_file_has_wrong_is_told_with_the_file_and_the_table() {
         ("[environment]\nwind = [0.5, nan]\n", &[], "`environment.wind` must be finite"),
         ("", &["environment.wind=[0.5, inf]"], "expected a finite environment.wind"),
         ("", &["environment.wind=[{ x = nan }]"], "expected a finite environment.wind"),
-        ("", &["ppo.clipp=0.3"], "--set ppo.clipp: expected a key that there is, such as ppo.clip"),
+        ("", &["ppo.clipp=0.3"], "--set ppo.clipp: expected an existing key, such as ppo.clip"),
     ] {
         let said = refusal(text, settings);
         assert!(said.contains(words), "expected {words} in: {said}");
@@ -150,10 +150,10 @@ fn a_message_of_the_log_holds_the_longest_episode() {
     );
     let without = judged(pixels, &["log.observations=false"]).unwrap();
     judged(&pixels.replace("1000", "300"), &[]).unwrap();
-    // What was recorded is what it is.
+    // A recorded configuration is read as it is.
     let text = without.to_text().replace("\nobservations = false", "\nobservations = true");
     assert!(RunConfig::from_text(&text, "an old run").unwrap().log.observations);
-    // Where observations cannot be left out, or actions alone are too many.
+    // Observations cannot be left out, or actions alone are too long.
     let changing = pixels.replace("[rollout]", "deterministic = false\n[rollout]");
     for said in [refusal(pixels, &["method=sqil"]), refusal(&changing, &[])] {
         assert!(said.contains(&format!("`task.horizon_steps` must be smaller: {why}")), "{said}");

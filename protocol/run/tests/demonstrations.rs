@@ -1,5 +1,5 @@
-//! Demonstrations out of files made by hand: what a file says of itself decides, and what it does not
-//! say, or says against the configuration, is refused in words.
+//! Demonstrations from handmade files: the setting that a file records takes precedence, and a file
+//! that lacks something or contradicts the configuration is refused with a message.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use run::folder::RunFolder;
 use run::origin::load_demonstrations;
 use run::tasks::configuration;
 
-/// A demonstration of FETCH PUSH whose observations hold their step, and actions theirs.
+/// Returns a demonstration of FETCH PUSH whose observations, actions and rewards hold the number of their step.
 fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
     let spec = configuration("fetch-push", None, &[]).unwrap().task.spec();
     let numbered = |count: u32, bytes: usize| {
@@ -41,14 +41,14 @@ fn demonstration(steps: u32, steps_to_goal: u32, ending: Ending) -> Trajectory {
 }
 
 struct Given {
-    /// Removed with this.
+    /// Removed when this is dropped.
     _folder: tempfile::TempDir,
     settings: Vec<String>,
 }
 
 impl Given {
-    /// A file of these demonstrations, recorded in `setting` if it tells, and a run that learns from
-    /// it.
+    /// Writes these demonstrations to a file, with their setting if it is given, and prepares a run
+    /// that learns from it.
     fn new(setting: Option<&str>, trajectories: &[Trajectory]) -> Given {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("given.mcap");
@@ -92,7 +92,7 @@ impl Given {
     }
 }
 
-/// In the setting that the task's file has for demonstrations.
+/// Records demonstrations in the setting that the task's file has for them.
 fn usual(trajectories: &[Trajectory]) -> Given {
     Given::new(Some("{\"coverage\":1.0,\"noise\":1.0}"), trajectories)
 }
@@ -103,11 +103,11 @@ fn what_runs_on_after_the_goal_is_cut_there() {
         let ending = if steps == 60 { Ending::Truncated } else { Ending::GoalReached };
         demonstration(steps, goal, ending)
     });
-    // Of a file that does not tell where the goal was, an end at the goal does.
+    // If a demonstration does not say at which step it reached the goal, an ending at the goal does.
     let untold = demonstration(9, 0, Ending::GoalReached);
     let given = usual(&[long, short.clone(), untold.clone()]);
     let found = given.load().unwrap();
-    // State hashes are of final states, and the last one is another now.
+    // The state hash is that of the final state, which was cut off.
     let expected = Trajectory { state_hash: 0, ..demonstration(25, 25, Ending::GoalReached) };
     assert_eq!(found[0], expected);
     assert_eq!(found[1..], [short, untold]);
@@ -139,7 +139,7 @@ fn the_setting_of_a_file_decides() {
     let found = quarter.config().unwrap().demonstrations.environment;
     assert_eq!(found, Setting("coverage = 0.25\nnoise = 1.5".parse().unwrap()));
     quarter.load().unwrap();
-    // Said and true.
+    // The user's values agree with the file.
     let said = ["demonstrations.coverage=0.25", "demonstrations.noise=1.5"];
     said.iter().fold(quarter, |given, said| given.with(said)).load().unwrap();
 
@@ -149,9 +149,9 @@ fn the_setting_of_a_file_decides() {
     assert!(refusal.contains("found them recorded with 1"), "{refusal}");
     let refusal = full().with("demonstrations.noise=2.0").refusal();
     assert!(refusal.contains("demonstrations.noise = 2"), "{refusal}");
-    // An integer is the number it is; of what a file does not tell the user's word holds.
+    // An integer equals the same number as a float; the user's value applies to keys that the file lacks.
     recorded("{\"coverage\":1}").with("demonstrations.noise=1.0").load().unwrap();
-    // What tasks do not let demonstrations differ in is that of the agent's environment.
+    // Keys that the task does not set for demonstrations have the value of the agent's environment.
     let refusal = recorded("{\"ranges\":\"one-sided\"}").refusal();
     assert!(refusal.contains("demonstrations.ranges = \"symmetric\""), "{refusal}");
     let one_sided = recorded("{\"ranges\":\"one-sided\"}");
@@ -209,11 +209,11 @@ fn too_few_rows_for_a_batch_are_refused() {
     let refusal = batch(20).refusal();
     assert!(refusal.contains("reward.batch = 20"), "{refusal}");
     assert!(refusal.contains("found 19 in 2 demonstrations"), "{refusal}");
-    // A discriminator does not see where nobody acts.
+    // A discriminator has no row for the last state, in which nobody acts.
     let gail = |rows| batch(rows).with("method=gail").with(&format!("reward.batch={rows}"));
     gail(17).load().unwrap();
     assert!(gail(18).refusal().contains("found 17"));
-    // One that proximity is multiplied by does.
+    // The discriminator that proximity is multiplied by has one.
     batch(19).with("method=proximity-discriminator").load().unwrap();
 }
 

@@ -1,11 +1,9 @@
-//! Every writer of a file that others rely on, killed at every system call that touches files: the
-//! old or the new one is there, never neither and nothing in between, and what is left of it is gone
-//! once the writer has been called again.
+//! Kills every writer of a file that others rely on, at every system call that touches files. Afterwards the
+//! old or the new file must exist as a whole, and leftovers must be gone once the writer has been called again.
 //!
-//! Method: this program starts itself as a writer of one thread, traces it (ptrace), counts how often
-//! it enters or leaves such a system call when nothing disturbs it, and then kills it at the first, the
-//! second and so on, each time in a folder laid out anew. Each [`Scene`] is a writer, what it finds,
-//! and what must hold afterwards.
+//! Method: this program starts itself as a writer of one thread and traces it (ptrace). It counts how often an
+//! undisturbed writer enters or leaves such a system call, and then kills it at the first, the second and so on, each
+//! time in a freshly prepared folder. Each [`Scene`] has a writer, what it finds, and what must hold afterwards.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::io::{Write, stderr, stdin};
@@ -27,10 +25,10 @@ use protocol::messages::Score;
 use protocol::tensors::Tensors;
 use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE, RunFolder};
 
-/// Names the scene to the writer.
+/// Environment variable that names the scene to the writer.
 const WRITER: &str = "GOALWARD_TEST_WRITER";
 
-/// Names the folder to the writer.
+/// Environment variable that names the folder to the writer.
 const FOLDER: &str = "GOALWARD_TEST_WRITER_FOLDER";
 
 /// System calls that touch files.
@@ -60,19 +58,19 @@ const OF_FILES: [libc::c_long; 23] = [
     libc::SYS_close,
 ];
 
-/// Messages of a log.
+/// Number of messages in a log.
 const MESSAGES: u64 = 40;
 
 /// A writer, and what must hold when it is killed.
 struct Scene {
     name: &'static str,
-    /// Lays out what it finds.
+    /// Prepares what it finds.
     before: fn(&Path),
-    /// What it does; called again it cleans up and comes to the same end.
+    /// The writer; called again, it cleans up and reaches the same end.
     write: fn(&Path),
-    /// What holds at every moment.
+    /// Checks what must hold at every moment.
     holds: fn(&Path),
-    /// What is there at the end.
+    /// Names in the folder at the end.
     names: &'static [&'static str],
 }
 
@@ -201,7 +199,7 @@ fn append(writer: &mut FileWriter, messages: u64) {
     }
 }
 
-/// Records a log as far as an earlier sitting left it unrecorded: a new one, or its file sealed.
+/// Records a log, or seals the file that a killed writer left.
 fn record(folder: &Path) {
     if log_files(folder).unwrap().is_empty() {
         let mut writer = writer(&folder.join("trajectories-00000.mcap"), Kind::Run);
@@ -209,7 +207,7 @@ fn record(folder: &Path) {
         writer.seal().unwrap();
     }
     repair_all(folder);
-    // One that its writer had not begun is no log; what is left of it is put aside.
+    // A file whose beginning is missing is not a log; the repair sets it aside.
     fs::remove_file(folder.join("trajectories-00000.mcap.active.damaged")).ok();
     if log_files(folder).unwrap().is_empty() {
         record(folder);
@@ -220,7 +218,7 @@ fn abandon(folder: &Path, messages: u64) {
     append(&mut writer(&folder.join("trajectories-00000.mcap"), Kind::Run), messages);
 }
 
-/// An unsealed log with a damaged chunk.
+/// Writes an unsealed log with a damaged chunk.
 fn spoil(folder: &Path, name: &str) {
     abandon(folder, MESSAGES);
     let path = folder.join(name);
@@ -236,7 +234,7 @@ fn repair_all(folder: &Path) {
     }
 }
 
-/// Messages that the files of a log have, which are the first ones, in order, in each of them.
+/// Returns the largest number of messages in a file of a log; each file must have the first ones, in order.
 fn read(folder: &Path) -> u64 {
     let mut most = 0;
     for file in log_files(folder).unwrap() {
@@ -255,7 +253,7 @@ fn read(folder: &Path) -> u64 {
     most
 }
 
-/// What is readable stays so, and the damaged original is there under one of its names.
+/// Checks that readable messages stay readable, and that the damaged original exists under some name.
 fn nothing_more_is_lost(folder: &Path) {
     let expected = tempfile::tempdir().unwrap();
     spoil(expected.path(), "trajectories-00000.mcap.active");
@@ -271,8 +269,8 @@ fn demonstrate(folder: &Path, episodes: u64) {
     writer.seal().unwrap();
 }
 
-/// Starts a writer and follows it to the end, or to its death at the so many-th stop; gives the stops
-/// there were, or none if this machine does not let us trace it.
+/// Starts a writer and traces it to its end, or kills it at the stop `kill_at`. Returns the number
+/// of stops, or `None` if this machine does not allow tracing.
 fn follow(scene: &Scene, folder: &Path, kill_at: Option<usize>) -> Option<usize> {
     let mut child = Command::new(env::current_exe().unwrap())
         .env(WRITER, scene.name)
@@ -296,7 +294,7 @@ fn follow(scene: &Scene, folder: &Path, kill_at: Option<usize>) -> Option<usize>
     loop {
         match waitpid(id, None).unwrap() {
             WaitStatus::Exited(_, code) => {
-                // Its last stops come and go: a folder is read to its end in one call or in two.
+                // The number of its last stops varies: reading a folder to its end takes one call or two.
                 assert_eq!(code, 0, "{}", scene.name);
                 return Some(stops);
             }
@@ -318,7 +316,7 @@ fn follow(scene: &Scene, folder: &Path, kill_at: Option<usize>) -> Option<usize>
     }
 }
 
-/// Kills the writer of a scene everywhere; gives how often, or none if it cannot be traced.
+/// Kills the writer of a scene at every stop. Returns the number of kills, or `None` if it cannot be traced.
 fn play(scene: &Scene) -> Option<usize> {
     let laid_out = || {
         let folder = tempfile::tempdir().unwrap();

@@ -1,8 +1,8 @@
-//! Which build of Goalward made something. With configuration, seed and demonstrations it decides
-//! every result.
+//! The build of Goalward that made a file. Together with configuration, seed and demonstrations it determines every
+//! result.
 //!
-//! [`Build`] is in the metadata of every log, demonstrations' included, in checkpoints and in
-//! summaries; `protocol/words/build.rs` finds out what it is made of.
+//! [`Build`] is recorded in every log, including demonstrations, in checkpoints and in summaries.
+//! `protocol/words/build.rs` collects its parts.
 
 use std::sync::OnceLock;
 use std::{fmt, fs};
@@ -11,32 +11,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::digest;
 
-/// The programs that decide results; they lie in one folder.
+/// The programs that determine results. They are in the same folder.
 const PROGRAMS: [&str; 3] = ["goalward-actor", "goalward-learner", "goalward-proximity-service"];
 
-/// A build. The default is that of a file from before builds were recorded: unknown, and as such
-/// another one than every build that is known.
+/// A build of Goalward. The default is the unknown build, that of files which record none; it differs from every known
+/// build.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Build {
     /// Version of Goalward.
     pub version: String,
-    /// The newest commit that changed what decides results; `unknown` outside a checkout.
+    /// The newest commit that changed a file which affects results; `unknown` outside a checkout.
     pub commit: String,
-    /// Whether the files may differ from the commit. They may in every build for development,
-    /// which does not look again when they change.
+    /// Whether the files may differ from the commit. Development builds always count as dirty, because they are not
+    /// checked again when files change.
     pub dirty: bool,
     /// The compiler.
     pub rustc: String,
-    /// What the compiler may use of the processor.
+    /// Processor features that the compiler may use.
     pub target_features: String,
-    /// SHA-256 over actor, learner and proximity service, which identifies a dirty build; none of
-    /// a clean one, or where they do not lie beside the running program.
+    /// SHA-256 of actor, learner and proximity service, which identifies a dirty build. `None` for a clean build, or
+    /// if these programs are not beside the running one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub programs_sha256: Option<String>,
 }
 
 impl Build {
-    /// The build of the running program.
+    /// Returns the build of the running program.
     pub fn own() -> &'static Build {
         static OWN: OnceLock<Build> = OnceLock::new();
         OWN.get_or_init(|| {
@@ -46,7 +46,7 @@ impl Build {
         })
     }
 
-    /// What the compiler was told.
+    /// Returns the build as compiled in, without the hash of the programs.
     fn compiled() -> Build {
         Build {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -58,13 +58,13 @@ impl Build {
         }
     }
 
-    /// Whether it is the one of a file from before builds were recorded.
+    /// Returns whether this is the build of a file that records none.
     pub fn is_unknown(&self) -> bool {
         *self == Build::default()
     }
 
-    /// The first thing that differs in `found`, with what it is here and there; none if both give
-    /// the same results.
+    /// Returns the first part that differs in `found`, with its value in `self` and in `found`; `None` if both builds
+    /// give the same results.
     pub fn difference(&self, found: &Build) -> Option<(&'static str, [String; 2])> {
         if self.is_unknown() || found.is_unknown() {
             return (self != found).then(|| ("build", [self, found].map(Build::to_string)));
@@ -84,7 +84,7 @@ impl Build {
     }
 }
 
-/// One line: version, commit, compiler.
+/// Writes one line: version, commit, compiler.
 impl fmt::Display for Build {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_unknown() {
@@ -103,7 +103,7 @@ impl fmt::Display for Build {
     }
 }
 
-/// Several builds that took part in something, in one line.
+/// Returns several builds as one line.
 pub fn shown(builds: &[Build]) -> String {
     match builds {
         [] => Build::default().to_string(),
@@ -111,7 +111,7 @@ pub fn shown(builds: &[Build]) -> String {
     }
 }
 
-/// What `--version` says behind a program's name.
+/// Returns what `--version` prints after a program's name.
 pub fn version() -> &'static str {
     static VERSION: OnceLock<String> = OnceLock::new();
     VERSION.get_or_init(|| {
@@ -120,7 +120,7 @@ pub fn version() -> &'static str {
     })
 }
 
-/// The beginning of a hash, as people compare it.
+/// Returns the first 12 characters of a hash.
 pub fn short(hash: &str) -> &str {
     hash.get(..12).unwrap_or(hash)
 }

@@ -1,4 +1,4 @@
-//! SHA-256 of weights and files, in lower-case hexadecimal: what the log holds files to.
+//! SHA-256 of weights and files, in lower-case hexadecimal. Files are checked against the hashes in the log.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,20 +6,20 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-/// What is read of a file at a time.
+/// Number of bytes read from a file at a time.
 const PART_BYTES: usize = 64 << 10;
 
-/// SHA-256 of parts, one after another.
+/// Returns the SHA-256 of the concatenated parts.
 pub fn sha256<B: AsRef<[u8]>>(parts: impl IntoIterator<Item = B>) -> String {
     let mut hasher = Sha256::new();
     parts.into_iter().for_each(|part| hasher.update(part));
     hexadecimal(hasher)
 }
 
-/// SHA-256 of a file of any length.
+/// Returns the SHA-256 of a file of any length.
 ///
 /// # Errors
-/// When it cannot be read.
+/// When the file cannot be read.
 pub fn sha256_of_file(path: &Path) -> std::io::Result<String> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();

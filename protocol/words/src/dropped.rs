@@ -1,18 +1,18 @@
 //! Messages that a process drops because it cannot use them.
 //!
-//! They are counted, and told at most once a second, so that whoever sends them can neither end the
-//! process nor fill the disk with its complaints.
+//! They are counted, and logged at most once a second, so that a sender can neither end the process nor fill the disk
+//! with log lines.
 
 use std::fmt::Display;
 use std::time::{Duration, Instant};
 
-/// The least time between two lines.
+/// Minimum time between two log lines.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// Longest reason in a line, characters: parts of it may be the sender's words.
+/// Maximum length of a reason in a log line, in characters. Parts of it may be the sender's text.
 const REASON_CHARS: usize = 300;
 
-/// What was dropped of one kind of message.
+/// The count of dropped messages of one kind.
 #[derive(Clone, Debug)]
 pub struct Dropped {
     what: &'static str,
@@ -21,26 +21,26 @@ pub struct Dropped {
 }
 
 impl Dropped {
-    /// Nothing yet; `what` are the messages.
+    /// Starts at a count of 0. `what` names the messages.
     pub fn new(what: &'static str) -> Dropped {
         Dropped { what, count: 0, told: None }
     }
 
-    /// Counts a message that cannot be used.
+    /// Counts a message that cannot be used, and warns if a line is due.
     pub fn note(&mut self, why: impl Display) {
         if let Some(line) = self.line(why, Instant::now()) {
             tracing::warn!("{line}");
         }
     }
 
-    /// Counts a message that shows a promise broken.
+    /// Counts a message that violates an invariant, and logs an error if a line is due.
     pub fn note_loudly(&mut self, why: impl Display) {
         if let Some(line) = self.line(why, Instant::now()) {
             tracing::error!("{line}");
         }
     }
 
-    /// The line to say now, if one is due.
+    /// Counts a message and returns the line to log, if one is due.
     fn line(&mut self, why: impl Display, now: Instant) -> Option<String> {
         self.count += 1;
         if self.told.is_some_and(|told| now.duration_since(told) < QUIET) {
@@ -52,8 +52,7 @@ impl Dropped {
     }
 }
 
-/// Words of somebody else, fit for a line: without control characters, and not longer than `most`
-/// characters.
+/// Makes foreign text fit for a line: replaces control characters and cuts it after `most` characters.
 pub fn shortened(text: &str, most: usize) -> String {
     let clean = |letter: char| if letter.is_control() { '\u{fffd}' } else { letter };
     let mut short: String = text.chars().take(most).map(clean).collect();

@@ -1,10 +1,9 @@
-//! Files and folders that others rely on: each is there as it was or as it is to be, never in part,
-//! whatever dies meanwhile, this process or the machine.
+//! Atomic and durable writes of files and folders. Each exists either in its old or in its new form, never in part,
+//! even if this process or the machine dies during a write.
 //!
-//! What is written has an ending of its own until it is whole and on the disk; then one rename puts
-//! it in its place, and the folder is put on the disk, too. So a death leaves at most something with
-//! that ending, which nobody reads and [`clear`] removes. A run's log has its own way, see
-//! `mcap_log::FileWriter`.
+//! A file or folder has a name with a special ending until it is complete and synced. Then it is renamed, and its
+//! parent folder is synced, too. A death thus leaves at most something with that ending, which nobody reads and
+//! [`clear`] removes. A run's log works differently, see `mcap_log::FileWriter`.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Permissions, TryLockError};
@@ -14,19 +13,19 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-/// Last part of the names of what is not finished.
+/// Ending of the names of unfinished files and folders.
 const UNFINISHED: &str = "goalward-unfinished";
 
-/// Who may read and write a new file, before the process' umask is applied.
+/// Permissions of a new file, before the process's umask is applied.
 const EVERYBODY: u32 = 0o666;
 
-/// Who may read and write a private file.
+/// Permissions of a private file.
 const OWNER: u32 = 0o600;
 
-/// Writes a file, in the place of the one that is there.
+/// Writes a file, replacing an existing one.
 ///
 /// # Errors
-/// When the disk refuses. The old file is then as it was, unless only its folder could not be synced.
+/// When writing fails. The old file is then unchanged, unless only syncing the folder failed.
 pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     write_for(EVERYBODY, path, bytes.as_ref())
 }
@@ -34,7 +33,7 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
 /// Writes a file that only this user can read.
 ///
 /// # Errors
-/// As [`write()`] has them.
+/// As [`write()`].
 pub fn write_private(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     write_for(OWNER, path, bytes.as_ref())
 }
@@ -46,7 +45,7 @@ fn write_for(whom: u32, path: &Path, bytes: &[u8]) -> io::Result<()> {
         .suffix(&suffix)
         .permissions(Permissions::from_mode(whom))
         .tempfile_in(folder_of(path))?;
-    // So that nobody takes it for abandoned.
+    // The lock shows that the file is not abandoned.
     file.as_file().lock()?;
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
@@ -54,45 +53,46 @@ fn write_for(whom: u32, path: &Path, bytes: &[u8]) -> io::Result<()> {
     sync_folder_of(path)
 }
 
-/// Writes a file in the place of the one that is there, for what is soon replaced: nothing waits for the disk.
+/// Writes a file that will soon be replaced, without syncing it. An existing file is replaced.
 ///
 /// # Errors
-/// When the file cannot be written; there is the earlier one then.
+/// When the file cannot be written. The earlier file is then unchanged.
 pub fn write_unsynced(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     let unfinished = unfinished(path);
     fs::write(&unfinished, bytes)?;
     fs::rename(unfinished, path)
 }
 
-/// Makes a folder beside `path` for what is to become it or is soon done with; it goes with its last user.
+/// Creates a folder beside `path`, for what is to become `path` or is needed only briefly. Dropping the returned value
+/// removes it.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the folder cannot be created.
 pub fn temporary_folder(path: &Path) -> io::Result<TempDir> {
     let [prefix, suffix] = affixes(path);
     tempfile::Builder::new().prefix(&prefix).suffix(&suffix).tempdir_in(folder_of(path))
 }
 
-/// What is before and behind the random part of an unfinished name.
+/// Returns what comes before and after the random part of an unfinished name.
 fn affixes(path: &Path) -> [OsString; 2] {
     let mut prefix = path.file_name().unwrap_or_default().to_owned();
     prefix.push(".");
     [prefix, format!(".{UNFINISHED}").into()]
 }
 
-/// Renames a file or folder that is on the disk, in the place of a file that is there.
+/// Renames a synced file or folder, replacing an existing file, and syncs the folder.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When renaming or syncing fails.
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     fs::rename(from, to)?;
     sync_folder_of(to)
 }
 
-/// Makes a folder, with those on the way to it.
+/// Creates a folder and its missing parents, and syncs them.
 ///
 /// # Errors
-/// When the disk refuses, or something else has the name.
+/// When the folder cannot be created, or something else has the name.
 pub fn create_folder(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Ok(());
@@ -105,33 +105,32 @@ pub fn create_folder(path: &Path) -> io::Result<()> {
     sync_folder_of(path)
 }
 
-/// Removes a folder; one whose removal is cut off is not found under its name.
+/// Removes a folder. If the removal is interrupted, what is left has an unfinished name.
 ///
 /// # Errors
-/// When the disk refuses.
+/// When the folder cannot be removed.
 pub fn remove_folder(path: &Path) -> io::Result<()> {
     let unfinished = unfinished(path);
     rename(path, &unfinished)?;
     fs::remove_dir_all(unfinished)
 }
 
-/// The name of something until it is finished, for what is not written at once.
+/// Returns the name of a file or folder until it is finished, for what is not written in one go.
 pub fn unfinished(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".{UNFINISHED}"));
     PathBuf::from(name)
 }
 
-/// Whether this is the name of something that is not finished.
+/// Returns whether this is the name of something unfinished.
 pub fn is_unfinished(path: &Path) -> bool {
     path.extension() == Some(OsStr::new(UNFINISHED))
 }
 
-/// Removes from a folder what writers that died have left unfinished. A folder that is not there has
-/// nothing.
+/// Removes from a folder what dead writers left unfinished. A missing folder is no error.
 ///
 /// # Errors
-/// When it cannot be removed.
+/// When the folder cannot be listed or something in it cannot be removed.
 pub fn clear(folder: &Path) -> io::Result<()> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -155,27 +154,27 @@ fn remove_abandoned(path: &Path) -> io::Result<()> {
         fs::remove_file(path)
     };
     match removed {
-        // Its writer lives after all, and has just finished it.
+        // Its writer is alive after all, and has just finished it.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed,
     }
 }
 
-/// Whether a process that lives holds the file's lock.
+/// Returns whether a living process holds the file's lock.
 pub fn is_locked(path: &Path) -> bool {
     let Ok(file) = File::open(path) else { return false };
     matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
 }
 
-/// Makes renames and new names of the folder that `path` is in outlive the machine's death.
+/// Syncs the folder that `path` is in, so that renames and new names survive the death of the machine.
 ///
 /// # Errors
-/// What the operating system says.
+/// The operating system's error.
 pub fn sync_folder_of(path: &Path) -> io::Result<()> {
     File::open(folder_of(path))?.sync_all()
 }
 
-/// The folder that `path` is in.
+/// Returns the folder that `path` is in.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder != Path::new("") => folder,

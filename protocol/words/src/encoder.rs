@@ -1,16 +1,16 @@
-//! The encoder of grid observations, as a run's configuration says it.
+//! The encoder of grid observations, as given by a run's configuration.
 
-/// The convolutional encoder of grids of cells. The default is the one the authors ran; the paper's own
-/// text gives sizes that would not fit a 19 x 19 grid.
+/// The convolutional encoder of grids of cells. The default is the one the authors ran; the sizes in the paper's text
+/// would not fit a 19 x 19 grid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CellsArchitecture {
-    /// Channels of the convolutions, in order; each has stride one and a rectifier.
+    /// Output channels of the convolutions, in order. Each has stride 1 and a ReLU.
     pub channels: Vec<usize>,
-    /// Side of every convolution's window.
+    /// Kernel size of every convolution.
     pub kernel: usize,
-    /// Side of the squares whose largest number is kept behind the first convolution.
+    /// Window size of the max pooling after the first convolution.
     pub pool: usize,
-    /// Outputs of the dense, rectified layer that ends the encoder.
+    /// Outputs of the dense layer with ReLU that ends the encoder.
     pub features: usize,
 }
 
@@ -21,8 +21,8 @@ impl Default for CellsArchitecture {
 }
 
 impl CellsArchitecture {
-    /// Height and width of the image behind each convolution over a grid; none where the grid is too
-    /// small, or a kernel or pool has no side.
+    /// Returns height and width of the image after each convolution and its pooling; `None` if the grid is too small,
+    /// or kernel or pool is 0.
     pub fn images(&self, grid: [usize; 2]) -> Option<Vec<[usize; 2]>> {
         let mut image = grid;
         let mut images = Vec::new();

@@ -8,6 +8,6 @@ pub enum Ending {
     GoalReached = 0,
     /// By the horizon.
     Truncated = 1,
-    /// By the task, and the goal was not reached: nothing follows, and nothing was won.
+    /// By the task, without reaching the goal. The final state is terminal, with a value of 0.
     Failed = 2,
 }

@@ -1,24 +1,24 @@
-//! The one error type of this crate; every message says what was expected and what was found.
+//! The error type of this crate. Every message says what was expected and what was found.
 
 use std::path::PathBuf;
 
 use crate::dropped::shortened;
 
-/// Longest wrong value in an error, characters.
+/// Maximum length of a wrong value quoted in an error, in characters.
 pub const FOUND_CHARS: usize = 80;
 
-/// Longest words of a parser in an error, characters.
+/// Maximum length of a parser's message quoted in an error, in characters.
 pub const MESSAGE_CHARS: usize = 300;
 
-/// What can go wrong while processes talk, record or read a configuration.
+/// An error in communication, recording or configuration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// Bytes that are not the message they should be.
+    /// Bytes that do not decode to the expected message.
     #[error("undecodable {what}")]
     Undecodable {
-        /// The message expected.
+        /// The expected message.
         what: &'static str,
-        /// What the decoder met.
+        /// The decoder's error.
         source: prost::DecodeError,
     },
     /// A trajectory that does not fit its task.
@@ -26,7 +26,7 @@ pub enum Error {
     Trajectory {
         /// The part that does not fit.
         what: &'static str,
-        /// What the task's shapes ask for.
+        /// What the task's shapes require.
         expected: String,
         /// What the trajectory has.
         found: String,
@@ -36,53 +36,52 @@ pub enum Error {
     Configuration {
         /// The dotted key.
         key: String,
-        /// The values allowed.
+        /// The allowed values.
         expected: String,
         /// The value found.
         found: String,
     },
-    /// A setting that its environment does not have.
+    /// A setting that the environment does not accept.
     #[error("{message}")]
     Setting {
-        /// What the environment expects, with the key.
+        /// What the environment expects, including the key.
         message: String,
     },
-    /// Text that is no configuration of ours.
+    /// Configuration text that cannot be read.
     #[error("configuration {origin}: {message}")]
     ConfigurationText {
-        /// File, preset or flag it comes from.
+        /// The file, preset or flag that the text comes from.
         origin: String,
-        /// What the parser met, with the key.
+        /// The parser's message, including the key.
         message: String,
     },
     /// The transport failed.
     #[error("bus: {operation} of service `{service}` failed: {message}")]
     Bus {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The service's name.
         service: String,
-        /// iceoryx2's own words.
+        /// The cause: an error of iceoryx2, or a message of our own.
         message: String,
     },
-    /// A file or folder of the bus that cannot be used, or is in its way.
+    /// A file or folder of the bus that cannot be used, or something else in its place.
     #[error("bus: {}: {message}", path.display())]
     BusFile {
         /// The file.
         path: PathBuf,
-        /// What was expected and what was met.
+        /// What was expected and what was found.
         message: String,
     },
-    /// A log file that does not take what it was given. That is kept in memory, and written when the
-    /// disk takes it.
+    /// A failed write to a log. Data already handed over stays in memory until the disk accepts it.
     #[error("log {}: {message}", path.display())]
     LogWrite {
         /// The file.
         path: PathBuf,
-        /// What the writer met.
+        /// What failed.
         message: String,
     },
-    /// A message that is not in its log file and will not be.
+    /// A message that was not recorded and will not be.
     #[error("log {}: refused, not recorded: {message}", path.display())]
     LogRefused {
         /// The file.
@@ -90,13 +89,13 @@ pub enum Error {
         /// What was expected and what was found.
         message: String,
     },
-    /// A log file that the disk took and did not sync. The system tells of that once, and drops what was to be
-    /// written: no later attempt says whether it is there.
+    /// A failed sync of a log file. The operating system reports it once and drops the unwritten data, so no later
+    /// sync can tell whether the data is on the disk.
     #[error("log {}: {message}", path.display())]
     LogUnsynced {
         /// The file.
         path: PathBuf,
-        /// What the writer met.
+        /// What failed.
         message: String,
     },
     /// A log file that cannot be read.
@@ -104,10 +103,10 @@ pub enum Error {
     LogRead {
         /// The file.
         path: PathBuf,
-        /// What was expected and what was met.
+        /// What was expected and what was found.
         message: String,
     },
-    /// An update in a log without all that it learned from.
+    /// A policy update in a log that lacks part of the update's batch.
     #[error("iteration {iteration}: expected its whole batch in the log")]
     Batch {
         /// The update's iteration.
@@ -118,10 +117,10 @@ pub enum Error {
     Demonstrations {
         /// The file.
         path: PathBuf,
-        /// What was expected and what was met.
+        /// What was expected and what was found.
         message: String,
     },
-    /// A folder that holds no run.
+    /// A folder that is not a run.
     #[error("{} is not a run: {message}", path.display())]
     NotARun {
         /// The folder.
@@ -129,19 +128,19 @@ pub enum Error {
         /// What was expected.
         message: String,
     },
-    /// A run's folder that is not where it was when the run was opened.
-    #[error("the run's folder {} was moved or removed while it was in use; what is left of the run goes on with \
-             --resume from where it is now", path.display())]
+    /// A run's folder that was moved or removed after the run was opened.
+    #[error("the run's folder {} was moved or removed while it was in use; --resume continues what is left of \
+             the run where it is now", path.display())]
     RunMoved {
         /// Where it was.
         path: PathBuf,
     },
-    /// A number of actors that cannot be written or read.
+    /// A file with the wanted number of actors that cannot be written or read.
     #[error("{}: {message}", path.display())]
     ActorsWanted {
         /// The file.
         path: PathBuf,
-        /// What was expected and what was met.
+        /// What was expected and what was found.
         message: String,
     },
     /// A summary that cannot be written or read.
@@ -149,7 +148,7 @@ pub enum Error {
     Summary {
         /// The file.
         path: PathBuf,
-        /// What was met.
+        /// What failed.
         message: String,
     },
     /// A checkpoint file that cannot be written or read.
@@ -157,13 +156,13 @@ pub enum Error {
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// What was expected and what was met.
+        /// What was expected and what was found.
         message: String,
     },
 }
 
 impl Error {
-    /// The same of a configuration's text with where that is from.
+    /// Sets where the text of an [`Error::ConfigurationText`] comes from. Other errors stay as they are.
     pub fn of_origin(self, origin: &str) -> Error {
         match self {
             Error::ConfigurationText { message, .. } => {
@@ -173,7 +172,7 @@ impl Error {
         }
     }
 
-    /// The refusal of a setting, with the part of the configuration that has the setting.
+    /// Names the part of the configuration that a refused setting belongs to. Errors of other kinds stay as they are.
     pub fn of_part(self, part: &str) -> Error {
         match self {
             Error::Configuration { key, expected, found } => {
@@ -187,7 +186,7 @@ impl Error {
     }
 }
 
-/// Refuses a configuration value unless it holds.
+/// Refuses a configuration value unless `holds`.
 ///
 /// # Errors
 /// [`Error::Configuration`] with the key, what was expected and what was found.
@@ -200,7 +199,7 @@ pub fn within(
     if holds { Ok(()) } else { Err(out_of_range(key, expected, found)) }
 }
 
-/// The refusal of a configuration value.
+/// Returns the error that refuses a configuration value.
 pub fn out_of_range(key: &str, expected: &str, found: impl std::fmt::Display) -> Error {
     Error::Configuration {
         key: key.to_owned(),

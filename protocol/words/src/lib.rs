@@ -1,8 +1,8 @@
-//! The words that all processes of Goalward agree on; it knows no algorithm and no process.
+//! The vocabulary shared by all processes of Goalward. This crate knows no algorithm and no process.
 //!
-//! [`task`] says what a task's observations and actions look like, [`trajectory`] and [`messages`]
-//! what travels, [`policy`] and [`weights`] what a policy is, [`seed`] where randomness comes from,
-//! [`build`] what made a file, [`durable`] how a file is written.
+//! [`task`] describes a task's observations and actions, [`trajectory`] and [`messages`] what processes send each
+//! other, [`policy`] and [`weights`] a policy, [`seed`] the random streams, [`build`] the build that made a file, and
+//! [`durable`] how files are written.
 
 pub mod build;
 pub mod description;
@@ -25,5 +25,5 @@ pub mod weights;
 
 pub use error::Error;
 
-/// Actors of one run; memory is reserved by this limit, and 64 fill the machines we know.
+/// Maximum number of actors in a run. Shared memory is reserved for this many; 64 saturate the machines we know.
 pub const MAX_ACTORS: usize = 64;

@@ -1,35 +1,35 @@
-//! The shape of a policy, as a run's configuration says it.
+//! The architecture of a policy, as given by a run's configuration.
 
 use serde::{Deserialize, Serialize};
 
 use crate::encoder::CellsArchitecture;
 
-/// Shape of the policy.
+/// Architecture of the policy network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyConfig {
     /// Output channels of the convolutions, for grid tasks.
     pub convolution_channels: Vec<usize>,
-    /// Side of the convolutions' windows.
+    /// Kernel size of the convolutions.
     pub convolution_kernel: usize,
-    /// Side of the squares pooled behind the first convolution.
+    /// Window size of the pooling after the first convolution.
     pub pool: usize,
-    /// Numbers the encoder makes of a grid.
+    /// Number of features that the encoder outputs for a grid.
     pub features: usize,
-    /// Hidden layers of actor and critic, for vector tasks.
+    /// Sizes of the hidden layers of actor and critic, for vector tasks.
     pub hidden: Vec<usize>,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     pub activation: PolicyActivation,
-    /// How continuous actions are drawn.
+    /// Distribution of continuous actions.
     pub distribution: ActionDistribution,
     /// Whether actor and critic share the encoder, for grid tasks.
     pub shared_trunk: bool,
-    /// Whether observations are shifted and scaled by their running moments, for vector tasks.
+    /// Whether observations are normalized by their running moments, for vector tasks.
     pub normalize_observations: bool,
 }
 
 impl PolicyConfig {
-    /// The encoder of grids.
+    /// Returns the architecture of the encoder of grids.
     pub fn encoder(&self) -> CellsArchitecture {
         CellsArchitecture {
             channels: self.convolution_channels.clone(),
@@ -39,28 +39,28 @@ impl PolicyConfig {
         }
     }
 
-    /// Whether continuous actions are squashed.
+    /// Returns whether continuous actions are squashed.
     pub fn is_squashed(&self) -> bool {
         self.distribution == ActionDistribution::SquashedGaussian
     }
 }
 
-/// What follows the hidden layers of a policy.
+/// Activation of the hidden layers of a policy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolicyActivation {
     /// The hyperbolic tangent.
     Tanh,
-    /// The larger of the sum and zero.
+    /// The rectified linear unit, ReLU.
     Relu,
 }
 
-/// How continuous actions are drawn.
+/// Distribution of continuous actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ActionDistribution {
-    /// Normal, with standard deviations that are parameters of their own.
+    /// Normal, with standard deviations that are parameters independent of the observation.
     Gaussian,
-    /// The hyperbolic tangent of normal numbers, whose standard deviations depend on the observation.
+    /// The hyperbolic tangent of a normal sample whose standard deviations depend on the observation.
     SquashedGaussian,
 }

@@ -1,16 +1,16 @@
-//! What a viewer draws of an episode: messages of Foxglove's scene and image (`schema/scene.proto`), recorded
-//! beside evaluation episodes. Nothing is ever learned from them.
+//! Scenes and images of an episode for viewers: Foxglove's messages (`schema/scene.proto`), recorded beside evaluation
+//! episodes. Nothing is learned from them.
 
 use prost::Message;
 use prost::bytes::Bytes;
 
-/// The frame that everything is drawn in: the environment's own world.
+/// The coordinate frame of everything drawn: the environment's own world.
 pub const FRAME: &str = "world";
 
-/// Time between two frames, so that an episode is shown about as fast as it would happen.
+/// Time between two frames, in nanoseconds, chosen so that episodes play at about real speed.
 pub const FRAME_NS: u64 = 50_000_000;
 
-/// New places of solids; a solid drawn before under the same name is replaced.
+/// New poses of solids. A solid replaces the earlier one with the same name.
 #[derive(Clone, PartialEq, Message)]
 pub struct SceneUpdate {
     /// The solids.
@@ -18,19 +18,19 @@ pub struct SceneUpdate {
     pub entities: Vec<SceneEntity>,
 }
 
-/// A picture of a state, as the environment itself renders it.
+/// An image of a state, rendered by the environment itself.
 #[derive(Clone, PartialEq, Eq, Message)]
 pub struct CompressedImage {
-    /// When it is so.
+    /// Time of the state.
     #[prost(message, optional, tag = "1")]
     pub timestamp: Option<Timestamp>,
-    /// A file.
+    /// The image file.
     #[prost(bytes = "bytes", tag = "2")]
     pub data: Bytes,
     /// Its format, such as `png`.
     #[prost(string, tag = "3")]
     pub format: String,
-    /// The frame of the camera.
+    /// The camera's coordinate frame.
     #[prost(string, tag = "4")]
     pub frame_id: String,
 }
@@ -38,10 +38,10 @@ pub struct CompressedImage {
 /// A solid.
 #[derive(Clone, PartialEq, Message)]
 pub struct SceneEntity {
-    /// When it is there.
+    /// Time of its poses.
     #[prost(message, optional, tag = "1")]
     pub timestamp: Option<Timestamp>,
-    /// The frame of its poses.
+    /// The coordinate frame of its poses.
     #[prost(string, tag = "2")]
     pub frame_id: String,
     /// Its name.
@@ -50,7 +50,7 @@ pub struct SceneEntity {
     /// Boxes it consists of.
     #[prost(message, repeated, tag = "8")]
     pub cubes: Vec<Primitive>,
-    /// Balls it consists of.
+    /// Spheres it consists of.
     #[prost(message, repeated, tag = "9")]
     pub spheres: Vec<Primitive>,
     /// Cylinders it consists of.
@@ -64,18 +64,18 @@ pub struct Timestamp {
     /// Whole seconds.
     #[prost(int64, tag = "1")]
     pub seconds: i64,
-    /// The rest.
+    /// Nanoseconds beyond the whole seconds.
     #[prost(int32, tag = "2")]
     pub nanos: i32,
 }
 
-/// A box or a ball: `CubePrimitive` and `SpherePrimitive` of the schema have the same fields.
+/// A box or a sphere: `CubePrimitive` and `SpherePrimitive` of the schema have the same fields.
 #[derive(Clone, PartialEq, Message)]
 pub struct Primitive {
-    /// Of its center.
+    /// Pose of its center.
     #[prost(message, optional, tag = "1")]
     pub pose: Option<Pose>,
-    /// Its sides, or its diameters, meters.
+    /// Its side lengths or diameters, in meters.
     #[prost(message, optional, tag = "2")]
     pub size: Option<Vector3>,
     /// Its color.
@@ -86,16 +86,16 @@ pub struct Primitive {
 /// A cylinder along its own z axis.
 #[derive(Clone, PartialEq, Message)]
 pub struct CylinderPrimitive {
-    /// Of its center.
+    /// Pose of its center.
     #[prost(message, optional, tag = "1")]
     pub pose: Option<Pose>,
-    /// Its diameters and its length, meters.
+    /// Its diameters and its length, in meters.
     #[prost(message, optional, tag = "2")]
     pub size: Option<Vector3>,
-    /// Share of the diameter at its lower end.
+    /// Scale of the diameter at its lower end.
     #[prost(double, tag = "3")]
     pub bottom_scale: f64,
-    /// Share of the diameter at its upper end.
+    /// Scale of the diameter at its upper end.
     #[prost(double, tag = "4")]
     pub top_scale: f64,
     /// Its color.
@@ -106,7 +106,7 @@ pub struct CylinderPrimitive {
 /// Position and orientation.
 #[derive(Clone, Copy, PartialEq, Message)]
 pub struct Pose {
-    /// Position, meters.
+    /// Position, in meters.
     #[prost(message, optional, tag = "1")]
     pub position: Option<Vector3>,
     /// Orientation.
@@ -114,7 +114,7 @@ pub struct Pose {
     pub orientation: Option<Quaternion>,
 }
 
-/// Three numbers.
+/// A vector in three dimensions.
 #[derive(Clone, Copy, PartialEq, Message)]
 pub struct Vector3 {
     /// Along x.
@@ -145,7 +145,7 @@ pub struct Quaternion {
     pub w: f64,
 }
 
-/// A color, each part in [0, 1].
+/// A color, each component in [0, 1].
 #[derive(Clone, Copy, PartialEq, Message)]
 pub struct Color {
     /// Red.

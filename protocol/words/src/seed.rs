@@ -10,13 +10,13 @@ use rand_chacha::rand_core::SeedableRng;
 /// The generator behind every stream.
 pub type Stream = ChaCha8Rng;
 
-/// What a stream is for. The numbers are part of what a recorded run means: never reuse one.
+/// The purpose of a stream. The numbers are part of what a recorded run means: never reuse one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Purpose {
-    /// First weights of the policy.
+    /// Initial weights of the policy.
     PolicyWeights = 1,
-    /// First weights of the reward model; major is the ensemble member.
+    /// Initial weights of the reward model; major is the ensemble member.
     RewardWeights = 2,
     /// An environment's episode; major is the lane, minor the episode.
     TrainingEpisode = 3,
@@ -28,27 +28,27 @@ pub enum Purpose {
     EvaluationActions = 6,
     /// A demonstration; major is the lane, minor the episode.
     Demonstration = 7,
-    /// Which demonstrations of a file a run uses.
+    /// Choice of the demonstrations that a run uses from a file.
     DemonstrationSubset = 8,
     /// Minibatches of the policy update; major is the iteration, minor the epoch.
     PolicyMinibatches = 9,
     /// Batches of offline reward-model training; major is the epoch.
     PretrainingBatches = 10,
-    /// Batches of online reward-model training; major is the iteration, minor the member that draws its own.
+    /// Batches of online reward-model training; major is the iteration, minor the member if each draws its own.
     ImprovementBatches = 11,
-    /// Which demonstrations are held out from cloning.
+    /// Choice of the demonstrations held out from behavioral cloning.
     HeldOutDemonstrations = 12,
-    /// Minibatches of cloning; major is the iteration, minor the pass.
+    /// Minibatches of behavioral cloning; major is the iteration, minor the pass.
     CloningBatches = 13,
-    /// First weights of the inverse dynamics model.
+    /// Initial weights of the inverse dynamics model.
     InverseDynamicsWeights = 14,
     /// Transitions the inverse dynamics model is trained on; major is the iteration.
     InverseDynamicsBatches = 15,
-    /// First weights of Q-functions; major is the function.
+    /// Initial weights of the Q-functions; major is the function.
     QWeights = 16,
-    /// Replayed transitions and the actions drawn at them; major is the update.
+    /// Transitions drawn from the replay buffer and actions sampled at them; major is the update.
     Replay = 17,
-    /// Which demonstrations a member of the ensemble learns from; major is the member.
+    /// Choice of the demonstrations that an ensemble member learns from; major is the member.
     Resample = 18,
     /// Weights of an ensemble member's prior; major is the member.
     RewardPrior = 19,

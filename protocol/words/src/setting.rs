@@ -1,5 +1,5 @@
-//! What an environment is made with, such as where its starts and goals lie: the axes along which the
-//! paper makes its tasks harder (Section 4.3 and Appendix C).
+//! The setting of an environment, such as where its starts and goals lie. The paper makes its tasks harder along these
+//! axes (Section 4.3 and Appendix C).
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -10,41 +10,41 @@ use crate::dropped::shortened;
 use crate::error::MESSAGE_CHARS;
 use crate::table::merge;
 
-/// The key whose value every continuous action is multiplied with, number by number, before it is
-/// clipped to [-1, 1]; empty leaves actions as they are.
+/// The key of the factors that every continuous action is multiplied by, element by element, before it is clipped to
+/// [-1, 1]. An empty list leaves actions as they are.
 pub const ACTION_SCALE: &str = "action_scale";
 
-/// The key that names who demonstrates in an environment of Python. It says nothing of the environment.
+/// The key that names the expert in a Python environment. It does not affect the environment.
 pub const EXPERT: &str = "expert";
 
-/// The key that has the versions of the packages that an environment of Python runs on.
+/// The key of the versions of the packages that a Python environment runs on.
 pub const VERSIONS: &str = "versions";
 
-/// The key that says what makes an environment of Python; those of Rust have none.
+/// The key that says how to make a Python environment. Rust environments have none.
 pub const MAKE: &str = "make";
 
-/// The key that has the hashes of the user's own modules of Python.
+/// The key of the hashes of the user's own Python modules.
 pub const SOURCES: &str = "sources";
 
-/// What an environment is made with, by key. Which keys there are, what they mean and what they are
-/// by default is known to the environment alone; others compare settings and hand them on.
+/// The setting of an environment, by key. Only the environment knows its keys, their meaning and their defaults;
+/// everything else only compares settings and passes them on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Setting(pub Table);
 
 impl Setting {
-    /// The setting that an environment's own type is.
+    /// Converts an environment's own type to a setting.
     ///
     /// # Panics
-    /// When the type is no table of plain values.
+    /// When the type is not a table of plain values.
     pub fn of(own: &impl Serialize) -> Setting {
         Setting(Table::try_from(own).expect("an environment's setting is a table"))
     }
 
-    /// Reads an environment's own type.
+    /// Converts the setting to an environment's own type.
     ///
     /// # Errors
-    /// [`Error::Setting`] names a key that is unknown or has no such value.
+    /// [`Error::Setting`], which names a key that is unknown or has a wrong value.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Error> {
         Value::Table(self.0.clone()).try_into().map_err(|error: toml::de::Error| {
             let words = error.to_string().trim().replace('\n', " ");
@@ -52,21 +52,21 @@ impl Setting {
         })
     }
 
-    /// This setting with `changes` laid over it, key by key, also in the tables of it.
+    /// Returns this setting with `changes` merged into it, key by key, also in nested tables.
     pub fn with(&self, changes: &Setting) -> Setting {
         let mut table = self.0.clone();
         merge(&mut table, changes.0.clone());
         Setting(table)
     }
 
-    /// What each number of an action is multiplied with; empty where nothing is.
+    /// Returns the factor of each element of an action; empty if actions are not scaled.
     pub fn action_scale(&self) -> Vec<f32> {
         let numbers = self.0.get(ACTION_SCALE).and_then(Value::as_array);
         numbers.into_iter().flatten().filter_map(number).map(|number| number as f32).collect()
     }
 }
 
-/// Whether two values are the same, an integer and the same number with a point included.
+/// Returns whether two values are equal. An integer equals the same number as a float.
 pub fn is_same(one: &Value, other: &Value) -> bool {
     match (number(one), number(other)) {
         (Some(one), Some(other)) => one == other,

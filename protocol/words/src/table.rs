@@ -1,18 +1,17 @@
-//! TOML tables, such as a run's configuration: one laid over another, one made of a setting, one without
-//! its nesting, and what differs between two.
+//! TOML tables, such as a run's configuration: merging them, parsing a setting, flattening, and finding differences.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use toml::{Table, Value};
 
-/// The parts of a configuration that change no result.
+/// The sections of a configuration that do not affect results.
 pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
 
-/// Where a configuration has the hashes of the user's modules of Python, which the environment itself checks
-/// when a run goes on.
+/// Prefix of the keys with the hashes of the user's Python modules. The environment itself checks them when a run is
+/// resumed.
 pub const MODULES: &str = "environment.sources.";
 
-/// Lays `changes` over `table`, table by table.
+/// Merges `changes` into `table`, table by table.
 pub fn merge(table: &mut Table, changes: Table) {
     for (key, change) in changes {
         match (table.get_mut(&key), change) {
@@ -24,10 +23,10 @@ pub fn merge(table: &mut Table, changes: Table) {
     }
 }
 
-/// What a key has in words that a table lacks.
+/// Text for the value of a key that a table lacks.
 pub const ABSENT: &str = "nothing";
 
-/// Reads `a.b.c=value`; a value that is no TOML is taken as text.
+/// Parses `a.b.c=value`. A value that is not valid TOML is taken as a string.
 ///
 /// # Errors
 /// Says what is wrong with the key, or that there is no `=`.
@@ -40,7 +39,7 @@ pub fn parse_setting(setting: &str) -> Result<Table, String> {
         .map_err(|error| error.message().to_owned())
 }
 
-/// The values of a table and of those in it, by dotted key.
+/// Returns the values of a table and its nested tables, by dotted key.
 pub fn flat(table: &Table) -> BTreeMap<String, Value> {
     let mut values = BTreeMap::new();
     for (key, value) in table {
@@ -55,14 +54,14 @@ pub fn flat(table: &Table) -> BTreeMap<String, Value> {
     values
 }
 
-/// The values of a configuration that decide a result, by dotted key.
+/// Returns the values of a configuration that affect results, by dotted key.
 pub fn deciding(table: &Table) -> BTreeMap<String, Value> {
     let mut table = table.clone();
     table.retain(|part, _| !CHANGES_NO_RESULT.contains(&part));
     flat(&table)
 }
 
-/// The keys of two configurations that decide a result and have different values, with both, in order.
+/// Returns the keys that affect results and differ between two configurations, in order, with both values.
 pub fn result_differences(expected: &Table, found: &Table) -> Vec<(String, [String; 2])> {
     let both = [deciding(expected), deciding(found)];
     let keys: BTreeSet<&String> = both.iter().flat_map(BTreeMap::keys).collect();

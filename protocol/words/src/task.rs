@@ -1,5 +1,5 @@
-//! What a task is to all but its environment: a name, and the shape of what flows between environment
-//! and networks (Table 1).
+//! A task as everything but its environment sees it: a name, and the shapes of what passes between environment and
+//! networks (Table 1).
 //!
 //! An observation and an action are each a fixed number of bytes, laid out as [`ObservationSpec`]
 //! and [`ActionSpec`] say. The same bytes are written by the environment, sent through shared
@@ -13,32 +13,32 @@ use crate::Error;
 use crate::ending::Ending;
 use crate::error::within;
 
-/// A task, as configurations and logs have it: what is to be known of it by whoever does not act in it.
+/// A task as it is stored in configurations and logs: what programs that do not act in it need to know.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
-    /// What people and logs call it: letters, digits, `-`, `_` and `.`.
+    /// Name of the task: letters, digits, `-`, `_` and `.`.
     pub name: String,
     /// Shape of one observation.
     pub observation: ObservationSpec,
     /// Shape of one action.
     pub action: ActionSpec,
-    /// Longest episode, in environment steps.
+    /// Maximum length of an episode, in environment steps.
     pub horizon_steps: u32,
-    /// What each class of cells is, or each number of a vector; empty where nobody says.
+    /// Names of the cell classes, or of the elements of a vector; empty if unknown.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub labels: Vec<String>,
-    /// Whether an episode depends on its seed and its actions alone, so that it can be acted again.
+    /// Whether an episode depends only on its seed and its actions, so that it can be acted again.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub deterministic: bool,
-    /// Whether its episodes say if they reached the goal. Where they do not, demonstrations count from
-    /// their last state, and a run is judged by return and proximity.
+    /// Whether episodes report success. If not, the steps to the goal in demonstrations are counted from the last
+    /// state, and a run is judged by return and proximity.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub tells_success: bool,
-    /// The program that acts in it; without it, `goalward-actor`.
+    /// The program that acts in the task; `goalward-actor` if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<PathBuf>,
-    /// SHA-256 of that program, which decides results; it is found out when a run begins.
+    /// SHA-256 of that program, which affects results. It is computed when a run begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program_sha256: Option<String>,
 }
@@ -51,23 +51,23 @@ fn is_yes(found: &bool) -> bool {
     *found
 }
 
-/// Longest name of a task, characters.
+/// Maximum length of a task's name, in characters.
 const NAME_CHARS: usize = 64;
 
-/// Largest observation, bytes.
+/// Maximum size of an observation, in bytes.
 const OBSERVATION_BYTES: usize = 1 << 20;
 
 impl Task {
-    /// The shapes of the task (Table 1).
+    /// Returns the shapes of the task (Table 1).
     pub fn spec(&self) -> Spec {
         let &Task { observation, action, horizon_steps, .. } = self;
         Spec { observation, action, horizon_steps }
     }
 
-    /// Checks that networks and logs can have such a task.
+    /// Checks that networks and logs can handle the task.
     ///
     /// # Errors
-    /// Names the first key that is out of its range.
+    /// Names the first key that is out of range.
     pub fn check(&self) -> Result<(), Error> {
         let name = &self.name;
         let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
@@ -110,13 +110,13 @@ pub struct Spec {
     pub observation: ObservationSpec,
     /// Shape of one action.
     pub action: ActionSpec,
-    /// Longest episode, in environment steps.
+    /// Maximum length of an episode, in environment steps.
     pub horizon_steps: u32,
 }
 
 impl Spec {
-    /// How an episode ends after so many steps, if it does: at the goal, where the task ends
-    /// there, or else at the horizon.
+    /// Returns how an episode ends after `steps` steps: at the goal if the task ends there, as `at_goal` says, else at
+    /// the horizon; `None` if it goes on.
     pub fn ending(&self, at_goal: bool, steps: u32) -> Option<Ending> {
         if at_goal {
             return Some(Ending::GoalReached);
@@ -129,24 +129,24 @@ impl Spec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum ObservationSpec {
-    /// A grid of cell classes, one byte a cell, row by row. Networks see it as one-hot channels.
+    /// A grid of cell classes, one byte per cell, row by row. Networks see it as one-hot channels.
     Cells {
         /// Rows of the grid.
         height: usize,
         /// Columns of the grid.
         width: usize,
-        /// Number of classes; each byte is below it.
+        /// Number of classes; each byte is less than this.
         classes: usize,
     },
     /// Numbers, each a little-endian `f32`.
     Vector {
-        /// How many numbers.
+        /// Number of elements.
         len: usize,
     },
 }
 
 impl ObservationSpec {
-    /// Length of one observation in bytes.
+    /// Returns the length of one observation in bytes.
     pub fn bytes(&self) -> usize {
         match *self {
             ObservationSpec::Cells { height, width, .. } => height * width,
@@ -154,7 +154,7 @@ impl ObservationSpec {
         }
     }
 
-    /// Its classes of cells, or its numbers.
+    /// Returns the number of cell classes, or of vector elements.
     fn parts(&self) -> usize {
         match *self {
             ObservationSpec::Cells { classes, .. } => classes,
@@ -162,7 +162,7 @@ impl ObservationSpec {
         }
     }
 
-    /// Its length in bytes; none if it is beyond all memory.
+    /// Returns the length of one observation in bytes; `None` if it overflows.
     fn checked_bytes(&self) -> Option<usize> {
         match *self {
             ObservationSpec::Cells { height, width, .. } => height.checked_mul(width),
@@ -170,10 +170,10 @@ impl ObservationSpec {
         }
     }
 
-    /// Checks that these are whole observations, with only classes there are, or only finite numbers.
+    /// Checks that the bytes are whole observations, with only valid classes or only finite numbers.
     ///
     /// # Errors
-    /// Names the first key that is out of its range.
+    /// [`Error::Trajectory`] for the first part that does not fit.
     pub fn check(&self, observations: &[u8]) -> Result<(), Error> {
         let refused = |what, expected: String, found: String| {
             Err(Error::Trajectory { what, expected, found })
@@ -206,7 +206,7 @@ impl ObservationSpec {
         }
     }
 
-    /// Shape as the log states it: `[height, width]` or `[len]`.
+    /// Returns the shape as recorded in the log: `[height, width]` or `[len]`.
     pub fn shape(&self) -> Vec<u32> {
         match *self {
             ObservationSpec::Cells { height, width, .. } => vec![height as u32, width as u32],
@@ -219,20 +219,20 @@ impl ObservationSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum ActionSpec {
-    /// One byte, below `count`.
+    /// One byte, less than `count`.
     Discrete {
         /// Number of actions.
         count: usize,
     },
     /// Numbers, each a little-endian `f32`; the environment clips them to [-1, 1].
     Continuous {
-        /// How many numbers.
+        /// Number of elements.
         len: usize,
     },
 }
 
 impl ActionSpec {
-    /// Length of one action in bytes.
+    /// Returns the length of one action in bytes.
     pub const fn bytes(&self) -> usize {
         match *self {
             ActionSpec::Discrete { .. } => 1,

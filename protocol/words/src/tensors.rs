@@ -10,7 +10,7 @@ use crate::dropped::shortened;
 use crate::error::MESSAGE_CHARS;
 use crate::{Error, digest, durable};
 
-/// Named arrays of numbers. Each knows its kind only when it is read.
+/// Named arrays of numbers. The type of an array is checked when it is read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tensors {
     arrays: BTreeMap<String, Array>,
@@ -33,7 +33,7 @@ macro_rules! kind {
         #[doc = concat!("The array of `", stringify!($number), "` called `name`.")]
         ///
         /// # Errors
-        /// When there is none, or it is of another kind.
+        /// When there is no such array, or it has another type.
         pub fn $get(&self, name: &str) -> Result<Vec<$number>, String> {
             let bytes = self.bytes(name, Dtype::$kind)?.as_chunks::<$width>().0;
             Ok(bytes.iter().map(|bytes| <$number>::from_le_bytes(*bytes)).collect())
@@ -47,14 +47,14 @@ impl Tensors {
     kind!(put_u64, u64, u64, U64, 8);
     kind!(put_u8, u8, u8, U8, 1);
 
-    /// Adds the arrays of another under names that begin with `prefix`.
+    /// Adds all arrays of `others`, with `prefix` before their names.
     pub fn put_all(&mut self, prefix: &str, others: Tensors) {
         let named =
             others.arrays.into_iter().map(|(name, array)| (format!("{prefix}{name}"), array));
         self.arrays.extend(named);
     }
 
-    /// The arrays whose names begin with `prefix`, without it.
+    /// Returns the arrays whose names begin with `prefix`, without the prefix.
     pub fn all(&self, prefix: &str) -> Tensors {
         let named = |(name, array): (&String, &Array)| {
             Some((name.strip_prefix(prefix)?.to_owned(), array.clone()))
@@ -62,10 +62,10 @@ impl Tensors {
         Tensors { arrays: self.arrays.iter().filter_map(named).collect() }
     }
 
-    /// An array that has to have so many numbers, read by one of the functions for a kind.
+    /// Returns an array that must have `expected` numbers. `read` is the getter for its type.
     ///
     /// # Errors
-    /// Names the array that is missing, of another kind, or of another length.
+    /// Names the array that is missing or has another type or length.
     pub fn exactly<T>(
         &self,
         name: &str,
@@ -89,7 +89,7 @@ impl Tensors {
         }
     }
 
-    /// Refuses numbers that are none: what holds them was damaged, or has diverged.
+    /// Refuses NaN and infinite numbers, which show that the arrays are damaged or training diverged.
     ///
     /// # Errors
     /// Names the first array with NaN or an infinity.
@@ -111,12 +111,12 @@ impl Tensors {
         }
     }
 
-    /// Whether there is an array called `name`.
+    /// Returns whether there is an array called `name`.
     pub fn has(&self, name: &str) -> bool {
         self.arrays.contains_key(name)
     }
 
-    /// SHA-256 of all arrays, with their names and kinds.
+    /// Returns the SHA-256 of all arrays, with their names, types and lengths.
     pub fn sha256(&self) -> String {
         let heads = self.arrays.iter().map(|(name, array)| {
             (format!("{name} {:?} {}\n", array.kind, array.bytes.len()), &array.bytes)
@@ -124,29 +124,28 @@ impl Tensors {
         digest::sha256(heads.flat_map(|(head, bytes)| [head.into_bytes(), bytes.clone()]))
     }
 
-    /// Takes an array of `u8` out that is a text.
+    /// Removes an array of `u8` and returns it as text.
     ///
     /// # Errors
-    /// When there is none.
+    /// When there is no such array, or it is not UTF-8 text.
     pub fn take_text(&mut self, name: &str) -> Result<String, String> {
         let text = self.u8(name)?;
         self.arrays.remove(name);
         String::from_utf8(text).map_err(|error| format!("array `{name}`: {error}"))
     }
 
-    /// The bytes of the array of `f32` called `name`, as they lie in the file.
+    /// Returns the bytes of the `f32` array called `name`, as they are in the file.
     ///
     /// # Errors
-    /// When there is none.
+    /// When there is no such array, or it has another type.
     pub fn f32_bytes(&self, name: &str) -> Result<&[u8], String> {
         self.bytes(name, Dtype::F32)
     }
 
-    /// Writes a safetensors file, the build in its metadata; it is on the disk, whole, or not there.
-    /// Returns the file's SHA-256.
+    /// Writes a safetensors file atomically, with the build in its metadata. Returns the file's SHA-256.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] if the disk refuses.
+    /// [`Error::Checkpoint`] if the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<String, Error> {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
         let views = self.arrays.iter().map(|(name, array)| {
@@ -166,7 +165,7 @@ impl Tensors {
     /// Reads a safetensors file.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] if the file cannot be read or is no safetensors file.
+    /// [`Error::Checkpoint`] if the file cannot be read or is not a safetensors file.
     pub fn load(path: &Path) -> Result<Tensors, Error> {
         let failed = |message: String| Error::Checkpoint { path: path.to_owned(), message };
         let bytes = std::fs::read(path).map_err(|error| failed(error.to_string()))?;
@@ -176,7 +175,7 @@ impl Tensors {
     /// Reads the bytes of a safetensors file.
     ///
     /// # Errors
-    /// When they are no safetensors file.
+    /// When the bytes are not a safetensors file.
     pub fn from_file(bytes: &[u8]) -> Result<Tensors, String> {
         let tensors = SafeTensors::deserialize(bytes)
             .map_err(|error| shortened(&error.to_string(), MESSAGE_CHARS))?;

@@ -1,8 +1,8 @@
 //! A trajectory: one whole episode, the unit that actors publish, the log keeps and learning uses.
 //!
-//! The encoded bytes of this message are written once, by the actor, into shared memory; the
-//! learner appends those same bytes to the log. Packed `repeated float` fields of the schema are
-//! declared as [`Bytes`] here: the same bytes on the wire, without a conversion per number.
+//! The encoded bytes of this message are written once, by the actor, into shared memory; the learner appends those
+//! same bytes to the log. Packed `repeated float` fields of the schema are declared as [`Bytes`] here, which gives the
+//! same bytes on the wire without converting each number.
 
 use bytes::Bytes;
 use prost::Message;
@@ -13,7 +13,7 @@ use crate::error::FOUND_CHARS;
 use crate::task::{ActionSpec, ObservationSpec, Spec};
 use crate::{Error, seed};
 
-/// More than an encoded trajectory has beside what its steps have: names, shapes and lengths.
+/// Upper bound on the bytes of an encoded trajectory besides those of its steps: names, shapes and lengths.
 const HEAD_BYTES: u64 = 1 << 10;
 
 /// One whole episode: `steps` actions and one more observation than actions.
@@ -25,7 +25,7 @@ pub struct Trajectory {
     /// Who acted, and what for.
     #[prost(enumeration = "Source", tag = "2")]
     pub source: i32,
-    /// Rollout it belongs to; 0 for demonstrations.
+    /// Iteration of the rollout it belongs to; 0 for demonstrations.
     #[prost(uint64, tag = "3")]
     pub iteration: u64,
     /// Environment stream it comes from.
@@ -34,13 +34,13 @@ pub struct Trajectory {
     /// Number of the episode within its lane.
     #[prost(uint64, tag = "5")]
     pub episode: u64,
-    /// Policy that acted; 0 for an expert.
+    /// Version of the policy that acted; 0 for an expert.
     #[prost(uint64, tag = "6")]
     pub policy_version: u64,
-    /// With source, lane and episode it names the random streams of the episode.
+    /// Seed of the run. With source, lane and episode it names the random streams of the episode.
     #[prost(uint64, tag = "7")]
     pub run_seed: u64,
-    /// Actions taken.
+    /// Number of actions taken.
     #[prost(uint32, tag = "8")]
     pub steps: u32,
     /// Shape of one observation.
@@ -76,8 +76,7 @@ pub struct Trajectory {
     /// Steps after which the goal was first reached; 0 if it was not.
     #[prost(uint32, tag = "19")]
     pub steps_to_goal: u32,
-    /// Where observations were left out of a log: xxh3 of the encoded trajectory that has them. 0
-    /// otherwise.
+    /// xxh3 of the encoded trajectory with observations, if they were left out of the log; 0 otherwise.
     #[prost(fixed64, tag = "20")]
     pub full_hash: u64,
 }
@@ -95,7 +94,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// The purposes of the environment's and the actions' random streams.
+    /// Returns the purposes of the environment's and the actions' random streams.
     pub fn purposes(self) -> (seed::Purpose, seed::Purpose) {
         match self {
             Source::Training => (seed::Purpose::TrainingEpisode, seed::Purpose::TrainingActions),
@@ -107,7 +106,7 @@ impl Source {
     }
 }
 
-/// Name of a trajectory within a run and its content's hash.
+/// Name of a trajectory within a run, and the hash of its content.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Message)]
 pub struct TrajectoryKey {
     /// Environment stream.
@@ -121,12 +120,12 @@ pub struct TrajectoryKey {
     pub hash: u64,
 }
 
-/// A trajectory as it travels: its encoded bytes beside what they say.
+/// A trajectory together with its encoded bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoded {
     /// The decoded trajectory; its arrays share `bytes`.
     pub trajectory: Trajectory,
-    /// The encoded bytes.
+    /// The encoded trajectory.
     pub bytes: Bytes,
     /// Name and hash.
     pub key: TrajectoryKey,
@@ -137,7 +136,8 @@ impl Encoded {
     /// task.
     ///
     /// # Errors
-    /// [`Error::Undecodable`] for other bytes; names what does not fit the task, or was left out.
+    /// [`Error::Undecodable`] if the bytes are not a trajectory; [`Error::Trajectory`] if a part does not fit the
+    /// task, or observations were left out.
     pub fn decode(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
         let trajectory = Trajectory::recorded(bytes.clone(), spec)?;
         if trajectory.is_actions_only() {
@@ -162,10 +162,11 @@ impl Encoded {
 }
 
 impl Trajectory {
-    /// Decodes a trajectory of a log, which may have left observations out, and checks it.
+    /// Decodes and checks a trajectory from a log, which may lack observations.
     ///
     /// # Errors
-    /// [`Error::Undecodable`] for other bytes; names what does not fit the task.
+    /// [`Error::Undecodable`] if the bytes are not a trajectory; [`Error::Trajectory`] if a part does not fit the
+    /// task.
     pub fn recorded(bytes: Bytes, spec: &Spec) -> Result<Self, Error> {
         let trajectory = Trajectory::decode(bytes)
             .map_err(|source| Error::Undecodable { what: "trajectory", source })?;
@@ -173,8 +174,7 @@ impl Trajectory {
         Ok(trajectory)
     }
 
-    /// Bytes of the longest episode of a task, encoded with its observations or without; somewhat more than
-    /// it has.
+    /// Returns an upper bound on the encoded size of a task's longest episode, with or without observations.
     pub fn most_bytes(spec: &Spec, observations: bool) -> u64 {
         let (steps, observation) = (u64::from(spec.horizon_steps), spec.observation.bytes() as u64);
         let observed = if observations { (steps + 1).saturating_mul(observation) } else { 0 };
@@ -183,29 +183,29 @@ impl Trajectory {
         observed.saturating_add(acted).saturating_add(HEAD_BYTES)
     }
 
-    /// Whether its observations were left out.
+    /// Returns whether observations were left out.
     pub fn is_actions_only(&self) -> bool {
         self.full_hash != 0
     }
 
-    /// The trajectory without observations; `full_hash` is that of the encoded one with them.
+    /// Returns the trajectory without observations. `full_hash` is the hash of the encoded trajectory with them.
     pub fn actions_only(self, full_hash: u64) -> Self {
         Trajectory { cells: Bytes::new(), values: Bytes::new(), full_hash, ..self }
     }
 
-    /// All observations, one after another, each of the spec's length in bytes.
+    /// Returns all observations, concatenated, each of the spec's length in bytes.
     pub fn observations(&self) -> &[u8] {
         if self.cells.is_empty() { &self.values } else { &self.cells }
     }
 
-    /// The observations up to the goal, its own included; all of them if it was not reached.
+    /// Returns the observations up to and including the one at the goal; all of them if the goal was not reached.
     pub fn observations_to_goal(&self) -> &[u8] {
         let all = self.observations();
         let one = all.len() / (self.steps as usize + 1);
         if self.success { &all[..one * (self.steps_to_goal as usize + 1)] } else { all }
     }
 
-    /// All actions, one after another, each of the spec's length in bytes.
+    /// Returns all actions, concatenated, each of the spec's length in bytes.
     pub fn actions(&self) -> &[u8] {
         if self.discrete_actions.is_empty() {
             &self.continuous_actions
@@ -214,13 +214,13 @@ impl Trajectory {
         }
     }
 
-    /// What the environment's own rewards add up to.
+    /// Returns the sum of the environment's own rewards.
     pub fn environment_return(&self) -> f64 {
         crate::task::floats(&self.environment_rewards).map(f64::from).sum()
     }
 
-    /// Checks lengths, classes and finiteness against the task's shapes. Which task it is, files and runs
-    /// say as a whole.
+    /// Checks lengths, classes and finiteness against the task's shapes. The task's name is not checked: files and
+    /// runs state it as a whole.
     ///
     /// # Errors
     /// [`Error::Trajectory`] for the first part that does not fit.
@@ -248,7 +248,7 @@ impl Trajectory {
         self.check_contents(spec)
     }
 
-    /// Demonstrations may come as states only; whatever actions there are must fit.
+    /// Checks the lengths of the arrays with one entry per step. Demonstrations may lack actions and rewards.
     fn check_actions(&self, discrete: usize, continuous: usize) -> Result<(), Error> {
         let demonstration = self.source == Source::Demonstration as i32;
         if !(demonstration && self.actions().is_empty()) {
@@ -274,7 +274,7 @@ impl Trajectory {
         Ok(())
     }
 
-    /// A demonstration ends at the goal; it need not say when it reached it.
+    /// Checks the steps to the goal. A demonstration ends at the goal and need not say when it reached it.
     fn check_goal(&self) -> Result<(), Error> {
         let reached = if self.success { 1..=self.steps } else { 0..=0 };
         let demonstration = self.source == Source::Demonstration as i32;

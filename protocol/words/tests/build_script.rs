@@ -1,14 +1,13 @@
-//! What the build script finds out: in a checkout, a worktree of it, with changes, in an archive that
-//! was unpacked, and without git.
+//! What the build script finds: in a checkout, in a worktree, with changes, in an unpacked archive, and without git.
 //!
-//! Method: `build.rs` is compiled once and run as cargo runs it, over folders made for it.
+//! Method: `build.rs` is compiled and run as cargo runs it, on folders made for the test.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The script, and a folder for checkouts.
+/// The compiled script, in a folder for checkouts.
 struct Script {
     home: tempfile::TempDir,
 }
@@ -18,7 +17,7 @@ struct Script {
 struct Told {
     commit: String,
     dirty: bool,
-    /// Files that have it run again.
+    /// Files that make it run again when they change.
     watched: Vec<String>,
 }
 
@@ -45,7 +44,7 @@ impl Script {
         Script { home }
     }
 
-    /// A folder with two deciding files and one that decides nothing.
+    /// Creates a folder with two deciding files and one that decides nothing.
     fn sources(&self, name: &str) -> PathBuf {
         let root = self.home.path().join(name);
         fs::create_dir_all(root.join("protocol/words/src")).unwrap();
@@ -92,7 +91,7 @@ fn a_checkout_has_a_commit_and_knows_its_changes() {
         assert!(told.watched.iter().any(|path| path.contains(part)), "{part}: {:?}", told.watched);
     }
 
-    // What decides nothing changes no build, committed or not.
+    // A file that decides nothing does not change the build, committed or not.
     fs::write(root.join("README.md"), "more").unwrap();
     assert!(!script.run(&root, "release", None).dirty);
     git(&root, &["commit", "--quiet", "-a", "-m", "two"]);
@@ -118,7 +117,7 @@ fn a_checkout_has_a_commit_and_knows_its_changes() {
         let told = script.run(&root, "release", None);
         assert!(!told.dirty && told.commit == git(&root, &["rev-parse", "HEAD"]), "{told:?}");
     }
-    // Without git nothing is known, and nothing fails.
+    // Without git, the commit is unknown and nothing fails.
     let told = script.run(&root, "release", Some(script.home.path()));
     assert_eq!((told.commit.as_str(), told.dirty), ("unknown", true));
 }

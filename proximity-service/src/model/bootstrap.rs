@@ -1,8 +1,7 @@
-//! Which demonstrations a member of the ensemble learns from: all of them, or a bootstrap resample of its
-//! own.
+//! Which demonstrations a member of the ensemble learns from: all of them, or its own bootstrap resample.
 //!
-//! A resample draws whole demonstrations with replacement, since rows of one are alike: of rows drawn one
-//! by one every member would see something of nearly every demonstration.
+//! A resample draws whole demonstrations with replacement, since the rows of a demonstration are similar. If single
+//! rows were drawn, every member would see something of nearly every demonstration.
 
 use protocol::seed::{self, Purpose};
 use rand::RngExt;
@@ -10,17 +9,17 @@ use run::config::RewardConfig;
 
 use super::minibatch::MinibatchRows;
 
-/// The demonstrations' rows that each member has at each position.
+/// Mapping from drawn positions to the rows of demonstrations that a member sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Resamples {
-    /// All members see the same minibatches of the rows as they are.
+    /// All members see the same minibatches of the original rows.
     Shared,
-    /// Every member sees minibatches of its own resample, as long as the rows as they are.
+    /// Every member sees minibatches of its own resample, which has as many rows as the demonstrations.
     Own(Vec<Vec<usize>>),
 }
 
 impl Resamples {
-    /// Those of a configuration; `rows` are the numbers of rows of the demonstrations, in order.
+    /// Draws the resamples of a configuration. `rows` has the number of rows of each demonstration, in order.
     pub(super) fn new(config: &RewardConfig, run_seed: u64, rows: &[usize]) -> Self {
         if !config.bootstrap {
             return Resamples::Shared;
@@ -43,7 +42,7 @@ impl Resamples {
         Resamples::Own((0..config.ensemble as u64).map(resample).collect())
     }
 
-    /// How many minibatches a gradient step takes: one for all members, or one for each.
+    /// Returns the number of minibatches of a gradient step: one for all members, or one for each.
     pub(super) fn minibatches(&self) -> usize {
         match self {
             Resamples::Shared => 1,
@@ -51,7 +50,7 @@ impl Resamples {
         }
     }
 
-    /// The rows that a member has at the positions drawn.
+    /// Replaces the drawn positions by the rows that a member sees there.
     pub(super) fn of_member(&self, member: usize, mut drawn: MinibatchRows) -> MinibatchRows {
         if let Resamples::Own(members) = self {
             for position in &mut drawn.demonstrations {
@@ -82,7 +81,7 @@ mod tests {
             let mut seen: Vec<usize> = member.iter().map(|row| row / 3).collect();
             seen.sort_unstable();
             seen.dedup();
-            // 1 - 1/e of them, 25, in the mean.
+            // The expected number is (1 - 1/e) * 40, about 25.
             assert!((18..33).contains(&seen.len()), "{} of 40", seen.len());
         }
         assert_ne!(members[0], members[1]);

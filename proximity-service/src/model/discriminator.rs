@@ -1,8 +1,8 @@
-//! Discriminators: whether a state (GAIfO-s), a transition (GAIfO) or a state and action (GAIL) is the
-//! expert's, by logistic regression (Section 4.1, baselines).
+//! Discriminators: logistic regression on whether a state (GAIfO-s), a transition (GAIfO) or a state and action
+//! (GAIL) is the expert's (Section 4.1, baselines).
 //!
-//! Each member of an ensemble is trained on its own, on the same minibatches unless bootstrapped, as
-//! all our ensembles are; the authors train the mean of five logits by one loss.
+//! As in all our ensembles, each member is trained on its own, on shared minibatches unless bootstrapped. The
+//! authors train the mean of five logits with one loss.
 
 use networks::{Score as RowScore, Squashing, binary_cross_entropy};
 use protocol::trajectory::Trajectory;
@@ -13,24 +13,24 @@ use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{EpisodeView, Learning, Objective};
 use crate::reward::step_rewards;
 
-/// Logistic regression on whose a row is: the expert's has label 1, the agent's 0.
+/// Logistic regression with label 1 for the expert's rows and 0 for the agent's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Discriminator;
 
 impl Objective for Discriminator {
-    /// A proximity is the probability that a row is the expert's.
+    /// The proximity is the probability that a row is the expert's.
     const SQUASHING: Squashing = Squashing::SigmoidOfMean;
 
     fn new(_config: &RewardConfig, _input: &Input, _demonstrations: &[Trajectory]) -> Self {
         Discriminator
     }
 
-    /// One row a step: a state that nobody acts in, such as the goal, tells nothing of who acts.
+    /// Appends one row per step: a state without an action, such as the goal, says nothing about who acts.
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_steps(seen.observations, seen.actions, rows);
     }
 
-    /// One row a step; of states the last one, too, for whoever asks how it looks.
+    /// Appends one row per step. For states it also appends the last one, whose score is shown but not rewarded.
     fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         if input.sees() == RewardInput::State {
             input.append_observations(seen.observations, seen.actions, rows);
@@ -39,13 +39,12 @@ impl Objective for Discriminator {
         }
     }
 
-    /// Nothing: without an agent there is nothing to tell apart.
+    /// Returns nothing: without an agent there is nothing to discriminate.
     fn offline(&self, _learning: &Learning<'_>) -> Vec<MinibatchRows> {
         Vec::new()
     }
 
-    /// The mean over the expert's rows and the mean over the agent's; their sum is twice the mean
-    /// over both.
+    /// Computes the mean loss over the expert's rows and over the agent's; their sum is twice the mean over both.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let count = minibatch.drawn.demonstrations.len();
         let (own, agent) = outputs.split_at(count);
@@ -57,7 +56,7 @@ impl Objective for Discriminator {
         }
     }
 
-    /// The row of a step is the state acted in, so that of the last state goes without a reward.
+    /// Rewards each step for the state it acts in, so the last state's row earns no reward.
     fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32> {
         step_rewards(&rows[..steps], config)
     }
@@ -71,7 +70,7 @@ mod tests {
     use protocol::trajectory::{Encoded, Source};
     use run::config::RewardForm;
 
-    /// A single discriminator.
+    /// Returns the configuration of a single discriminator.
     fn of(input: RewardInput) -> RewardConfig {
         RewardConfig {
             input,
@@ -85,8 +84,8 @@ mod tests {
         }
     }
 
-    /// Trains on what the agent does, a hundred episodes of it; then scores it and the expert's walk.
-    /// Gives the mean rewards of both, and the model.
+    /// Trains on the agent's episode in a hundred updates, then scores it and the expert's walk. Returns the mean
+    /// rewards of both, and the model.
     fn rewards_of(config: &RewardConfig, agents: Trajectory) -> ([f32; 2], Learned<Discriminator>) {
         let batch = [agents, walk(0.0, Source::Training)].map(Encoded::encode);
         let mut model: Learned<Discriminator> = learned(config, 2);

@@ -1,8 +1,8 @@
-//! The ensemble of every learned reward model: its training step, its scores, its state.
+//! The ensemble of every learned reward model: its training step, scores and state.
 //!
-//! Unless members have minibatches of their own, their only difference is where they start. Members are
-//! trained, and shards of rows scored, on several threads: each result is computed by one thread in
-//! a fixed order, so the number of threads never changes a bit.
+//! Members differ only in their initial weights, priors and, if bootstrapped, minibatches. Members are trained, and
+//! shards of rows scored, on several threads. Each result is computed by one thread in a fixed order, so the number
+//! of threads never changes a bit.
 
 use networks::{
     Ensemble, Network, Prepared, PreparedEnsemble, RewardArchitecture, RunningNormalizer,
@@ -21,7 +21,7 @@ use super::minibatch::{Losses, Minibatch};
 /// Adam's epsilon, as in the authors' code.
 const ADAM_EPSILON: f64 = 1e-8;
 
-/// Rows scored at a time by one thread.
+/// Rows that one thread scores at a time.
 const SHARD_ROWS: usize = 64;
 
 /// An ensemble with its optimizers.
@@ -30,14 +30,14 @@ pub struct TrainedEnsemble {
     normalizer: RunningNormalizer,
     ensemble: Ensemble,
     trainers: Vec<ShardedTrainer<Network>>,
-    /// Of minibatches: one for all members, or one for each.
+    /// Distinct windows of the minibatches: one entry for all members, or one for each.
     windows: Vec<WindowIndex>,
     prepared: PreparedEnsemble,
     threads: ThreadPool,
 }
 
 impl TrainedEnsemble {
-    /// A fresh ensemble over rows of an input.
+    /// Creates a new ensemble over rows of `input`.
     pub fn new(
         input: Input,
         config: &RewardConfig,
@@ -74,19 +74,18 @@ impl TrainedEnsemble {
         }
     }
 
-    /// Rows as the networks see them.
+    /// Splits and normalizes rows for the networks.
     pub fn normalized(&self, rows: Vec<u8>) -> Rows {
         let mut rows = self.input.split(rows);
         self.normalizer.normalize(&mut rows.observations);
         rows
     }
 
-    /// One optimizer step of every member, on the one minibatch or on its own of several. The loss takes
-    /// the outputs of one member and gives their gradients. [`TrainedEnsemble::prepare`] has to follow
-    /// before rows are scored.
+    /// Takes one optimizer step of every member, on the shared minibatch or on the member's own. `loss` reads the
+    /// outputs of one member and writes their gradients. Call [`TrainedEnsemble::prepare`] before scoring rows.
     ///
     /// # Errors
-    /// When a loss or the gradient of a member is no number; which one.
+    /// When a loss or the gradient norm of a member is not finite; the message names the member.
     pub fn train(
         &mut self,
         minibatches: &[Minibatch],
@@ -107,7 +106,7 @@ impl TrainedEnsemble {
             let of_member = |shard: Shard<'_, Network>, sum: &mut [f32]| {
                 differentiate(shard, priors.get(number), minibatch, &loss, sum)
             };
-            // A loss is a mean over pairs of rows, so a minibatch is one shard.
+            // Losses are means over the rows or pairs of a minibatch, so a minibatch is one shard.
             trainer.step(network, member, batch, usize::MAX, learning_rate, of_member)
         };
         let steps: Vec<Step<Losses>> = self.threads.install(|| members.map(train).collect());
@@ -121,10 +120,10 @@ impl TrainedEnsemble {
         Ok(sum.divided_by(self.trainers.len()))
     }
 
-    /// Refuses weights and optimizers that are no numbers any more.
+    /// Checks that weights and optimizer states are finite.
     ///
     /// # Errors
-    /// Names the array.
+    /// When an array is not; the message names it.
     pub fn expect_finite(&self) -> Result<(), String> {
         let mut tensors = Tensors::default();
         self.save(&mut tensors);
@@ -136,7 +135,7 @@ impl TrainedEnsemble {
         self.prepared = self.ensemble.prepare();
     }
 
-    /// Scores of rows, in order.
+    /// Scores rows, in order.
     pub fn scores(&self, rows: &[u8]) -> Vec<RowScore> {
         let score = |(workspace, windows): &mut (Workspace, WindowIndex), shard: &[u8]| {
             let (mut outputs, mut scores) = (Vec::new(), Vec::new());
@@ -150,17 +149,17 @@ impl TrainedEnsemble {
         self.threads.install(scores).concat()
     }
 
-    /// The networks, and what observations are normalized by before they see them.
+    /// Returns the networks and the normalizer of their observations.
     pub fn networks(&self) -> (&Ensemble, &RunningNormalizer) {
         (&self.ensemble, &self.normalizer)
     }
 
-    /// Hash of all weights.
+    /// Returns the hash of the members' weights, without priors.
     pub fn sha256(&self) -> String {
         weights::sha256(self.ensemble.members.iter().map(Vec::as_slice))
     }
 
-    /// Adds weights, those of priors included, optimizers and normalization to a checkpoint.
+    /// Adds weights (including priors), optimizer states and normalization to a checkpoint.
     pub fn save(&self, tensors: &mut Tensors) {
         tensors.put_f64("moments", self.normalizer.to_numbers());
         let members = self.ensemble.members.iter().zip(&self.trainers).enumerate();
@@ -173,10 +172,10 @@ impl TrainedEnsemble {
         }
     }
 
-    /// Takes over what [`TrainedEnsemble::save`] added.
+    /// Restores what [`TrainedEnsemble::save`] added.
     ///
     /// # Errors
-    /// When the arrays are not those of this ensemble.
+    /// When the arrays do not fit this ensemble.
     pub fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
         let moments = self.normalizer.to_numbers().len();
         let moments = tensors.exactly("moments", moments, Tensors::f64)?;
@@ -192,7 +191,7 @@ impl TrainedEnsemble {
         Ok(())
     }
 
-    /// The priors that [`TrainedEnsemble::save`] added, if it did: a model that is another run's has that one's.
+    /// Returns the priors in a checkpoint, which may have none. They replace those of the configuration.
     fn restored_priors(&self, tensors: &Tensors) -> Result<Vec<Vec<f32>>, String> {
         if !tensors.has(&prior_name(0)) {
             return Ok(Vec::new());
@@ -204,12 +203,12 @@ impl TrainedEnsemble {
     }
 }
 
-/// What a member's prior is called in a checkpoint.
+/// Returns the name of a member's prior in a checkpoint.
 fn prior_name(member: usize) -> String {
     format!("member{member}.prior")
 }
 
-/// Adds the gradient of a loss on a minibatch and of its penalty to a sum; the losses.
+/// Adds the gradient of a minibatch's loss and of its penalty to `sum` and returns the losses.
 fn differentiate(
     shard: Shard<'_, Network>,
     prior: Option<&Prepared>,
@@ -219,7 +218,7 @@ fn differentiate(
 ) -> Losses {
     let Shard { network, prepared, batch, workspace, .. } = shard;
     let prior = prior.map(|prior| network.forward(prior, batch, workspace).clone());
-    // Last, since back-propagation needs what it leaves behind.
+    // Evaluated last, since back-propagation needs its intermediate values.
     let mut outputs = network.forward(prepared, batch, workspace).clone();
     if let Some(prior) = prior {
         outputs += prior;

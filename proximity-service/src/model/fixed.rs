@@ -1,5 +1,5 @@
-//! Rewards that nothing is learned for: the environment's own, as recorded in the trajectories, and
-//! none, for policy learners that need no reward.
+//! Rewards without learning: the environment's own, as recorded in the trajectories, and zero, for policy learners
+//! that need no reward.
 
 use anyhow::{Result, bail};
 use protocol::messages::{Estimates, Score};
@@ -8,12 +8,12 @@ use protocol::trajectory::Encoded;
 
 use super::RewardModel;
 
-/// A reward that stays as it is.
+/// A reward that is not learned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FixedReward {
-    /// The environment's own, which is no imitation.
+    /// The environment's own reward, without imitation.
     Environment,
-    /// Zero.
+    /// A reward of zero.
     None,
 }
 

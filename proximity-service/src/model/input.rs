@@ -1,12 +1,13 @@
-//! What a reward model sees of a step: a state, a transition, or a state and the action taken there.
+//! The input of a reward model: a state, a transition, or a state and the action taken there.
 //!
-//! A row is its observations' bytes and, behind them, its extra inputs as little-endian `f32`. Demonstrations, experience and whatever is scored become rows here and nowhere else.
+//! A row consists of the bytes of its observations, followed by its extra inputs as little-endian `f32`.
+//! Demonstrations, experience and everything that is scored are turned into rows only here.
 
 use networks::{Batch, Network, NetworkShape, Observations, RewardArchitecture, WindowIndex};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use run::config::RewardInput;
 
-/// The rows of a task for a model.
+/// Layout of a task's rows for a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input {
     observation: ObservationSpec,
@@ -14,7 +15,7 @@ pub struct Input {
     sees: RewardInput,
 }
 
-/// Rows as a network reads them.
+/// Rows in the form that a network reads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rows {
     /// The observations of all rows.
@@ -24,13 +25,13 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// The rows as a network's batch.
+    /// Returns the rows as a batch for a network.
     pub fn batch(&self) -> Batch<'_> {
         let observations = Observations::Bytes(&self.observations);
         Batch { observations, extra_inputs: &self.extra_inputs }
     }
 
-    /// The rows as a batch that several networks of this kind are evaluated on.
+    /// Returns the rows as a batch that several networks with the same encoder evaluate.
     pub fn indexed<'a>(&'a self, network: &Network, windows: &'a mut WindowIndex) -> Batch<'a> {
         let observations = Observations::Indexed(network.index(&self.observations, windows));
         Batch { observations, ..self.batch() }
@@ -38,23 +39,22 @@ impl Rows {
 }
 
 impl Input {
-    /// The rows of a task for a model that sees this of a step.
+    /// Creates the layout for a task and what the model sees of a step.
     pub fn new(spec: &Spec, sees: RewardInput) -> Self {
         Input { observation: spec.observation, action: spec.action, sees }
     }
 
-    /// What the model sees of a step.
+    /// Returns what the model sees of a step.
     pub fn sees(&self) -> RewardInput {
         self.sees
     }
 
-    /// Observations of a row.
+    /// Returns the number of observations in a row.
     pub fn frames(&self) -> usize {
         if self.sees == RewardInput::Transition { 2 } else { 1 }
     }
 
-    /// Numbers of a row that join its observations: a discrete action has one for each choice, 1 for
-    /// the one taken.
+    /// Returns the number of extra inputs in a row. A discrete action is one-hot encoded.
     pub fn extra_inputs(&self) -> usize {
         match (self.sees, self.action) {
             (RewardInput::State | RewardInput::Transition, _) => 0,
@@ -63,7 +63,7 @@ impl Input {
         }
     }
 
-    /// A network over these rows.
+    /// Returns the shape of a network over these rows.
     pub fn network_shape(&self, architecture: &RewardArchitecture) -> NetworkShape {
         architecture.network_shape(self.observation, self.frames(), self.extra_inputs())
     }
@@ -72,12 +72,12 @@ impl Input {
         self.frames() * self.observation.bytes()
     }
 
-    /// Length of a row.
+    /// Returns the length of a row in bytes.
     pub fn row_bytes(&self) -> usize {
         self.observation_bytes() + 4 * self.extra_inputs()
     }
 
-    /// Appends a row for every step of an episode: for every observation but the last.
+    /// Appends a row for every step of an episode, that is, for every observation except the last.
     pub fn append_steps(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
         let (one, seen) = (self.observation.bytes(), self.observation_bytes());
         for step in 0..observations.len() / one - 1 {
@@ -89,16 +89,16 @@ impl Input {
         }
     }
 
-    /// Rows of an episode of so many steps that tell how far it has come.
+    /// Returns the number of rows that [`Input::append_places`] appends for an episode of `steps` steps.
     pub fn places(&self, steps: usize) -> usize {
         if self.sees == RewardInput::StateAction { steps } else { steps + 1 }
     }
 
-    /// Appends rows that tell how far an episode has come: its observations or, where the model sees
-    /// actions, its steps, each of which stands for the observation it leads to.
+    /// Appends rows that show how far an episode has come: its observations or, if the model sees actions, its
+    /// steps, each of which stands for the observation it leads to.
     ///
     /// # Panics
-    /// If the model sees transitions: the last observation begins none.
+    /// If the model sees transitions, since none begins at the last observation.
     pub fn append_places(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
         assert_ne!(self.sees, RewardInput::Transition, "a single observation is no transition");
         self.append_steps(observations, actions, rows);
@@ -107,8 +107,8 @@ impl Input {
         }
     }
 
-    /// Appends a row for every observation of an episode. Where the model sees actions nothing has led to
-    /// the first one; it has the row of the second, so that the first step makes no difference.
+    /// Appends a row for every observation of an episode. If the model sees actions, no step leads to the first
+    /// observation. It then gets the row of the second one, so that the first step makes no difference.
     ///
     /// # Panics
     /// As [`Input::append_places`].
@@ -132,7 +132,7 @@ impl Input {
         }
     }
 
-    /// Takes rows apart for a network.
+    /// Splits rows into observations and extra inputs for a network.
     pub fn split(&self, rows: Vec<u8>) -> Rows {
         if self.extra_inputs() == 0 {
             return Rows { observations: rows, extra_inputs: Vec::new() };

@@ -1,5 +1,5 @@
-//! A reward model that is learned: rows of demonstrations against rows of the agent, and an ensemble
-//! trained on both. Models differ in their [`Objective`] alone.
+//! Learned reward models: an ensemble trained on rows of demonstrations and rows of the agent. The models differ
+//! only in their [`Objective`].
 
 use std::time::{Duration, Instant};
 
@@ -40,9 +40,9 @@ pub struct Learned<O> {
     replay_buffer: ReplayBuffer,
     ensemble: TrainedEnsemble,
     version: u64,
-    /// Until offline training is done.
+    /// Offline training that is under way.
     offline: Option<Offline>,
-    /// How far a restored model has come in it.
+    /// Progress of offline training in the restored checkpoint.
     resumed: Progress,
 }
 
@@ -54,7 +54,7 @@ impl<O: Objective> Learned<O> {
         Ok(Learned::new(&spec, reward, rate, config.seed, &demonstrations, threads))
     }
 
-    /// A fresh model for a task.
+    /// Creates an untrained model for a task.
     pub fn new(
         spec: &Spec,
         config: &RewardConfig,
@@ -103,7 +103,7 @@ impl<O: Objective> Learned<O> {
         }
     }
 
-    /// What a member sees of the positions drawn.
+    /// Builds the minibatch that a member sees for the positions drawn.
     fn minibatch(&self, member: usize, drawn: MinibatchRows) -> Minibatch {
         let size = O::kept_bytes(&self.input);
         let drawn = self.resamples.of_member(member, drawn);
@@ -117,7 +117,7 @@ impl<O: Objective> Learned<O> {
         Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
     }
 
-    /// One optimizer step of every member, on one minibatch or its own; `number` is that of the step.
+    /// Takes one optimizer step, the `number`-th, of every member, on a shared minibatch or each on its own.
     fn train(
         &mut self,
         minibatches: &[Minibatch],
@@ -132,7 +132,7 @@ impl<O: Objective> Learned<O> {
         trained.map_err(|message| diverged(&format!("minibatch {number}, {message}")))
     }
 
-    /// Keeps what a batch shows of the agent.
+    /// Adds the agent's rows of a batch to the replay buffer.
     fn remember(&mut self, batch: &[Encoded]) {
         for Encoded { trajectory, .. } in batch {
             let observations = match self.config.experience_after_goal {
@@ -147,7 +147,7 @@ impl<O: Objective> Learned<O> {
         }
     }
 
-    /// Trains on demonstrations and what is kept of the agent.
+    /// Trains on the demonstrations and the replay buffer.
     fn train_online(&mut self, iteration: u64) -> Result<Progress, Final> {
         let mut taken = Progress::default();
         let learning_rate = self.learning_rate.at(iteration);
@@ -174,7 +174,7 @@ impl<O: Objective> Learned<O> {
         Ok(taken)
     }
 
-    /// A minibatch with the gradient penalty, if there is one.
+    /// Adds the gradient penalty to a minibatch, if the configuration has one.
     fn penalized(&self, mut minibatch: Minibatch, stream: &mut Stream) -> Minibatch {
         if self.config.gradient_penalty > 0.0 {
             let weight = self.config.gradient_penalty as f32;
@@ -207,7 +207,7 @@ fn diverged(message: &str) -> Final {
     Final(format!("the reward model diverged: {message}"))
 }
 
-/// What observations are normalized by.
+/// Returns the normalizer of observations.
 pub(super) fn normalizer(
     observation: ObservationSpec,
     config: &RewardConfig,
@@ -258,7 +258,7 @@ impl<O: Objective> RewardModel for Learned<O> {
         self.updated(iteration, &taken)
     }
 
-    /// Each row is scored once: the state after one step is the state before the next.
+    /// Scores each row once: the state after one step is the state before the next.
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
         let (mut rows, mut counts) = (Vec::new(), Vec::new());
         for Encoded { trajectory, .. } in batch {

@@ -1,40 +1,40 @@
-//! What a gradient step of a reward model is taken on, and what it lost there.
+//! Minibatches of a reward model and their losses.
 
 use std::ops::AddAssign;
 
 use super::input::Rows;
 use super::penalty::GradientPenalty;
 
-/// The rows of a minibatch, by their positions.
+/// Rows of a minibatch, given by their positions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MinibatchRows {
-    /// Those of demonstrations.
+    /// Positions among the rows of demonstrations.
     pub demonstrations: Vec<usize>,
-    /// Those of the agent's experience.
+    /// Positions in the agent's experience.
     pub agent: Vec<usize>,
 }
 
-/// What a gradient step is taken on: rows of demonstrations, then rows of the agent.
+/// Data of a gradient step: rows of demonstrations, then rows of the agent.
 pub struct Minibatch {
-    /// The rows, normalized.
+    /// The normalized rows.
     pub rows: Rows,
-    /// Which ones they are.
+    /// Positions of the rows.
     pub drawn: MinibatchRows,
-    /// What the discriminator's gradient is penalized by, if it is.
+    /// Gradient penalty of a discriminator, if it has one.
     pub penalty: Option<GradientPenalty>,
 }
 
 /// The two terms of a model's loss on a minibatch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
-    /// On demonstrations.
+    /// Loss on demonstrations.
     pub demonstrations: f64,
-    /// On the agent's experience.
+    /// Loss on the agent's experience.
     pub agent: f64,
 }
 
 impl Losses {
-    /// What is no number among losses and the norm of their gradient.
+    /// Describes the first of the losses and the gradient norm that is not finite; `None` if all are finite.
     pub(super) fn problem(&self, gradient_norm: f64) -> Option<String> {
         let numbers = [
             ("loss on demonstrations", self.demonstrations),
@@ -45,7 +45,7 @@ impl Losses {
         Some(format!("expected a finite {name}, found {found}"))
     }
 
-    /// Divides both terms, to make a mean of a sum; of a sum of none that is zero.
+    /// Divides both terms by `count`, to turn a sum into a mean. A count of zero leaves the sum as it is.
     pub(super) fn divided_by(self, count: usize) -> Losses {
         let count = count.max(1) as f64;
         Losses { demonstrations: self.demonstrations / count, agent: self.agent / count }

@@ -1,4 +1,4 @@
-//! Reward models: what learns the reward and answers for it.
+//! Reward models, which learn the reward and score episodes.
 
 mod bootstrap;
 mod discriminator;
@@ -42,14 +42,13 @@ pub use ranking::Ranking;
 pub use registry::of_run;
 pub use temporal_distance::TemporalDistance;
 
-/// A reward model. With a policy learner it makes a method. One that trains nothing scores batches, and
-/// has nothing else to do.
+/// A reward model. Together with a policy learner it makes a method. One that trains nothing only scores.
 pub trait RewardModel {
-    /// Goes on with training on the demonstrations alone (Algorithm 1, lines 2 to 5), for about as long
-    /// as said and at least one gradient step.
+    /// Continues training on the demonstrations alone (Algorithm 1, lines 2 to 5), for about `time` and at least
+    /// one gradient step.
     ///
     /// # Errors
-    /// [`Final`] when a loss or gradient is no number any more; the model is of no use then.
+    /// [`Final`] when a loss or a gradient is not finite; the model is unusable then.
     fn pretrain(&mut self, _time: Duration) -> Result<Slice, Final> {
         let weights_sha256 = self.sha256();
         Ok(Slice::Done(RewardUpdate { weights_sha256, ..RewardUpdate::default() }))
@@ -64,32 +63,32 @@ pub trait RewardModel {
         Ok(RewardUpdate { iteration, weights_sha256, ..RewardUpdate::default() })
     }
 
-    /// Scores a batch (Algorithm 1, line 8). Depends on the batch and the model's version alone.
+    /// Scores a batch (Algorithm 1, line 8). The result depends only on the batch and the model's version.
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score>;
 
-    /// Proximity and uncertainty of any observations. Changes nothing.
+    /// Returns the proximity and uncertainty of any observations, without changing the model.
     ///
     /// # Errors
-    /// When the model cannot tell them from single observations.
+    /// When the model cannot score single observations.
     fn estimate(&self, observations: &[u8]) -> Result<Estimates>;
 
-    /// The ensemble that it learns; none where it learns none, or several.
+    /// Returns the ensemble that the model learns; `None` if it learns none or several.
     fn ensemble(&self) -> Option<&TrainedEnsemble> {
         None
     }
 
-    /// Hash of all weights.
+    /// Returns the hash of the trained weights or, if nothing is trained, of the demonstrated states.
     fn sha256(&self) -> String;
 
-    /// Everything carried from one update to the next, and from one slice of offline training.
+    /// Returns the state carried from one update to the next, and from one slice of offline training to the next.
     fn save(&self) -> Tensors {
         Tensors::default()
     }
 
-    /// Takes over what [`RewardModel::save`] gave.
+    /// Restores what [`RewardModel::save`] returned.
     ///
     /// # Errors
-    /// When the arrays are not those of this model.
+    /// When the arrays do not fit this model.
     fn restore(&mut self, _tensors: &Tensors) -> Result<(), String> {
         Ok(())
     }

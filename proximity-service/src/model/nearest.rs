@@ -1,8 +1,8 @@
-//! The nearest demonstrated state: a step earns minus the distance of the state it reaches from the
-//! nearest one of the demonstrations. Nothing is trained; what it rewards is to be where the expert
-//! was, not to come closer to the goal. In segments, an episode and a demonstration, each of its own length,
-//! are divided into the same number of parts, and the nearest state is looked for in the part of the same number (segment
-//! matching, arXiv 2506.06793), so that being where the expert began earns nothing at the end.
+//! The nearest demonstrated state: a step earns minus the distance from the state it reaches to the nearest
+//! demonstrated state. Nothing is trained. The reward is for being where the expert was, not for coming closer to
+//! the goal. With segments (segment matching, arXiv 2506.06793), an episode and each demonstration are divided into
+//! the same number of parts, each by its own length. The nearest state is searched for in the part with the same
+//! number, so that a state where the expert began earns nothing at the end.
 
 use anyhow::Result;
 use networks::RunningNormalizer;
@@ -23,7 +23,7 @@ pub struct NearestState {
     observation: ObservationSpec,
     config: RewardConfig,
     normalizer: RunningNormalizer,
-    /// Of each segment, one after another, normalized.
+    /// Normalized states of each segment, one after another.
     demonstrated: Vec<Vec<u8>>,
     threads: rayon::ThreadPool,
 }
@@ -35,7 +35,7 @@ impl NearestState {
         Ok(Box::new(Self::new(&spec, &config.reward, &demonstrations, threads(config)?)))
     }
 
-    /// The model of some demonstrations.
+    /// Creates the model from demonstrations.
     pub fn new(
         spec: &Spec,
         config: &RewardConfig,
@@ -58,8 +58,8 @@ impl NearestState {
         NearestState { observation, config, normalizer, demonstrated, threads }
     }
 
-    /// Of each observation of an episode: the share of cells that differ, or the root of the mean square
-    /// of the numbers' differences.
+    /// Returns the distance of each observation of an episode to the nearest state in its segment: the share of
+    /// cells that differ, or the root mean square of the differences of the numbers.
     fn distances(&self, observations: &[u8]) -> Vec<f32> {
         let states = observations.chunks_exact(self.observation.bytes());
         let steps = states.len() - 1;
@@ -67,7 +67,7 @@ impl NearestState {
         states.enumerate().map(|(step, state)| self.nearest(state, of_step(step))).collect()
     }
 
-    /// The distance to the nearest of some states.
+    /// Returns the distance to the nearest of some states.
     fn nearest(&self, state: &[u8], others: &[u8]) -> f32 {
         let mut state = state.to_vec();
         self.normalizer.normalize(&mut state);
@@ -90,7 +90,7 @@ impl NearestState {
     }
 }
 
-/// 1 at a demonstrated state, falling with the distance.
+/// Converts a distance to a proximity, which is 1 at a demonstrated state and falls with the distance.
 fn proximity(distance: f32) -> f32 {
     1.0 / (1.0 + distance)
 }
@@ -112,7 +112,7 @@ impl RewardModel for NearestState {
         self.threads.install(|| batch.par_iter().map(score).collect())
     }
 
-    /// A single state belongs to no segment, so it is compared to all.
+    /// Compares each state with those of all segments, since a single state belongs to no segment.
     fn estimate(&self, observations: &[u8]) -> Result<Estimates> {
         let states = observations.par_chunks_exact(self.observation.bytes());
         let nearest = |state: &[u8]| {

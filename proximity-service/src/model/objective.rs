@@ -1,5 +1,5 @@
-//! What learned reward models differ in: the rows they see, the minibatches they are trained on, their
-//! loss, and the rewards made of their scores.
+//! Objectives, in which learned reward models differ: the rows they see, their training minibatches, their loss,
+//! and the rewards computed from their scores.
 
 use networks::{Score as RowScore, Squashing};
 use protocol::seed::{self, Purpose, Stream};
@@ -11,33 +11,33 @@ use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use crate::reward::rewards;
 
-/// What a model is trained towards, and what its ensemble then says of a step.
+/// Training objective of a model, and the rewards computed from its ensemble.
 pub trait Objective: Sync {
     /// How the outputs of the ensemble become a proximity.
     const SQUASHING: Squashing;
 
-    /// The objective for some demonstrations.
+    /// Creates the objective for some demonstrations.
     fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self;
 
-    /// Length of what training draws by its position: a row, unless rows are put together of several.
+    /// Returns the length in bytes of what training draws by position: a row, unless rows are composed of several.
     fn kept_bytes(input: &Input) -> usize {
         input.row_bytes()
     }
 
-    /// Appends the rows of an episode that are trained on: by default those that tell how far it has come.
+    /// Appends the rows of an episode for training, by default those that show how far it has come.
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_places(seen.observations, seen.actions, rows);
     }
 
-    /// Appends the rows of an episode that its rewards are made from: by default one for each observation.
+    /// Appends the rows of an episode that its rewards are computed from, by default one per observation.
     fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_observations(seen.observations, seen.actions, rows);
     }
 
-    /// The minibatches of offline training, in order.
+    /// Returns the minibatches of offline training, in order.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows>;
 
-    /// The minibatches of one online update, in order: by default pairs of both kinds of rows.
+    /// Returns the minibatches of one online update, in order, by default pairs of both kinds of rows.
     fn online(
         &self,
         learning: &Learning<'_>,
@@ -47,10 +47,10 @@ pub trait Objective: Sync {
         learning.pairs(agent, stream)
     }
 
-    /// The losses of one member's outputs on a minibatch, and the gradients of their sum.
+    /// Returns the losses of one member's outputs on a minibatch and writes the gradients of their sum.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;
 
-    /// Rewards of an episode of so many steps: by default those of its proximity (Eq. 5).
+    /// Returns the rewards of an episode with `steps` steps, by default those of its proximity (Eq. 5).
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
         let proximity: Vec<f32> =
             rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect();
@@ -59,29 +59,29 @@ pub trait Objective: Sync {
     }
 }
 
-/// An episode as far as a model may see it.
+/// The part of an episode that a model may see.
 #[derive(Clone, Copy, Debug)]
 pub struct EpisodeView<'a> {
     /// Observations, one after another.
     pub observations: &'a [u8],
-    /// At least as many actions as there are steps between them, where the model sees actions.
+    /// At least one action for each step between them, if the model sees actions.
     pub actions: &'a [u8],
 }
 
-/// What minibatches are drawn by.
+/// Settings that determine the draw of minibatches.
 #[derive(Clone, Copy, Debug)]
 pub struct Learning<'a> {
     /// Batch size, samples and epochs.
     pub config: &'a RewardConfig,
     /// Seed of the run.
     pub run_seed: u64,
-    /// Rows of demonstrations.
+    /// Number of rows of the demonstrations.
     pub demonstrations: usize,
 }
 
 impl Learning<'_> {
-    /// Minibatches of offline training whose rows are drawn anew: so many batches an epoch as the demonstrations
-    /// have. Of so many pairs `draw` gives the positions.
+    /// Draws minibatches of pairs for offline training. An epoch has as many full batches as the demonstrations'
+    /// rows. `draw` returns the positions of the given number of pairs.
     pub fn drawn(&self, draw: impl Fn(usize, &mut Stream) -> Vec<usize>) -> Vec<MinibatchRows> {
         let RewardConfig { batch, pretraining_epochs, .. } = *self.config;
         let epoch = |epoch| {
@@ -94,8 +94,8 @@ impl Learning<'_> {
         (0..pretraining_epochs).flat_map(epoch).collect()
     }
 
-    /// Minibatches of one online update, in whole batches of both kinds: from as many rows of each,
-    /// without repetition, as the configuration's samples, or as there are of the rarer kind.
+    /// Draws the minibatches of one online update, full batches of both kinds of rows. It samples rows of each kind
+    /// without replacement: as many as the configuration says, or as there are of the rarer kind.
     pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<MinibatchRows> {
         let samples = self.config.samples.min(self.demonstrations).min(agent);
         let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);

@@ -1,32 +1,31 @@
-//! Offline training in slices, so that whoever trains can look at requests in between, and go on from a
-//! file another day.
+//! Offline training in slices, so that requests can be served in between and training can resume from a file.
 
 use protocol::messages::{Pretraining, RewardUpdate};
 use protocol::tensors::Tensors;
 
 use super::minibatch::{Losses, MinibatchRows};
 
-/// Where offline training stands after a slice of it.
+/// Outcome of a slice of offline training.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Slice {
-    /// There is more to do.
+    /// Training is not finished.
     UnderWay(Pretraining),
-    /// It is done.
+    /// Training is finished.
     Done(RewardUpdate),
 }
 
-/// How far offline training has come.
+/// Progress of offline training.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Progress {
     /// Gradient steps taken.
     pub(super) done: usize,
-    /// Losses of those, summed in order.
+    /// Losses of these steps, summed in order.
     pub(super) sum: Losses,
-    /// Time they took.
+    /// Time these steps took.
     pub(super) seconds: f64,
 }
 
-/// Offline training under way.
+/// Offline training that is under way.
 pub(super) struct Offline {
     /// All minibatches, in order.
     pub(super) minibatches: Vec<MinibatchRows>,
@@ -34,13 +33,13 @@ pub(super) struct Offline {
 }
 
 impl Offline {
-    /// The next minibatch, and its number from 1.
+    /// Returns the next minibatch, and its number starting from 1.
     pub(super) fn next(&self) -> Option<(usize, &MinibatchRows)> {
         let done = self.progress.done;
         Some((done + 1, self.minibatches.get(done)?))
     }
 
-    /// How far it has come, in words of the bus.
+    /// Returns the progress as a message for the bus.
     pub(super) fn standing(&self) -> Pretraining {
         let total = self.minibatches.len() as u64;
         Pretraining { done: self.progress.done as u64, total }
@@ -48,25 +47,25 @@ impl Offline {
 }
 
 impl Progress {
-    /// Notes a step.
+    /// Records a step.
     pub(super) fn add(&mut self, losses: Losses) {
         self.done += 1;
         self.sum += losses;
     }
 
-    /// The mean losses; zero before the first step.
+    /// Returns the mean losses; zero before the first step.
     pub(super) fn mean(&self) -> Losses {
         self.sum.divided_by(self.done)
     }
 
-    /// Adds it to arrays.
+    /// Adds the progress to `tensors`.
     pub(super) fn save(&self, tensors: &mut Tensors) {
         tensors.put_u64("offline.done", [self.done as u64]);
         let Losses { demonstrations, agent } = self.sum;
         tensors.put_f64("offline.sums", [demonstrations, agent, self.seconds]);
     }
 
-    /// What [`Progress::save`] added; that of the beginning where nothing was.
+    /// Restores what [`Progress::save`] added; the default if there is nothing.
     pub(super) fn restored(tensors: &Tensors) -> Result<Progress, String> {
         if !tensors.has("offline.done") {
             return Ok(Progress::default());

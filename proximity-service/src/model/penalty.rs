@@ -1,9 +1,9 @@
-//! The gradient penalty of a discriminator (WGAN-GP): between the expert's rows and the agent's the
-//! norm of the logit's gradient is pulled towards 1.
+//! The gradient penalty of a discriminator (WGAN-GP). It pulls the norm of the logit's gradient towards 1 between
+//! the expert's rows and the agent's.
 //!
-//! The penalty's own gradient needs the derivative of an input gradient `g` by the parameters. With
-//! `u = g / |g|` held, `d|g| / dw` is the derivative of `dD / dw` along `u`: a central difference of
-//! two gradients that back-propagation gives.
+//! The gradient of the penalty needs the derivative of the norm of an input gradient `g` with respect to the
+//! parameters. With `u = g / |g|` held fixed, `d|g| / dw` is the derivative of `dD / dw` along `u`. It is computed
+//! as a central difference of two back-propagated gradients.
 
 use nalgebra::DMatrix;
 use networks::{Network, Prepared, Workspace};
@@ -13,24 +13,24 @@ use rand::RngExt;
 
 use super::input::Rows;
 
-/// Half the distance of the central difference, in the units of what the network sees. Where observations are
-/// not normalized those are their own: of numbers that vary by less than this the derivative is coarse.
+/// Half the width of the central difference, in the units of the network's input. Without normalization these are
+/// the units of the observations, and the derivative is coarse for numbers that vary by less than this.
 const STEP: f32 = 0.01;
 
-/// Where a discriminator's gradient is measured, and how much its norm matters.
+/// Points at which a discriminator's gradient is penalized, and the weight of the penalty.
 pub struct GradientPenalty {
-    /// Numbers of each row: observations, then extra inputs.
+    /// Numbers of each point: observations, then extra inputs.
     points: DMatrix<f32>,
-    /// How many of them are extra inputs.
+    /// Number of extra inputs among them.
     extra_inputs: usize,
     weight: f32,
 }
 
 impl GradientPenalty {
-    /// Penalizes at a random place between each of the first rows and one of the others.
+    /// Creates a penalty at random points between the first `pairs` rows and their partners in the other half.
     ///
     /// # Panics
-    /// If there are not as many rows in both halves.
+    /// If the numbers do not divide into `2 * pairs` rows.
     pub fn between(rows: &Rows, pairs: usize, weight: f32, stream: &mut Stream) -> Self {
         let seen: Vec<f32> = floats(&rows.observations).collect();
         let [own, extra_inputs] =
@@ -58,7 +58,7 @@ impl GradientPenalty {
         GradientPenalty { points, extra_inputs, weight }
     }
 
-    /// Adds the penalty's gradient to that of the parameters.
+    /// Adds the gradient of the penalty to that of the parameters.
     pub fn differentiate(
         &self,
         network: &Network,
@@ -72,7 +72,7 @@ impl GradientPenalty {
         let mut gradients = DMatrix::zeros(1, 2 * pairs);
         for (pair, direction) in directions.column_iter().enumerate() {
             let norm = direction.norm();
-            // Where the gradient vanishes its norm has no derivative.
+            // Where the gradient vanishes, its norm has no derivative.
             let unit = direction * if norm > 0.0 { STEP / norm } else { 0.0 };
             moved.set_column(pair, &(self.points.column(pair) + &unit));
             moved.set_column(pairs + pair, &(self.points.column(pair) - &unit));
@@ -84,7 +84,7 @@ impl GradientPenalty {
         network.backward(prepared, rows.batch(), workspace, &gradients, gradient);
     }
 
-    /// The gradient of the logit at each point.
+    /// Computes the gradient of the logit at each point.
     fn input_gradients(
         &self,
         network: &Network,

@@ -10,7 +10,7 @@ use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{Learning, Objective};
 
-/// Regression on proximity labels, and the reward made of it.
+/// Regression on proximity labels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoalProximity {
     /// Labels of the demonstrations' rows, in [0, 1].
@@ -22,7 +22,7 @@ pub struct GoalProximity {
 impl Objective for GoalProximity {
     const SQUASHING: Squashing = Squashing::ClampedMean;
 
-    /// Labels every row (Eq. 1); the last one of a demonstration is at the goal.
+    /// Labels every row (Eq. 1); the last row of a demonstration is at the goal.
     fn new(config: &RewardConfig, input: &Input, demonstrations: &[Trajectory]) -> Self {
         let label = |steps_to_goal| config.label(steps_to_goal) as f32;
         let labels = |trajectory: &Trajectory| {
@@ -50,7 +50,7 @@ impl Objective for GoalProximity {
         minibatches
     }
 
-    /// Eq. 4; without rows of the agent Eq. 1. Each term is a mean over its own rows.
+    /// Computes Eq. 4, or Eq. 1 without rows of the agent. Each term is a mean over its own rows.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let MinibatchRows { demonstrations, agent } = &minibatch.drawn;
         let targets: Vec<f32> = demonstrations.iter().map(|&at| self.targets[at]).collect();

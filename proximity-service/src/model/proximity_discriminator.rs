@@ -1,5 +1,5 @@
-//! Proximity times the probability that a state is the expert's: close to the goal, and where the
-//! expert would be. Rank2Reward (arXiv 2404.14735) multiplies a ranking so.
+//! Proximity times the probability that a state is the expert's, which is high close to the goal where the expert
+//! would be. Rank2Reward (arXiv 2404.14735) multiplies a ranking in this way.
 
 use std::time::Duration;
 
@@ -18,8 +18,8 @@ use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::{Discriminator, GoalProximity, Learned, Learning, Objective, RewardModel, Slice};
 use crate::reward::rewards;
 
-/// Both models, with the same settings. Losses are those of proximity. Both begin with the same weights and
-/// draw by the same streams: nothing asks them to be independent.
+/// Both models, with the same settings. Reported losses are those of proximity. Both models start with the same
+/// weights and use the same random streams, since they need not be independent.
 pub struct ProximityDiscriminator {
     config: RewardConfig,
     proximity: Learned<GoalProximity>,
@@ -35,7 +35,7 @@ impl ProximityDiscriminator {
         }))
     }
 
-    /// An update of both.
+    /// Combines the updates of both models.
     fn joined(&self, proximity: RewardUpdate, discriminator: &RewardUpdate) -> RewardUpdate {
         RewardUpdate {
             gradient_steps: proximity.gradient_steps + discriminator.gradient_steps,
@@ -51,7 +51,7 @@ fn products(proximity: &[f32], probability: &[f32]) -> Vec<f32> {
 }
 
 impl RewardModel for ProximityDiscriminator {
-    /// A discriminator has nothing to learn yet.
+    /// Trains proximity; the discriminator has nothing to learn yet.
     fn pretrain(&mut self, time: Duration) -> Result<Slice, Final> {
         let own = match self.proximity.pretrain(time)? {
             Slice::Done(own) => own,
@@ -69,7 +69,7 @@ impl RewardModel for ProximityDiscriminator {
         Ok(self.joined(own, &others))
     }
 
-    /// The uncertainty is that of proximity.
+    /// Scores with the product; the uncertainty is that of proximity.
     fn score(&self, iteration: u64, batch: &[Encoded]) -> Vec<Score> {
         let proximity = self.proximity.score(iteration, batch);
         let probability = self.discriminator.score(iteration, batch);
@@ -104,11 +104,11 @@ impl RewardModel for ProximityDiscriminator {
     }
 }
 
-/// What the names of its arrays in a checkpoint begin with.
+/// Name prefix of the discriminator's arrays in a checkpoint.
 const DISCRIMINATOR: &str = "discriminator.";
 
-/// A discriminator of every state that proximity is learned of, the one at the goal included: the last
-/// step is rewarded by it.
+/// A discriminator of every state that proximity is learned from, including the one at the goal, which the reward
+/// of the last step needs.
 struct StateDiscriminator;
 
 impl Objective for StateDiscriminator {
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(scores[1].rewards, expected);
     }
 
-    /// The goal lies where states on the way there say that it is the agent's.
+    /// Places the goal where a discriminator of the states before it would take it for the agent's.
     #[test]
     fn the_state_at_the_goal_is_learned_too() {
         let expert = walk(0.0, Source::Demonstration);

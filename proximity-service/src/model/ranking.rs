@@ -1,8 +1,8 @@
-//! Proximity by ranking (Figure 7): of two states of a demonstration the later one is closer to the
-//! goal, and a state of the expert is closer than one of the agent.
+//! Proximity by ranking (Figure 7): of two states of a demonstration, the later one is closer to the goal, and a
+//! state of the expert is closer than one of the agent.
 //!
-//! Ranking fixes no scale, so proximity is the mean of the members' outputs behind a sigmoid: it is in
-//! [0, 1], and the same rewards are made from it as from the regressed one. The loss is on the outputs
+//! Ranking does not determine a scale, so the proximity is the mean of the sigmoids of the members' outputs. It is
+//! in [0, 1], and the rewards are computed from it as from the regressed proximity. The loss uses the outputs
 //! themselves.
 
 use networks::{Squashing, ranking};
@@ -15,17 +15,17 @@ use super::input::Input;
 use super::minibatch::{Losses, Minibatch, MinibatchRows};
 use super::objective::{Learning, Objective};
 
-/// Ranking of rows within demonstrations, and of the expert's above the agent's.
+/// Ranking of rows within demonstrations, and of the expert's rows above the agent's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// First row of each demonstration.
+    /// First row of each demonstration, and the end of the last one.
     starts: Vec<usize>,
-    /// Pairs in each demonstration and those before it.
+    /// Cumulative number of pairs, up to and including each demonstration.
     pairs: Vec<usize>,
 }
 
 impl Ranking {
-    /// Draws pairs, later rows then earlier ones, uniformly from all pairs within a demonstration.
+    /// Draws pairs uniformly from all pairs within a demonstration. Returns the later rows, then the earlier ones.
     fn draw(&self, count: usize, stream: &mut Stream) -> Vec<usize> {
         let all = self.pairs.last().copied().unwrap_or(0);
         let (mut later, mut earlier) = (Vec::new(), Vec::new());
@@ -60,12 +60,12 @@ impl Objective for Ranking {
         order
     }
 
-    /// As many pairs an epoch as the demonstrations have rows.
+    /// Draws as many pairs per epoch as the demonstrations have rows, in full batches.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
         learning.drawn(|pairs, stream| self.draw(pairs, stream))
     }
 
-    /// Behind as many pairs within demonstrations come the expert's rows of pairs with the agent.
+    /// Adds as many pairs within demonstrations, before the expert's rows that are paired with the agent's.
     fn online(
         &self,
         learning: &Learning<'_>,
@@ -81,7 +81,7 @@ impl Objective for Ranking {
         minibatches
     }
 
-    /// The mean over pairs within demonstrations, and that over pairs of an expert's and an agent's.
+    /// Computes the mean over pairs within demonstrations, and the mean over pairs of expert and agent.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let across = 2 * minibatch.drawn.agent.len();
         let within = outputs.len() - across;

@@ -1,4 +1,4 @@
-//! Which reward models there are.
+//! Registry of the reward models.
 
 use anyhow::{Context, Result};
 use run::config::RunConfig;
@@ -11,7 +11,7 @@ use super::{
 
 type Constructor = fn(&RunFolder, &RunConfig) -> Result<Box<dyn RewardModel>>;
 
-/// A line for each name of [`run::config::REWARD_MODELS`].
+/// Constructors in the order of [`run::config::REWARD_MODELS`].
 const MODELS: &[(&str, Constructor)] = &[
     ("proximity", learned::<GoalProximity>),
     ("proximity-discriminator", ProximityDiscriminator::of_run),
@@ -23,7 +23,7 @@ const MODELS: &[(&str, Constructor)] = &[
     ("none", |_, _| Ok(Box::new(FixedReward::None))),
 ];
 
-/// The reward model of a run, as it is before any training.
+/// Creates the untrained reward model of a run.
 ///
 /// # Errors
 /// When its demonstrations cannot be read.

@@ -1,9 +1,9 @@
 //! Pairwise temporal distance (TimeRewarder, arXiv 2509.26627): how much closer to the goal the second of two
-//! states is than the first, learned from pairs of a demonstration in either order. A step earns what the
-//! ensemble says of the states before and after it.
+//! states is than the first, learned from pairs of a demonstration in either order. A step earns the ensemble's
+//! output for the states before and after it.
 //!
-//! TimeRewarder classifies distances into bins; this is regression, as proximity is. It learns nothing of
-//! the agent's experience: what the agent undoes is a pair in the wrong order.
+//! TimeRewarder classifies distances into bins; this model uses regression, as for proximity. It learns nothing
+//! from the agent's experience: a step back is a pair in reverse order.
 
 use networks::{Score as RowScore, Squashing, squared_error};
 use protocol::seed::Stream;
@@ -21,21 +21,21 @@ use crate::reward::step_rewards;
 pub struct TemporalDistance {
     /// First observation of each demonstration, and the end of the last one.
     starts: Vec<usize>,
-    /// The demonstration of each observation.
+    /// Demonstration of each observation.
     owners: Vec<usize>,
-    /// Distance of so many steps towards the goal, in [0, 1].
+    /// Distance label in [0, 1] for each number of steps towards the goal.
     distances: Vec<f32>,
 }
 
 impl TemporalDistance {
-    /// Draws a pair: any observation, and another one of its demonstration.
+    /// Draws a pair: any observation, and another one of the same demonstration.
     fn pair(&self, stream: &mut Stream) -> [usize; 2] {
         let one = stream.random_range(0..self.owners.len() as u64) as usize;
         [one, self.other(one, stream)]
     }
 
-    /// Draws the other observation of a pair: it lies a gap away that is uniform in its logarithm, so that
-    /// short ones are frequent, and in either direction.
+    /// Draws the second observation of a pair, in either direction. The logarithm of the gap is uniform, so short
+    /// gaps are frequent.
     fn other(&self, one: usize, stream: &mut Stream) -> usize {
         let owner = self.owners[one];
         let (first, last) = (self.starts[owner], self.starts[owner + 1] - 1);
@@ -68,7 +68,7 @@ impl Objective for TemporalDistance {
         TemporalDistance { starts, owners, distances: (0..=longest).map(distance).collect() }
     }
 
-    /// Observations are kept one by one, and make rows in pairs.
+    /// Returns the length of one observation, since training draws observations and combines them in pairs.
     fn kept_bytes(input: &Input) -> usize {
         input.row_bytes() / input.frames()
     }
@@ -81,7 +81,7 @@ impl Objective for TemporalDistance {
         input.append_steps(seen.observations, seen.actions, rows);
     }
 
-    /// As many pairs an epoch as the demonstrations have observations.
+    /// Draws as many pairs per epoch as the demonstrations have observations, in full batches.
     fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
         learning.drawn(|pairs, stream| (0..pairs).flat_map(|_| self.pair(stream)).collect())
     }

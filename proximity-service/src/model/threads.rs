@@ -1,10 +1,10 @@
-//! The threads that a reward model computes on.
+//! Thread pool of a reward model.
 
 use anyhow::Result;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use run::config::RunConfig;
 
-/// As many as a run gives its service.
+/// Creates a pool with as many threads as the configuration gives the service.
 pub(super) fn threads(config: &RunConfig) -> Result<ThreadPool> {
     Ok(ThreadPoolBuilder::new()
         .num_threads(config.resources.service_threads)

@@ -1,4 +1,4 @@
-"""Goalward in Python: demonstrations of data sets, logs in NumPy, exported policies, environments."""
+"""Goalward in Python: demonstrations from data sets, logs in NumPy, exported policies, environments."""
 
 from goalward.error import Error
 from goalward.task import Cells, Continuous, Discrete, Task, Vector

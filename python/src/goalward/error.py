@@ -1,4 +1,4 @@
-"""The one exception of the package, and how exceptions of other packages become one."""
+"""The exception of the package, and the conversion of other packages' exceptions."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,14 +10,14 @@ class Error(ValueError):
 
 @contextmanager
 def expecting(expected: str, *causes: type[Exception]) -> Iterator[None]:
-    """Raise an `Error` in place of what a library raises for input that it cannot use.
+    """Raise an `Error` in place of the exceptions that a library raises for input that it cannot use.
 
     Args:
-        expected: what was expected and where, as the error's text begins.
-        causes: the exceptions that become an error.
+        expected: the beginning of the error's text: where, and what was expected.
+        causes: the exceptions that are converted.
 
     Raises:
-        Error: `expected`, and what the cause says of what was found.
+        Error: if one of the causes is raised; its text is `expected`, then the text of the cause.
     """
     try:
         yield
@@ -28,5 +28,5 @@ def expecting(expected: str, *causes: type[Exception]) -> Iterator[None]:
 
 
 def one_line(words: object) -> str:
-    """A text, or what an exception says, without line breaks."""
+    """Return a text, or the text of an exception, without line breaks."""
     return " ".join(str(words).split())

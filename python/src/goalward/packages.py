@@ -1,4 +1,4 @@
-"""Packages that only some formats need, imported when one of them is used."""
+"""Optional packages that only some features need, imported on first use."""
 
 import importlib
 from typing import Any
@@ -7,10 +7,10 @@ from goalward.error import Error
 
 
 def optional(module: str, extra: str) -> Any:
-    """Import a module that belongs to an extra of this package.
+    """Import a module that an extra of this package installs.
 
     Raises:
-        Error: if the module is not installed; names the command that installs it.
+        Error: if the module is not installed; the text has the command that installs it.
     """
     try:
         return importlib.import_module(module)

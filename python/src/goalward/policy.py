@@ -1,4 +1,4 @@
-"""Policies that `goalward export` wrote, run by onnxruntime."""
+"""Policies written by `goalward export`, run with onnxruntime."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ else:
 
 
 class Policy:
-    """A policy of the file `policy.onnx`.
+    """A policy loaded from a file `policy.onnx`.
 
     Attributes:
-        path: where the file is.
-        task: the task it was trained in.
+        path: the path of the file.
+        task: the task that it was trained in.
         config: the configuration of its run.
-        metadata: everything that the file says of itself, by name.
+        metadata: all metadata of the file, by name.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Load a policy.
 
         Raises:
-            Error: if onnxruntime is missing, or the file is none that `goalward export` wrote.
+            Error: if onnxruntime is missing, or the file was not written by `goalward export`.
         """
         runtime = optional("onnxruntime", "policy")
         self.path = Path(path)
@@ -52,12 +52,13 @@ class Policy:
         """Choose actions.
 
         Args:
-            observations: raw ones, `(rows, len)` or `(rows, height, width)`, or one of them without `rows`.
-            rng: draws the actions; without it the most probable ones are taken.
+            observations: raw observations, `(rows, len)` or `(rows, height, width)`; without `rows`, one
+                observation.
+            rng: draws the actions; without it, the most probable ones are taken.
 
         Returns:
-            `(rows,)` numbers of choices, int64, or `(rows, len)` numbers in [-1, 1], float32; without `rows`
-            for one observation.
+            `(rows,)` choices, int64, or `(rows, len)` numbers in [-1, 1], float32; without `rows` for one
+            observation.
 
         Raises:
             Error: if the shape is not that of the task's observations.
@@ -74,25 +75,25 @@ class Policy:
     def for_space(
         self, observation_space: Any, action_space: Any, rng: np.random.Generator | None = None
     ) -> Callable[[Any], Any]:
-        """Make a function from an environment's observations to its actions.
+        """Make a function that maps an environment's observations to its actions.
 
         Args:
-            observation_space: of the environment, as Gymnasium has it.
-            action_space: of the environment.
-            rng: draws the actions; without it the most probable ones are taken.
+            observation_space: the environment's observation space, one of Gymnasium.
+            action_space: the environment's action space.
+            rng: draws the actions; without it, the most probable ones are taken.
 
         Returns:
-            A function that takes one observation and gives one action, both in the environment's own form.
+            A function that takes one observation and returns one action, both in the environment's own form.
 
         Raises:
-            Error: if Gymnasium is missing, or the spaces are not those the policy was trained in.
+            Error: if Gymnasium is missing, or the spaces differ from those that the policy was trained in.
         """
         optional("gymnasium", "policy")
         from goalward import spaces
 
         observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
         layout, labels = observations.layout()
-        # A task need not have labels, and a grid's are of its classes, which no space names.
+        # A task need not have labels, and a grid's labels name its classes, which no space does.
         named = bool(self.task.labels) and isinstance(self.task.observation, Vector)
         expected = (*self._layout(), self.task.labels if named else ())
         found = layout, actions.spec, tuple(labels) if named else ()

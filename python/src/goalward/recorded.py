@@ -1,4 +1,4 @@
-"""MCAP files that Goalward, or this package, recorded."""
+"""MCAP files that Goalward or this package recorded."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ DEMONSTRATIONS = "goalward.demonstrations"
 FORMAT_VERSION = 1
 LONGEST_RECORD = 64 << 20
 ACTIVE = ".active"
-"""What a file's name has behind it until it is sealed."""
+"""The suffix of a file's name until the file is sealed."""
 
 DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError, MemoryError)
-"""What the readers of MCAP and of zstd raise for bytes that are not what they should be."""
+"""The exceptions that the readers of MCAP and zstd raise for damaged bytes."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a file ends, or where reading it did.
+    """How a file ends, or where reading it stopped.
 
     Attributes:
         complete: whether the file is sealed and everything in it was read.
-        words: one line about it.
+        words: one line that describes the ending.
     """
 
     complete: bool
@@ -41,7 +41,7 @@ class Ending:
 
 
 class Recorded(NamedTuple):
-    """A message: its topic, when it was recorded in nanoseconds, and its protobuf bytes."""
+    """A message: its topic, its log time in nanoseconds, and its protobuf bytes."""
 
     topic: str
     log_time: int
@@ -49,20 +49,20 @@ class Recorded(NamedTuple):
 
 
 class RecordedFile:
-    """A file of Goalward, read from its beginning to its end or to the first damage.
+    """A file of Goalward, read up to its end or the first damage.
 
     Attributes:
-        path: where the file is; without `.active` once its writer has sealed it.
+        path: the path of the file; without `.active` once its writer has sealed it.
         kind: `RUN` or `DEMONSTRATIONS`.
-        metadata: what the file says of itself, by name.
-        ending: how it ends; known after `messages` has come to the end.
+        metadata: the file's metadata, by name.
+        ending: how the file ends; known once `messages` is exhausted.
     """
 
     def __init__(self, path: Path) -> None:
         """Read the metadata.
 
         Raises:
-            Error: if the file cannot be read, or is not one of Goalward in a format known here.
+            Error: if the file cannot be read, or is not a file of Goalward in a known format.
         """
         self.path = path
         self.ending = Ending(False, "not read to its end")
@@ -77,7 +77,7 @@ class RecordedFile:
             raise Error(f"{path}: expected format version {FORMAT_VERSION} or older, found {version}")
 
     def task(self) -> Task:
-        """The task that the file was recorded in.
+        """Return the task in which the file was recorded.
 
         Raises:
             Error: if the file does not say.
@@ -87,7 +87,7 @@ class RecordedFile:
         return Task.from_json(self.metadata["spec"])
 
     def messages(self) -> Iterator[Recorded]:
-        """The messages up to the last one that is there as a whole; `ending` is known afterwards.
+        """Yield the messages up to the last complete one; `ending` is known afterwards.
 
         Raises:
             Error: if the system cannot read the file.
@@ -104,7 +104,7 @@ class RecordedFile:
             yield from self._records_of(file)
 
     def _open(self) -> BinaryIO:
-        """The file, which its writer may have sealed since it was listed or read."""
+        """Open the file, which its writer may have sealed since it was listed or read."""
         try:
             return self.path.open("rb")
         except FileNotFoundError:

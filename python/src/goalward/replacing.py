@@ -1,4 +1,4 @@
-"""Files and folders that are there as a whole or not at all."""
+"""Files and folders that are written completely or not at all."""
 
 import os
 import secrets
@@ -13,10 +13,10 @@ from goalward.error import Error, expecting
 
 @contextmanager
 def new_file(path: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
-    """Write to a temporary file beside `path`, which gets its name when the block ends without an error.
+    """Open a temporary file beside `path`; it is renamed to `path` if the block ends without an error.
 
     Raises:
-        Error: if `path` exists and `overwrite` is false, or the disk refuses; nothing is left then.
+        Error: if `path` exists and `overwrite` is false, or writing fails; no temporary file is left then.
     """
     require_absent(path, overwrite=overwrite)
     temporary = _beside(path)
@@ -33,10 +33,10 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Fill a temporary folder beside `path`, which gets its name when the block ends without an error.
+    """Make a temporary folder beside `path`; it is renamed to `path` if the block ends without an error.
 
     Raises:
-        Error: if `path` exists, or the disk refuses; nothing is left then.
+        Error: if `path` exists, or writing fails; no temporary folder is left then.
     """
     if path.exists():
         raise Error(f"{path}: expected no such file or folder, found one")

@@ -1,4 +1,4 @@
-"""The protobuf messages of Goalward, made from the compiled schema that the package carries."""
+"""The protobuf messages of Goalward, made from the compiled schema in the package."""
 
 from importlib import resources
 from typing import Any

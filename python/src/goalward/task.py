@@ -1,4 +1,4 @@
-"""What a task is: its name, the shapes of observations and actions, and its longest episode."""
+"""The description of a task: its name, the shapes of observations and actions, and its longest episode."""
 
 from __future__ import annotations
 
@@ -78,17 +78,17 @@ Action = Discrete | Continuous
 
 @dataclass(frozen=True)
 class Task:
-    """A task, as configurations and files of Goalward have it.
+    """A task, as configurations and files of Goalward describe it.
 
     Attributes:
         name: up to 64 letters, digits, `-`, `_` and `.`.
-        observation: shape of one observation.
-        action: shape of one action.
+        observation: kind and size of one observation.
+        action: kind and size of one action.
         horizon_steps: longest episode, in environment steps.
-        labels: what each number of a vector, or each class of cells is; empty where nobody says.
-        deterministic: whether an episode depends on its seed and its actions alone.
-        tells_success: whether episodes say if they reached the goal.
-        program: the program that acts in it; None for Goalward's own actor.
+        labels: names of the numbers of a vector, or of the classes of cells; empty if they have none.
+        deterministic: whether an episode depends only on its seed and its actions.
+        tells_success: whether the environment tells if an episode reached the goal.
+        program: the program that acts in the task; None for Goalward's own actor.
         program_sha256: SHA-256 of that program.
     """
 
@@ -103,10 +103,10 @@ class Task:
     program_sha256: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what Goalward would refuse.
+        """Refuse values that Goalward would refuse.
 
         Raises:
-            Error: names the first key that is out of its range.
+            Error: if a value is out of range; names the first such key.
         """
         plain = re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}", self.name)
         _require(plain, "name", "up to 64 letters, digits, `-`, `_` and `.`", self.name)
@@ -127,10 +127,10 @@ class Task:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Task:
-        """Read the `[task]` table of a task's file, or of a run's `config.toml`.
+        """Read the `[task]` table of a task file, or of a run's `config.toml`.
 
         Raises:
-            Error: if the file cannot be read or is not that of a task.
+            Error: if the file cannot be read or does not describe a task.
         """
         with expecting(f"{path}: expected the file of a task", OSError, ValueError):
             document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -143,7 +143,7 @@ class Task:
         """Read the JSON of a task, such as the metadata `spec` of Goalward's files.
 
         Raises:
-            Error: if the text is not that of a task.
+            Error: if the text does not describe a task.
         """
         with expecting("task: expected JSON", ValueError):
             table = json.loads(text)
@@ -153,10 +153,10 @@ class Task:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Task:
-        """Make a task of the keys and values of its table.
+        """Make a task from the keys and values of its table.
 
         Raises:
-            Error: names the first key that is missing, unknown or out of its range.
+            Error: if a key is missing, unknown or out of range; names the first such key.
         """
         known = [field.name for field in fields(cls)]
         unknown = next((key for key in table if key not in known), None)
@@ -176,7 +176,7 @@ class Task:
         return cls(**values)
 
     def to_json(self) -> str:
-        """The JSON of the task, as `from_json` and Goalward read it."""
+        """Return the JSON of the task, as `from_json` and Goalward read it."""
         table = {key: value for key, value in asdict(self).items() if value is not None and value != ()}
         for key, shape in (("observation", self.observation), ("action", self.action)):
             table[key] = {type(shape).__name__.lower(): asdict(shape)}

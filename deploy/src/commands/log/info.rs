@@ -1,4 +1,4 @@
-//! `goalward log info`: what files hold, and whether they are whole.
+//! `goalward log info`: what files hold, and whether they are intact.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ pub(super) struct Holding {
     pub(super) file: PathBuf,
     /// Whether something in it cannot be read.
     pub(super) lost: bool,
-    /// None of a file that ends before it says what it is.
+    /// `None` for a file that ends before it says what it is.
     #[serde(flatten)]
     content: Option<Content>,
     #[serde(skip)]
@@ -29,24 +29,24 @@ struct Content {
     task: Option<String>,
     seed: Option<u64>,
     build: String,
-    /// By topic.
+    /// Number of messages by topic.
     messages: BTreeMap<&'static str, u64>,
     message_bytes: u64,
     file_bytes: u64,
-    /// How it ends.
+    /// How the file ends.
     ending: String,
 }
 
 impl Holding {
-    /// Reads all of a file.
+    /// Reads a whole file.
     ///
     /// # Errors
-    /// Of wrong usage, when it is no log.
+    /// Wrong usage, when the file is no log.
     pub(super) fn of(file: &Path) -> Result<Holding> {
         let Some(info) = mcap_log::info(file).map_err(Refusal::usage)? else {
             return Ok(Holding {
                 file: file.to_owned(),
-                // The first thing that a writer does is to create its file.
+                // Nothing is lost from an active file: its writer may just have created it.
                 lost: !is_active(file),
                 content: None,
                 text: format!("{}: ends before it says what it is", file.display()),
@@ -60,7 +60,7 @@ impl Holding {
         })
     }
 
-    /// Several lines; the first is the file and its state.
+    /// Returns a description of several lines; the first has the file and its state.
     pub(super) fn text(&self) -> &str {
         &self.text
     }

@@ -1,5 +1,5 @@
-//! `goalward log info`, `log repair`, `log restore` and `log scene`: what recorded files hold, sealing those
-//! that a crash left, observations for those that have actions only, and episodes for viewers.
+//! `goalward log info`, `log repair`, `log restore` and `log scene`: describes recorded files, seals those that a crash
+//! left, adds observations to logs that have only actions, and writes episodes for viewers.
 
 mod info;
 
@@ -26,11 +26,11 @@ use terminal::refusal::{Refusal, wrong_usage};
 /// The verbs of `goalward log`.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Verb {
-    /// Say what files hold and whether they are whole; exit code 3 if one is not.
+    /// Describe files and check that they are intact; exit code 3 if one is not.
     Info(Arguments),
-    /// Seal files that a crash or a bad disk left; exit code 3 if something in them is lost.
+    /// Repair and seal files after a crash or a disk fault; exit code 3 if something in them is lost.
     Repair(Arguments),
-    /// Write the log of a run that recorded actions only once more, with its observations.
+    /// Rewrite the log of a run that recorded only actions, with its observations.
     Restore {
         /// Folder of the run.
         run: PathBuf,
@@ -43,7 +43,7 @@ pub(crate) enum Verb {
         #[command(flatten)]
         figures: Figures,
     },
-    /// Write episodes of a run with the solids that Foxglove and Lichtblick draw.
+    /// Write episodes of a run as 3D scenes for Foxglove and Lichtblick.
     Scene {
         /// Folder of the run.
         run: PathBuf,
@@ -61,7 +61,7 @@ pub(crate) enum Verb {
     },
 }
 
-/// An episode by its lane and its number there.
+/// An episode, by its lane and its number in the lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct EpisodeName {
     lane: u64,
@@ -90,7 +90,7 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
-/// Does what the verb says.
+/// Runs the verb.
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Info(arguments) => {
@@ -112,8 +112,8 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
     }
 }
 
-/// Treats all files, the damaged ones too, before it says which have `lost` something. Those before one that
-/// cannot be treated are told, too.
+/// Treats all files, including damaged ones, and prints the results before it fails for those that have `lost`
+/// something. If a file cannot be treated, the results of those before it are printed, too.
 fn each<T: Serialize>(
     Arguments { files, figures }: &Arguments,
     treat: impl Fn(&Path) -> Result<T>,
@@ -138,13 +138,13 @@ fn each<T: Serialize>(
     Err(Refusal::DataLost(format!("not all that was recorded can be read: {lost}")).into())
 }
 
-/// What became of a file.
+/// The result of repairing a file.
 #[derive(Debug, Serialize)]
 struct Repaired {
     file: PathBuf,
-    /// None if there was nothing to keep.
+    /// The sealed file; `None` if there was nothing to keep.
     sealed: Option<PathBuf>,
-    /// Messages by topic.
+    /// Messages kept, by topic.
     kept: BTreeMap<&'static str, u64>,
     damage: Vec<String>,
     lost: u64,
@@ -153,7 +153,7 @@ struct Repaired {
 }
 
 fn repaired(file: &Path) -> Result<Repaired> {
-    // A link is not the file: that is sealed under its own name, where it lies.
+    // A link is followed: its target is sealed under its own name, where it is.
     let sealed = &fs::canonicalize(file)
         .map_err(|error| wrong_usage(format!("{}: {error}", file.display())))?;
     let _held = hold_run(sealed)?;
@@ -174,7 +174,7 @@ fn repaired(file: &Path) -> Result<Repaired> {
 struct WithObservations {
     folder: PathBuf,
     episodes: u64,
-    /// Of them those that were acted again.
+    /// Episodes that were acted again.
     restored: u64,
 }
 
@@ -194,7 +194,7 @@ fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result
     full_log::refuse_loss(run)
 }
 
-/// Puts a log that is whole into a folder, in the place of the log files that are there.
+/// Moves a complete log into a folder, in place of the log files that are there.
 fn put_in_place(made: &Path, out: &Path) -> Result<()> {
     durable::create_folder(out)?;
     for file in log_files(out)? {
@@ -207,7 +207,7 @@ fn put_in_place(made: &Path, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What the actor says of scenes.
+/// The actor's report about scenes.
 #[derive(Debug, Deserialize, Serialize)]
 struct Written {
     episodes: u64,
@@ -239,7 +239,7 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -
     })
 }
 
-/// The files named, and those of the runs named.
+/// Returns the named files, and the log files of the named runs.
 fn files_of(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in named {
@@ -261,10 +261,10 @@ fn files_of(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Keeps everybody from training the run that a file is of, for as long as what is returned lives: a
-/// file must not be sealed under its writer's hands. Nothing for a file of no run.
+/// Locks the run that a file belongs to against training, until the returned lock is dropped: a file must not be sealed
+/// while its writer is at work. Returns `None` for a file of no run.
 fn hold_run(file: &Path) -> Result<Option<File>> {
-    // In the folder of a run, or in its log.
+    // The file is in the folder of a run, or in its log.
     let folders = file.ancestors().skip(1).take(2).map(RunFolder::new);
     let Some(folder) = folders.into_iter().find(|folder| folder.config_file().exists()) else {
         return Ok(None);

@@ -1,5 +1,5 @@
-//! The picture of `goalward replay --with`: mean returns as they were recorded and as they would have
-//! been, of the episodes that reached the goal and of those that did not.
+//! The picture of `goalward replay --with`: mean returns as recorded and from the other reward, of the episodes that
+//! reached the goal and of those that did not.
 
 use std::path::Path;
 
@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use report::chart::{self, Axis, COLORS, Chart, Line, Marker, Style};
 
-/// Mean returns of some episodes that followed one another; of two numbers the first is recorded.
+/// Mean returns of consecutive episodes; the first number of each pair is recorded, the second is from the other
+/// reward.
 #[derive(Debug, Deserialize, Serialize)]
 pub(super) struct Point {
     episodes: u64,
@@ -18,7 +19,7 @@ pub(super) struct Point {
 
 const SIZE: [u32; 2] = [1360, 420];
 
-/// Blue as recorded, orange as it would have been.
+/// Names and colors of the curves: blue for recorded, orange for the other reward.
 const SERIES: [(&str, usize); 2] = [("recorded", 1), ("now", 0)];
 
 /// Draws the curves into an SVG file.
@@ -79,7 +80,7 @@ mod tests {
         let text = chart::draw(&panels(&[1, 2, 3, 4].map(point)), SIZE).unwrap();
         let count = |part: &str| text.matches(part).count();
         assert_eq!((count("goal reached"), count("goal missed")), (1, 1));
-        // A curve and its sample beside the name, in each panel.
+        // In each panel, a curve and the sample of its color beside its name.
         assert_eq!((count("#0072B2"), count("#D55E00")), (4, 4), "{text}");
         chart::draw(&panels(&[]), SIZE).unwrap();
     }

@@ -1,4 +1,4 @@
-//! `goalward replay`: a run from its log.
+//! `goalward replay`: replays a run from its log.
 
 mod curves;
 mod publish;
@@ -20,17 +20,17 @@ pub(crate) struct Arguments {
     run: PathBuf,
     #[command(flatten)]
     what: What,
-    /// Iterations to train again; by default all that the log has.
+    /// Iterations to retrain; by default all in the log.
     #[arg(long, value_name = "ITERATION", conflicts_with_all = ["verify", "publish", "with"])]
     until: Option<u64>,
-    /// Times the pace of the recording; without it as fast as readers take trajectories.
+    /// Speed relative to the recording; by default as fast as readers take trajectories.
     #[arg(long, value_name = "X", conflicts_with_all = ["verify", "retrain", "with"])]
     speed: Option<f64>,
-    /// Folder for the run trained again, which is removed by default when all hashes are the same;
-    /// or file for the rewards, by default RUN/rescored.csv.
+    /// With --retrain, folder for the retrained run, by default one that is removed if all hashes match. With --with,
+    /// file for the rewards, by default RUN/rescored.csv.
     #[arg(long, value_name = "PATH", conflicts_with_all = ["verify", "publish"])]
     out: Option<PathBuf>,
-    /// Replaces rewards that were written there before; never anything of a run but those.
+    /// Overwrites rewards written earlier, but nothing else of a run.
     #[arg(long, conflicts_with_all = ["verify", "publish", "retrain"])]
     force: bool,
     #[command(flatten)]
@@ -41,18 +41,17 @@ pub(crate) struct Arguments {
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = false)]
 struct What {
-    /// Act every recorded episode again, on all cores, and compare bit for bit.
+    /// Re-simulate every recorded episode, on all cores, and compare bit for bit.
     #[arg(long)]
     verify: bool,
     /// Train again from the log alone, without environments, and compare the weights' hashes.
     #[arg(long)]
     retrain: bool,
-    /// Publish the recorded trajectories on the run's bus, for whoever listens there.
+    /// Publish the recorded trajectories on the run's bus, for any subscriber.
     #[arg(long)]
     publish: bool,
-    /// Score the recorded episodes again by another reward: a key of the reward's configuration,
-    /// such as reward.uncertainty=0.1, or model=RUN for the trained model of another run; can be
-    /// given again.
+    /// Rescore the recorded episodes with another reward: a key of the reward's configuration, such as
+    /// reward.uncertainty=0.1, or model=RUN for the trained model of another run; can be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     with: Vec<String>,
 }

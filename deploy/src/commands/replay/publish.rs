@@ -1,4 +1,4 @@
-//! `goalward replay --publish`: an actor puts the recorded trajectories onto the run's bus again.
+//! `goalward replay --publish`: an actor publishes the recorded trajectories on the run's bus again.
 
 use anyhow::Result;
 use bus::BusAddress;
@@ -13,23 +13,23 @@ use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
 
-/// What the actor says.
+/// The actor's report.
 #[derive(Debug, Deserialize, Serialize)]
 struct Published {
     trajectories: u64,
     readers: u64,
 }
 
-/// Publishes a log once somebody listens; Ctrl-C ends it.
+/// Publishes a log once there is a subscriber; Ctrl-C ends it.
 pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) -> Result<()> {
     folder.config()?;
     if let Some(speed) = speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
         return Err(wrong_usage(format!("--speed: expected a number above 0, found {speed}")));
     }
-    // Nobody trains on this bus meanwhile.
+    // With the lock held, nobody can train on this bus in the meantime.
     let _lock = plan::lock(folder)?;
     let address = BusAddress::for_start(folder.path())?;
-    // Whoever listens already stays connected.
+    // Subscribers that are already there stay connected.
     if !address.is_anyone_alive()? {
         address.remove()?;
     }
@@ -39,7 +39,7 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) 
     if let Some(speed) = speed {
         actor.args(["--speed", &speed.to_string()]);
     }
-    print_remark(&format!("publishing {} when somebody listens", folder.log().display()));
+    print_remark(&format!("publishing {} once a subscriber is there", folder.log().display()));
     let published = programs::result_unless_stopped::<Published>(&mut actor, "publishing");
     if !address.is_anyone_alive()? {
         address.remove()?;

@@ -1,5 +1,5 @@
-//! `goalward replay --with`: the rewards that the recorded episodes would have earned from another
-//! reward model. The proximity service computes them; this shows them.
+//! `goalward replay --with`: the rewards that the recorded episodes would have earned from another reward model. The
+//! proximity service computes them; this module shows them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::refusal::wrong_usage;
 
-/// What the service says; of two numbers the first is of the recorded rewards.
+/// The service's report; the first number of each pair is from the recorded rewards, the second from the others.
 #[derive(Debug, Deserialize, Serialize)]
 struct Comparison {
     episodes: u64,
@@ -31,7 +31,7 @@ struct Comparison {
 /// Scores a log again with `changes` to the configuration of its reward, each `key=value`.
 ///
 /// # Errors
-/// Of wrong usage when a change is not of the reward.
+/// Wrong usage, when a change is not of the reward.
 pub(super) fn rescore(
     folder: &RunFolder,
     changes: &[String],
@@ -60,7 +60,7 @@ pub(super) fn rescore(
     full_log::refuse_loss(folder)
 }
 
-/// Where the rewards, their configuration and their picture go.
+/// Returns the files for the rewards, their configuration and their picture.
 fn files(folder: &RunFolder, out: Option<PathBuf>, force: bool) -> Result<[PathBuf; 3]> {
     type Check = fn(&Path, bool) -> Result<()>;
     let (out, check): (_, Check) = match out {

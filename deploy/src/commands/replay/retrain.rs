@@ -24,13 +24,13 @@ use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped, wrong_usage};
 
-/// Hashes of the weights after every update, by what was updated.
+/// Hashes of the weights after every update, by what was updated and its version.
 type Hashes = BTreeMap<(&'static str, u64), String>;
 
-/// Trains a run again from its log and compares.
+/// Trains a run again from its log and compares the weights.
 ///
 /// # Errors
-/// For the first update after which the weights differ, or which a finished run has and this one does not.
+/// For the first update after which the weights differ, or that a finished run has and the new training lacks.
 pub(super) fn retrain(
     recorded: &RunFolder,
     until: Option<u64>,
@@ -58,7 +58,7 @@ pub(super) fn retrain(
     let found = hashes(&plan.folder)?;
     let same = compare(&expected, &found)?;
     let whole = full_log::refuse_loss(recorded);
-    // A finished run's log has all that it takes to train to its end.
+    // The log of a finished run has everything that training to the end needs.
     if until.is_none() && whole.is_ok() && matches!(Summary::of_run(recorded), Ok(Some(_))) {
         expect_all(&expected, &found)?;
     }
@@ -70,19 +70,19 @@ pub(super) fn retrain(
     whole
 }
 
-/// Where a run is trained again for a while. What an earlier attempt left there goes.
+/// Returns the folder for training a run again for the comparison only, and removes what an earlier attempt left there.
 fn cleared(recorded: &RunFolder) -> Result<RunFolder> {
     let folder = RunFolder::new(recorded.path().join("retrained"));
     if folder.is_run() {
-        // Asked for and given back: a folder on NFS cannot be removed while a file in it is open.
+        // The lock is taken and released again: a folder on NFS cannot be removed while a file in it is open.
         drop(plan::lock(&folder)?);
         fs::remove_dir_all(folder.path()).context("removing what was trained again before")?;
     }
     Ok(folder)
 }
 
-/// The configuration of the run that is trained again: the same, with the demonstrations where the
-/// first one has them. Others are refused here: the folder of the new run cannot tell which they were.
+/// Returns the recorded run's configuration, with the present path of its demonstrations. Changed demonstrations are
+/// refused here, since the folder of the new run does not say which ones the recorded run had.
 fn configuration(recorded: &RunFolder) -> Result<RunConfig> {
     let mut config = recorded.config()?;
     if config.imitates() {
@@ -111,12 +111,12 @@ fn hashes(folder: &RunFolder) -> Result<Hashes> {
     Ok(hashes)
 }
 
-/// What was trained again to the same weights.
+/// Updates that gave the same weights again.
 #[derive(Debug, Serialize)]
 struct Same {
-    /// Updates whose weights were compared.
+    /// Number of updates whose weights were compared.
     updates: u64,
-    /// Of the last of them.
+    /// Hash after the last of them.
     policy_sha256: Option<String>,
     ensemble_sha256: Option<String>,
 }
@@ -133,7 +133,7 @@ impl Same {
 
 fn compare(expected: &Hashes, found: &Hashes) -> Result<Same> {
     let mut updates = 0;
-    // By version, so that the first difference in time comes first.
+    // Sorted by version, so that the first difference in time comes first.
     let mut names: Vec<_> = found.keys().filter(|name| expected.contains_key(name)).collect();
     names.sort_by_key(|(kind, version)| (*version, *kind));
     for name in names {

@@ -1,5 +1,5 @@
-//! `goalward replay --verify`: the actor acts every recorded episode again and prints its result as
-//! JSON; this shows them.
+//! `goalward replay --verify`: the actor acts every recorded episode again and prints its result as JSON; this module
+//! shows it.
 
 use anyhow::{Result, bail, ensure};
 use run::folder::RunFolder;
@@ -10,7 +10,7 @@ use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::refusal::Refusal;
 
-/// What the actor says.
+/// The actor's report.
 #[derive(Debug, Deserialize, Serialize)]
 struct Verification {
     episodes: u64,
@@ -21,7 +21,7 @@ struct Verification {
     seconds: f64,
 }
 
-/// Verifies a run's log: fails when an episode differs, and has lost data when a file is damaged.
+/// Verifies a run's log. Fails if an episode differs; reports lost data if a file is damaged.
 pub(super) fn verify(folder: &RunFolder, figures: Figures) -> Result<()> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());

@@ -1,4 +1,4 @@
-//! How a run stands, for programs.
+//! The state of a run, for programs.
 
 use protocol::messages::{PolicyUpdate, Progress};
 use serde_json::{Value, json};
@@ -7,7 +7,7 @@ use super::table::doing;
 use super::{Standing, Status, Stopped};
 
 impl Status {
-    /// What the run is, its state, and what there is to say in that state. A number that is not known is null.
+    /// Returns what the run is, its state, and the figures of this state. Unknown numbers are null.
     pub(super) fn figures(&self) -> Value {
         let config = &self.config;
         let (state, mut figures) = match &self.standing {

@@ -1,5 +1,5 @@
-//! `goalward status`: how a run stands. A live run says so itself, on the bus; of any other run the
-//! folder tells.
+//! `goalward status`: the state of a run. A live run reports it on the bus; that of any other run is read from its
+//! folder.
 
 mod figures;
 mod table;
@@ -27,7 +27,7 @@ use terminal::print::print_remark;
 
 pub(crate) use table::trouble;
 
-/// How long a live run is listened to; it publishes every second at least.
+/// How long to listen to a live run, which publishes at least once a second.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Flags of `goalward status`.
@@ -39,13 +39,13 @@ pub(crate) struct Arguments {
     figures: Figures,
 }
 
-/// Prints how a run stands.
+/// Prints the state of a run.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let status = Status::of(RunFolder::new(&arguments.run))?;
     arguments.figures.print(&status.figures(), |_| status.table())
 }
 
-/// A run, and how it stands.
+/// A run and its state.
 struct Status {
     folder: RunFolder,
     config: RunConfig,
@@ -53,7 +53,7 @@ struct Status {
 }
 
 enum Standing {
-    /// Its processes are on the bus; the progress is none while its learner says nothing.
+    /// Processes of the run are on the bus; `progress` is `None` while the learner says nothing.
     Live {
         processes: Processes,
         progress: Option<Box<Progress>>,
@@ -61,17 +61,17 @@ enum Standing {
         hosts: Hosts,
     },
     Finished(Box<Summary>),
-    /// Somebody has it, but none of its processes is on the bus.
+    /// A process holds the run's lock, but none of its processes is on the bus.
     Beginning {
         records: bool,
     },
     Stopped(Box<Stopped>),
 }
 
-/// Where a run that is not finished goes on.
+/// Where an unfinished run would continue.
 #[derive(Default)]
 struct Stopped {
-    /// Whether it was ever trained.
+    /// Whether the run was ever trained.
     begun: bool,
     /// Iterations and folder of the newest checkpoint.
     newest: Option<(u64, PathBuf)>,
@@ -85,7 +85,7 @@ impl Status {
     fn of(folder: RunFolder) -> Result<Status> {
         let config = folder.config()?;
         let training = match in_training(&folder) {
-            // A bus is open to its user alone; that nobody trains the run everybody can see.
+            // A bus is open only to its user, but everybody can see that nobody trains the run.
             Err(_) if !folder.is_trained() => None,
             found => found?,
         };
@@ -119,21 +119,21 @@ impl Stopped {
     }
 }
 
-/// The bus of a run and its processes; none where no training is on it.
+/// Returns the bus of a run and its processes; `None` if no training is on it.
 fn in_training(folder: &RunFolder) -> Result<Option<(BusAddress, Processes)>> {
     let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(None) };
     let processes = Processes::on(&address)?;
     Ok(processes.train().then_some((address, processes)))
 }
 
-/// The newest progress of a run; none while its learner says nothing.
+/// Waits for the newest progress of a run; `None` if its learner says nothing.
 fn listen(address: &BusAddress) -> Result<Option<Progress>> {
     let bus = Bus::open(address, "status")?;
     let doorbell = bus.doorbell(Role::Supervisor)?;
     let subscriber = bus.progress_subscriber()?;
     let start = Instant::now();
     loop {
-        // What is no progress is not the learner's.
+        // A message that is not progress does not come from the learner.
         if let Some(Ok(progress)) = subscriber.receive()?.map(Progress::decode) {
             return Ok(Some(progress));
         }
@@ -145,14 +145,14 @@ fn listen(address: &BusAddress) -> Result<Option<Progress>> {
     }
 }
 
-/// What the log has of them: one that cannot be read costs them, nothing else.
+/// Returns the times to success from the log; none if it cannot be read.
 fn times_to_success(folder: &RunFolder) -> Vec<TimeToSuccess> {
     TimeToSuccess::of_run(folder).unwrap_or_default()
 }
 
-/// The newest update that the checkpoint after `iteration` iterations contains.
+/// Returns the newest update that the checkpoint after `iteration` iterations contains.
 ///
-/// The log is only looked at for metrics: one that cannot be read costs them, nothing else.
+/// The log is needed only for metrics: if it cannot be read, they are missing.
 fn last_update_before(folder: &RunFolder, iteration: u64) -> Option<PolicyUpdate> {
     let updates = policy_updates(folder).ok()?.flatten();
     updates.filter(|update| update.iteration < iteration).last()

@@ -1,4 +1,4 @@
-//! How a run stands, for people.
+//! The state of a run, for people.
 
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use run::config::RunConfig;
@@ -11,7 +11,7 @@ use crate::summary::{self, times_to_success};
 use terminal::numbers;
 
 impl Status {
-    /// A headline and a table.
+    /// Returns a headline and a table.
     pub(super) fn table(&self) -> String {
         let config = &self.config;
         match &self.standing {
@@ -42,10 +42,10 @@ impl Status {
     }
 }
 
-/// What keeps a run from going on whose newest progress this is, if anything does.
+/// Returns what keeps a run with this newest progress from going on, if anything does.
 pub(crate) fn trouble(processes: &Processes, progress: Option<&Progress>) -> Option<String> {
     let silence =
-        || format!("no progress: its learner has said nothing for {} s", PATIENCE.as_secs());
+        || format!("no progress: nothing heard from its learner for {} s", PATIENCE.as_secs());
     processes.trouble().or_else(|| match progress {
         None => Some(silence()),
         Some(progress) if progress.phase() == Phase::DiskFull => Some(doing(progress)),
@@ -58,7 +58,7 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     rows.push(("doing", doing(progress)));
     rows.push(("environment steps", steps(progress.environment_steps(), progress.steps_wanted)));
     rows.extend(progress.update.iter().flat_map(update_rows));
-    // A fixed reward has no versions, and one just read from a checkpoint has no losses yet.
+    // A fixed reward has no versions. A model just read from a checkpoint has no losses yet.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
     if let Some(update) = learned {
         let losses = [update.demonstration_loss, update.agent_loss].map(numbers::number);
@@ -70,11 +70,11 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     let (actors, leases) = (progress.actors, progress.leases);
     rows.push(("actors", format!("{actors}, {leases} leases handed out")));
     rows.push(("time", numbers::duration(progress.wall_s)));
-    rows.push(("log", numbers::bytes(progress.log_bytes)));
+    rows.push(("log since the last start", numbers::bytes(progress.log_bytes)));
     rows
 }
 
-/// What a live run does.
+/// Describes what a live run does.
 pub(super) fn doing(progress: &Progress) -> String {
     match Phase::try_from(progress.phase) {
         Ok(Phase::Pretraining) => offline(progress),
@@ -88,7 +88,7 @@ pub(super) fn doing(progress: &Progress) -> String {
 fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
     let mut rows = common_rows(config);
     let place = stopped.newest.as_ref().map_or_else(
-        || "none: it begins anew".to_owned(),
+        || "none: the run starts over".to_owned(),
         |(iteration, folder)| {
             format!("after iteration {}, {}", numbers::count(*iteration), folder.display())
         },
@@ -144,13 +144,13 @@ mod tests {
         let folder = RunFolder::new(directory.path());
         let table = || stopped_table(&Stopped::of(&folder), &config());
         let found = table();
-        assert!(found.starts_with("never started") && found.contains("begins anew"), "{found}");
+        assert!(found.starts_with("never started") && found.contains("starts over"), "{found}");
         std::fs::create_dir(folder.log()).unwrap();
         assert!(table().starts_with("stopped"));
         let checkpoint = folder.checkpoint_folder(1250);
         std::fs::create_dir_all(&checkpoint).unwrap();
         let found = table();
-        assert!(found.contains("begins anew") && found.contains("damaged"), "{found}");
+        assert!(found.contains("starts over") && found.contains("damaged"), "{found}");
         for name in CHECKPOINT_FILES {
             protocol::tensors::Tensors::default().save(&checkpoint.join(name)).unwrap();
         }
@@ -163,7 +163,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
         std::fs::write(folder.config_file(), config().to_text()).unwrap();
-        // Root reads the file of another user, but not this.
+        // A folder in place of the file, since root can read the file of another user.
         std::fs::create_dir(directory.path().join("bus")).unwrap();
         let table = || Status::of(folder.clone()).map(|status| status.table());
         assert!(table().unwrap().starts_with("never started"));

@@ -1,6 +1,6 @@
-//! PPO's loss of one row of a batch and its gradients: clipped surrogate, entropy bonus, clipped value.
+//! PPO's loss of one row of a batch, and its gradients: clipped surrogate, entropy bonus, clipped value loss.
 //!
-//! Pure functions of numbers. The update in this module's parent says which rows, and sums them.
+//! Pure functions of numbers. The update in the parent module selects the rows and sums over them.
 
 use networks::Distribution;
 use run::config::PpoConfig;
@@ -8,18 +8,18 @@ use run::config::PpoConfig;
 use crate::algorithm::Metrics;
 use crate::algorithm::policy_trainer::RowOutput;
 
-/// A row of a batch, and what it is pulled towards.
+/// A row of a batch, with its targets.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row<'a> {
     /// The action taken.
     pub(super) action: &'a [u8],
     /// Its log-probability under the policy that acted.
     pub(super) log_probability: f32,
-    /// How much better it was than expected.
+    /// The advantage of the action.
     pub(super) advantage: f32,
     /// The value before the update.
     pub(super) old_value: f32,
-    /// The return that the value is to become.
+    /// The return that the value is fitted to.
     pub(super) target: f32,
 }
 
@@ -33,8 +33,8 @@ pub(super) struct Term {
 }
 
 impl Row<'_> {
-    /// The row's part of the metrics, with this weight. Writes the gradients of the parameters of the
-    /// action distribution and returns that of the value.
+    /// Returns the row's part of the metrics, with this weight, and the derivative with respect to the value.
+    /// Writes the gradients with respect to the parameters of the action distribution.
     pub(super) fn loss(
         &self,
         config: &PpoConfig,
@@ -47,7 +47,7 @@ impl Row<'_> {
         let clip = config.clip as f32;
         let log_probability = distribution.log_probability(parameters, self.action);
         let difference = log_probability - self.log_probability;
-        // Beyond the largest number only its side of the clip range counts.
+        // A ratio that overflows is capped: only its side of the clip range matters.
         let ratio = libm::expf(difference).min(f32::MAX);
         let policy = clipped_surrogate(ratio, self.advantage, clip);
         let entropy_derivative = -(config.entropy_coefficient as f32) * weight;
@@ -67,21 +67,21 @@ impl Row<'_> {
     }
 }
 
-/// Minus the smaller of two products: the advantage with the ratio of probabilities, and with the
-/// ratio held within `clip` of 1. The derivative is that of the log-probability.
+/// Returns minus the smaller of two products: the advantage times the probability ratio, and times the ratio
+/// clipped to within `clip` of 1. The derivative is with respect to the log-probability.
 pub(super) fn clipped_surrogate(ratio: f32, advantage: f32, clip: f32) -> Term {
     let free = ratio * advantage;
     let held = ratio.clamp(1.0 - clip, 1.0 + clip) * advantage;
     Term { loss: -free.min(held), derivative: if free <= held { -free } else { 0.0 } }
 }
 
-/// Half the larger of two squared errors: of the value, and of the value held within `clip` of the old
-/// one. A `clip` of 0 holds nothing. The derivative is that of the value.
+/// Returns half the larger of two squared errors: of the value, and of the value clipped to within `clip` of
+/// the old value. A `clip` of 0 clips nothing. The derivative is with respect to the value.
 pub(super) fn clipped_value(value: f32, old: f32, target: f32, clip: f32) -> Term {
     let error = value - target;
     let free = 0.5 * error * error;
     let moved = value - old;
-    // Within the range the held value is the value itself, not `old + moved`, which is rounded.
+    // Within the range the clipped value is the value itself, not `old + moved`, which is rounded.
     if clip == 0.0 || moved.abs() <= clip {
         return Term { loss: free, derivative: error };
     }

@@ -23,7 +23,7 @@ use crate::batch::Batch;
 use crate::reward_scale::RewardScale;
 use crate::state::PolicyState;
 
-/// The learner of PPO: rewards scaled, then updates, then the moments of what was observed.
+/// The learner of PPO: it scales rewards, updates the policy, then updates the observation moments.
 pub(super) struct Ppo {
     spec: Spec,
     update: PpoUpdate,
@@ -31,7 +31,7 @@ pub(super) struct Ppo {
 }
 
 impl Ppo {
-    /// A learner that has not learned yet.
+    /// Creates an untrained learner.
     pub(super) fn new(of: Setup<'_>) -> Ppo {
         let Setup { config, network, .. } = of;
         let spec = config.task.spec();
@@ -76,14 +76,14 @@ impl PolicyLearner for Ppo {
     }
 }
 
-/// The update of a policy and its value function by a batch.
+/// The PPO update of a policy and its value function.
 pub struct PpoUpdate {
     spec: Spec,
     config: PpoConfig,
     trainer: PolicyTrainer,
 }
 
-/// What the rows of a batch are pulled towards.
+/// Targets of the rows of a batch.
 struct Targets {
     values: Vec<f32>,
     returns: Vec<f32>,
@@ -91,29 +91,29 @@ struct Targets {
 }
 
 impl PpoUpdate {
-    /// An update of this network.
+    /// Creates the update of this network.
     pub fn new(spec: Spec, config: PpoConfig, network: ActorCritic) -> PpoUpdate {
         let trainer = PolicyTrainer::new(network, config.adam_epsilon, config.max_gradient_norm);
         PpoUpdate { spec, config, trainer }
     }
 
-    /// The optimizer of the parameters.
+    /// Returns the optimizer of the parameters.
     pub fn optimizer(&self) -> &Adam {
         self.trainer.trainer().optimizer()
     }
 
-    /// Improves the parameters with a batch: several epochs of minibatches, none after one that took
-    /// the policy farther than `target_kl`.
+    /// Improves the parameters with a batch: several epochs of minibatches, ended early by an epoch whose
+    /// approximate KL divergence exceeds `target_kl`.
     ///
     /// # Errors
-    /// [`Final`] at the first minibatch with a loss or gradient that is no number.
+    /// [`Final`] at the first minibatch with a loss or gradient that is NaN or infinite.
     pub fn update(
         &mut self,
         parameters: &mut [f32],
         batch: &Batch,
         schedule: &Schedule,
     ) -> Result<Metrics, Final> {
-        // A batch of fewer rows than minibatches has one of each row.
+        // A batch with fewer rows than minibatches has minibatches of one row.
         let size = (batch.len() / self.config.minibatches as usize).max(1);
         let mut rows: Vec<u32> = (0..batch.len() as u32).collect();
         let mut windows = WindowIndex::default();
@@ -154,8 +154,8 @@ impl PpoUpdate {
         Ok(metrics.divided_by(f64::from(epochs)))
     }
 
-    /// Values of a batch, whose observations are these, under the current policy, and from them
-    /// advantages and returns.
+    /// Computes the values of a batch, whose observations are `observations`, under the current policy, and
+    /// from them advantages and returns.
     fn targets(
         &mut self,
         parameters: &[f32],
@@ -196,7 +196,7 @@ struct Loss<'a> {
     distribution: Distribution,
     batch: &'a Batch,
     targets: &'a Targets,
-    /// One over the rows of the minibatch.
+    /// One over the number of rows of the minibatch.
     weight: f32,
 }
 

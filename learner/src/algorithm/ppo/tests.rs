@@ -1,4 +1,4 @@
-//! PPO's loss of a row against finite differences of its definition in double precision, and which
+//! PPO's loss of a row, checked against finite differences of its definition in double precision; and which
 //! episodes are bootstrapped.
 
 use networks::PolicyArchitecture;
@@ -32,7 +32,7 @@ fn config(clip: f64, value_clip: f64) -> PpoConfig {
     }
 }
 
-/// The log-probability of an action but for what no parameter changes, and the entropy.
+/// Returns the log-probability of an action, up to terms that depend on no parameter, and the entropy.
 fn of_distribution(distribution: Distribution, parameters: &[f64], action: &[u8]) -> (f64, f64) {
     let (first, second) = parameters.split_at(parameters.len() / 2);
     let half_log_tau = 0.5 * libm::log(std::f64::consts::TAU);
@@ -57,7 +57,7 @@ fn of_distribution(distribution: Distribution, parameters: &[f64], action: &[u8]
     }
 }
 
-/// A row, what the network says about it, and the settings of its loss.
+/// A row, the network's output for it, and the settings of its loss.
 #[derive(Clone, Debug)]
 struct Case {
     distribution: Distribution,
@@ -74,7 +74,7 @@ struct Case {
 }
 
 impl Case {
-    /// The loss as the paper of PPO writes it, with values clipped as the authors do.
+    /// Computes the loss as the PPO paper defines it, with values clipped as the authors do.
     fn by_definition(&self, parameters: &[f64], value: f64) -> f64 {
         let config = config(self.clip, self.value_clip);
         let given: Vec<f64> = self.parameters.iter().copied().map(f64::from).collect();
@@ -91,7 +91,7 @@ impl Case {
         -surrogate - config.entropy_coefficient * entropy + config.value_coefficient * 0.5 * error
     }
 
-    /// Whether no clipping begins or ends within the finite differences, or within rounding.
+    /// Returns whether no clipping begins or ends within the range of the finite differences, or of rounding.
     fn is_smooth(&self) -> bool {
         let ratio = libm::exp(f64::from(self.difference));
         let moved = f64::from(self.value - self.old_value);
@@ -148,7 +148,7 @@ impl Case {
     }
 }
 
-/// A distribution, parameters and an action of it.
+/// Generates a distribution, its parameters and one of its actions.
 fn distributions() -> impl Strategy<Value = (Distribution, Vec<f32>, Vec<u8>)> {
     let numbers = |range: std::ops::Range<f32>| prop::collection::vec(range, 2);
     let discrete = (prop::collection::vec(-2.0f32..2.0, 4), 0u8..4).prop_map(|(logits, action)| {
@@ -200,7 +200,7 @@ proptest! {
         target in -0.2f32..0.2,
         clip in 0.05f32..0.5,
     ) {
-        // Rounded apart from each other, as a network's values are: `value - old` is hardly ever exact.
+        // Rounded separately, as a network's values are: `value - old` is hardly ever exact.
         let moved = 0.99 * part * f64::from(clip);
         let (value, old) = ((old + moved) as f32, old as f32);
         let error = value - target;
@@ -211,7 +211,7 @@ proptest! {
     }
 }
 
-/// Of two one-step episodes that earn 0.25, the horizon cut the first.
+/// Two one-step episodes earn 0.25 each; the horizon cut off the first.
 #[test]
 fn a_cut_episode_is_bootstrapped_with_the_value_of_its_last_state_and_no_other_is() {
     let spec = Spec {

@@ -1,6 +1,6 @@
-//! Soft Q imitation learning (Reddy et al., 2020; paper, Appendix F): off-policy learning from
-//! transitions of the expert, which earn 1, and of the agent, which earn 0. Soft Q-learning for
-//! discrete actions, a soft actor-critic for continuous ones.
+//! Soft Q imitation learning (Reddy et al., 2020; paper, Appendix F): off-policy learning from transitions of
+//! the expert, with reward 1, and of the agent, with reward 0. It uses soft Q-learning for discrete actions and
+//! a soft actor-critic for continuous ones.
 
 mod q_function;
 mod soft_actor_critic;
@@ -30,14 +30,14 @@ pub(super) struct Sqil {
     normalizer: RunningNormalizer,
     expert: ReplayBuffer,
     agent: ReplayBuffer,
-    /// Updates so far; they name the random streams.
+    /// Number of updates so far, which names the random streams.
     updates: u64,
     learner: Box<dyn SoftLearner>,
 }
 
-/// What learns soft Q-functions and a policy from them.
+/// A learner of soft Q-functions, and of a policy from them.
 trait SoftLearner: Send {
-    /// One update.
+    /// Makes one update.
     fn update(
         &mut self,
         policy: &mut Vec<f32>,
@@ -49,11 +49,11 @@ trait SoftLearner: Send {
     /// Adds everything carried from one update to the next.
     fn save(&self, tensors: &mut Tensors);
 
-    /// Takes over what [`SoftLearner::save`] added.
+    /// Restores what [`SoftLearner::save`] added.
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String>;
 }
 
-/// Transitions drawn for an update: those of the expert, then those of the agent.
+/// Transitions sampled for an update: those of the expert, then those of the agent.
 #[derive(Clone, Debug, Default)]
 struct Minibatch {
     /// Observations acted on, as networks see them.
@@ -62,15 +62,15 @@ struct Minibatch {
     actions: Vec<u8>,
     /// The next observations.
     next_observations: Vec<u8>,
-    /// Rewards, 1 of the expert and 0 of the agent.
+    /// Rewards: 1 for the expert, 0 for the agent.
     rewards: Vec<f32>,
-    /// What stands for the value of the next observation, where the task ended the episode there and
-    /// something does.
+    /// Values that replace those of the next observations, if the task ended the episode there; `None` keeps
+    /// the observation's own value.
     end_values: Vec<Option<f32>>,
 }
 
 impl Minibatch {
-    /// What a Q-function is fitted to: rewards and the discounted soft values of what comes next.
+    /// Returns what a Q-function is fitted to: rewards plus discounted soft values of the next observations.
     fn targets(&self, next_values: &[f32], gamma: f32) -> Vec<f32> {
         let values =
             self.end_values.iter().zip(next_values).map(|(end, next)| end.unwrap_or(*next));
@@ -83,7 +83,7 @@ impl Minibatch {
 }
 
 impl Sqil {
-    /// A learner that has not learned yet.
+    /// Creates an untrained learner.
     pub(super) fn new(of: Setup<'_>) -> Sqil {
         let Setup { config, network, normalizer, demonstrations } = of;
         let spec = config.task.spec();
@@ -103,13 +103,13 @@ impl Sqil {
         }
     }
 
-    /// Updates that the steps so far are worth.
+    /// Returns the number of updates due after the steps so far.
     fn updates_owed(&self) -> u64 {
         let steps = self.agent.steps().saturating_sub(self.config.exploration_steps);
         (steps as f64 * self.config.updates_per_step) as u64
     }
 
-    /// Draws as many transitions of the expert as of the agent.
+    /// Samples as many transitions of the expert as of the agent.
     fn draw(&self, stream: &mut Stream) -> Minibatch {
         let SqilConfig { batch, gamma, expert_after_goal, agent_after_goal, .. } = self.config;
         let one = self.spec.observation.bytes();
@@ -176,7 +176,7 @@ impl PolicyLearner for Sqil {
     }
 }
 
-/// Moves target functions towards the functions they follow.
+/// Moves target parameters towards the parameters that they follow.
 fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
     let rate = rate as f32;
     for (target, parameter) in targets.iter_mut().zip(parameters) {

@@ -1,4 +1,4 @@
-//! A Q-function of continuous actions, with its target function.
+//! A Q-function of continuous actions, with its target network.
 
 use nalgebra::DMatrix;
 use networks::{
@@ -9,10 +9,10 @@ use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;
 use run::config::{RunConfig, SqilConfig};
 
-/// Rows of a shard. Part of what a run means: changing it changes the order of sums.
+/// Number of rows in a shard. Changing this changes the order of sums, and thus the results of runs.
 const SHARD_ROWS: usize = 64;
 
-/// Adam's epsilon in a soft actor-critic, PyTorch's.
+/// Adam's epsilon in the soft actor-critic; PyTorch's default.
 pub(super) const ADAM_EPSILON: f64 = 1e-8;
 
 /// A Q-function.
@@ -27,7 +27,7 @@ pub(super) struct QFunction {
 }
 
 impl QFunction {
-    /// The first or second Q-function of a run. Over a grid it has an encoder like the policy's.
+    /// Creates the first or second Q-function of a run. For grid observations it has an encoder like the policy's.
     pub(super) fn new(
         number: u64,
         config: &RunConfig,
@@ -57,7 +57,7 @@ impl QFunction {
         }
     }
 
-    /// What the target function says of observations and, as extra inputs, actions.
+    /// Returns the target network's values of observations and, as extra inputs, actions.
     pub(super) fn target_values(&self, batch: Batch<'_>) -> Vec<f32> {
         evaluate(&self.network, &self.prepared_targets, batch, SHARD_ROWS, |shard| {
             let Shard { network, prepared, batch, workspace, .. } = shard;
@@ -65,7 +65,7 @@ impl QFunction {
         })
     }
 
-    /// Values, and their gradients with respect to the numbers of the actions.
+    /// Returns values, and their gradients with respect to the numbers of the actions.
     pub(super) fn action_gradients(&self, batch: Batch<'_>) -> (Vec<f32>, Vec<f32>) {
         let len = self.action_len;
         let rows = evaluate(&self.network, &self.prepared, batch, SHARD_ROWS, |shard| {
@@ -81,7 +81,7 @@ impl QFunction {
         (values, gradients.concat())
     }
 
-    /// Fits the function to `targets`; returns half the mean squared error before.
+    /// Fits the function to `targets`; returns half the mean squared error before the step.
     pub(super) fn fit(&mut self, batch: Batch<'_>, targets: &[f32], learning_rate: f64) -> f64 {
         let weight = 1.0 / targets.len() as f32;
         let QFunction { network, trainer, parameters, prepared, .. } = self;
@@ -101,7 +101,7 @@ impl QFunction {
         0.5 * f64::from(weight) * step.terms
     }
 
-    /// Moves the target function towards the function.
+    /// Moves the target network towards the Q-function.
     pub(super) fn follow(&mut self, rate: f64) {
         super::follow(&mut self.targets, &self.parameters, rate);
         self.network.prepare_into(&self.targets, &mut self.prepared_targets);
@@ -114,7 +114,7 @@ impl QFunction {
         tensors.put_f32(&format!("{name}.targets"), self.targets.iter().copied());
     }
 
-    /// Takes over what [`QFunction::save`] added.
+    /// Restores what [`QFunction::save`] added.
     pub(super) fn restore(&mut self, name: &str, tensors: &Tensors) -> Result<(), String> {
         self.trainer.restore(&format!("{name}.adam"), tensors)?;
         let count = self.parameters.len();

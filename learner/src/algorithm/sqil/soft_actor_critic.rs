@@ -1,5 +1,5 @@
-//! A soft actor-critic for continuous actions (Haarnoja et al., 2018): two Q-functions, a squashed
-//! normal policy that follows the smaller of them, and a temperature tuned to an entropy.
+//! A soft actor-critic for continuous actions (Haarnoja et al., 2018): two Q-functions, a squashed normal
+//! policy that is improved by the smaller of the two, and a temperature that is tuned to a target entropy.
 
 use networks::{ActorCritic, Adam, Batch, Distribution, Observations, WindowIndex};
 use protocol::seed::Stream;
@@ -22,9 +22,9 @@ pub(super) struct SoftActorCritic {
     temperature_optimizer: Adam,
 }
 
-/// Actions drawn for some observations.
+/// Actions sampled for some observations.
 struct SampledActions {
-    /// The normal numbers they were made of.
+    /// The standard normal numbers that the actions were made from.
     noise: Vec<f32>,
     actions: Vec<f32>,
     log_probs: Vec<f32>,
@@ -72,7 +72,7 @@ impl SoftActorCritic {
         drawn
     }
 
-    /// Fits both Q-functions to the soft values of what comes next.
+    /// Fits both Q-functions to rewards plus discounted soft values of the next observations.
     fn improve_q_functions(
         &mut self,
         policy: &[f32],
@@ -98,7 +98,7 @@ impl SoftActorCritic {
         self.q_functions.iter_mut().map(fit).sum::<f64>() / 2.0
     }
 
-    /// Moves the policy towards what the smaller Q-function prefers.
+    /// Moves the policy towards actions that the smaller Q-function values higher.
     fn improve_policy(
         &mut self,
         policy: &mut [f32],
@@ -138,7 +138,7 @@ impl SoftActorCritic {
         metrics
     }
 
-    /// Raises the temperature where the policy's entropy is below minus the numbers of an action.
+    /// Tunes the temperature: raises it if the policy's entropy is below minus the number of action dimensions.
     fn tune_temperature(&mut self, log_probs: &[f32], learning_rate: f64) {
         let mean = log_probs.iter().sum::<f32>() / log_probs.len() as f32;
         let derivative = self.action_len as f32 - mean;
@@ -181,17 +181,17 @@ impl SoftLearner for SoftActorCritic {
     }
 }
 
-/// `temperature x log pi(a | s) - Q(s, a)` of drawn actions.
+/// The policy loss `temperature x log pi(a | s) - Q(s, a)` of sampled actions.
 struct Improvement<'a> {
     distribution: Distribution,
     action_len: usize,
     drawn: &'a SampledActions,
-    /// Of the smaller Q-function.
+    /// Values of the smaller Q-function.
     values: Vec<f32>,
     /// Its gradients with respect to the drawn actions.
     gradients: Vec<f32>,
     temperature: f32,
-    /// One over the rows.
+    /// One over the number of rows.
     weight: f32,
 }
 

@@ -1,5 +1,5 @@
-//! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`,
-//! and the policy that goes with it draws actions by `Q / temperature`.
+//! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`, and the
+//! corresponding policy has the logits `Q / temperature`.
 
 use networks::{ActorCritic, WindowIndex};
 use protocol::seed::Stream;
@@ -10,11 +10,11 @@ use super::{Minibatch, SoftLearner, follow};
 use crate::algorithm::Metrics;
 use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
-/// The Q-function has the policy's shape: its outputs for actions are the policy's logits times the
-/// temperature.
+/// A soft Q-learner. Its Q-function has the policy's shape: its outputs for the actions are the policy's logits
+/// times the temperature.
 pub(super) struct SoftQ {
     trainer: PolicyTrainer,
-    /// Of the Q-function; empty before the first update.
+    /// Parameters of the Q-function; empty before the first update.
     parameters: Vec<f32>,
     targets: Vec<f32>,
     config: SqilConfig,
@@ -32,7 +32,7 @@ impl SoftQ {
     }
 }
 
-/// The soft value of Q-values.
+/// Computes the soft value of Q-values.
 fn soft_value(q_values: &[f32], temperature: f32) -> f32 {
     let largest = q_values.iter().fold(f32::NEG_INFINITY, |largest, &value| largest.max(value));
     let sum = q_values.iter().map(|value| libm::expf((value - largest) / temperature)).sum();
@@ -91,7 +91,7 @@ impl SoftLearner for SoftQ {
 struct Bellman<'a> {
     targets: Vec<f32>,
     actions: &'a [u8],
-    /// One over the rows.
+    /// One over the number of rows.
     weight: f32,
 }
 

@@ -1,7 +1,7 @@
-//! Where a run's bus is, and what other users of the machine can do about it: nothing but be named.
+//! The address of a run's bus. Other users of the machine can do nothing but block it, and the error then names them.
 //!
-//! Method: as root the tests act as a second user (`nobody`) through commands started under that user
-//! id; otherwise that part is left out, with a line.
+//! Method: as root, the tests act as a second user (`nobody`) by running commands under that user ID. Otherwise this
+//! part is skipped, with a message.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -13,10 +13,10 @@ use bus::{Bus, BusAddress};
 
 use super::watched;
 
-/// `nobody` of most systems; it need not have a name.
+/// User ID of `nobody` on most systems. It need not have a name.
 const STRANGER: u32 = 65_534;
 
-/// Does something as another user; false, with a line, where this user cannot.
+/// Runs a command as another user. Returns false, with a message, if this user cannot.
 #[expect(clippy::print_stdout, reason = "whoever reads the tests is to know what was left out")]
 fn as_stranger(program: &str, arguments: &[&Path]) -> bool {
     if !rustix::process::geteuid().is_root() {
@@ -28,7 +28,7 @@ fn as_stranger(program: &str, arguments: &[&Path]) -> bool {
     true
 }
 
-/// What opening, looking at and removing a bus say.
+/// Returns the errors of opening, checking and removing a bus.
 fn refusals(address: &BusAddress) -> [String; 3] {
     [
         Bus::open(address, "actor-0").unwrap_err().to_string(),

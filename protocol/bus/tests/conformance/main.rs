@@ -1,5 +1,5 @@
-//! What the bus promises to its members, who are threads here. What takes real processes, which are
-//! killed, is in `processes`.
+//! What the bus guarantees to its members, tested with threads. Tests with real processes, which are killed, are in
+//! `processes`.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -21,7 +21,7 @@ const WATCHDOG: Duration = Duration::from_secs(60);
 const LONG: Duration = Duration::from_secs(20);
 const SHORT: Duration = Duration::from_millis(100);
 
-/// Runs `body` on this test's own address and removes what is left; fails when it takes too long.
+/// Runs `body` on an address of its own and removes what is left; fails if it takes too long.
 fn watched(body: fn(&BusAddress)) {
     let (sender, receiver) = sync_channel(1);
     let test = move || {
@@ -41,7 +41,7 @@ fn open(address: &BusAddress, name: &str) -> Bus {
     Bus::open(address, name).unwrap()
 }
 
-/// Waits for an answer as the learner does: cleans away the dead, and gives up in the end.
+/// Returns a `keep_waiting` like the learner's, which cleans up dead processes and fails after `longest`.
 fn patience(bus: &Bus, longest: Duration) -> impl FnMut() -> Result<(), Error> {
     let start = Instant::now();
     move || {
@@ -55,7 +55,7 @@ fn given_up() -> Error {
     Error::Bus { operation: "waiting", service: "leases".to_owned(), message }
 }
 
-/// Polls until there is something; the watchdog ends it otherwise.
+/// Polls until `look` finds something; otherwise the watchdog ends the test.
 fn until<T>(mut look: impl FnMut() -> Option<T>) -> T {
     loop {
         if let Some(found) = look() {
@@ -99,7 +99,8 @@ fn trajectory(lane: u64, episode: u64) -> (TrajectoryHeader, Vec<u8>) {
 #[test]
 fn eight_actors_lose_nothing() {
     watched(|address| {
-        // The publishers live until both readers have everything, as an actor that is told so does.
+        // The publishers live until both readers have everything, as actors live until they are told that the run is
+        // over.
         let done = Barrier::new(ACTORS as usize + 2);
         let ready = Barrier::new(ACTORS as usize + 2);
         thread::scope(|scope| {
@@ -152,7 +153,7 @@ fn unconnected_reader_is_not_counted() {
         for _ in 0..TRAJECTORY_BUFFER {
             assert_eq!(publisher.publish(b"queued", header).unwrap(), 1);
         }
-        // The reader has never received since this publisher exists, so the publisher does not wait.
+        // The reader has received nothing since this publisher was created, so the publisher does not wait.
         assert_eq!((publisher.publish(b"lost", header).unwrap(), publisher.reader_count()), (0, 1));
         for _ in 0..TRAJECTORY_BUFFER {
             assert_eq!(subscriber.receive().unwrap().unwrap().bytes, b"queued"[..]);
@@ -206,7 +207,7 @@ fn question_of_four_megabytes() {
                         request.bytes().iter().step_by(4).map(|byte| !byte).collect();
                     request.reply(&answer).unwrap();
                 }
-                // A server that ends at once would take its last answer with it.
+                // If the server ended at once, its last answer would be lost.
                 thread::sleep(Duration::from_millis(200));
             });
             let bus = open(address, "learner");
@@ -230,7 +231,10 @@ fn nobody_to_ask_is_an_error() {
         let doorbell = bus.doorbell(Role::Actors).unwrap();
         let client = bus.lease_client(&doorbell).unwrap();
         let error = client.send(b"leases?").unwrap_err().to_string();
-        assert!(error.contains("leases") && error.contains("nobody there"), "{error}");
+        assert!(
+            error.contains("leases") && error.contains("no process that could answer"),
+            "{error}"
+        );
         let mut looks = 0;
         let keep_waiting = || {
             looks += 1;
@@ -353,7 +357,7 @@ fn doorbell_wakes_and_never_spins() {
                 }
                 rung.wait();
                 assert!(doorbell.wait(SHORT).unwrap(), "rung while nobody slept");
-                // All rings were taken at once, so every further wait lasts, but for one.
+                // All rings were consumed at once, so every further wait, except perhaps one, takes its full time.
                 let start = Instant::now();
                 for _ in 0..10 {
                     assert!(!doorbell.wait(SHORT).unwrap());

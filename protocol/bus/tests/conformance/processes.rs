@@ -1,5 +1,5 @@
-//! What the bus promises when processes are killed (-9): it is noticed, it is cleaned away, nobody
-//! stays blocked, and nothing is left behind.
+//! What the bus guarantees when processes are killed (SIGKILL): the death is noticed and cleaned up, nobody stays
+//! blocked, and nothing is left behind.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader};
@@ -12,11 +12,11 @@ use bus::{Bus, BusAddress, Role, TRAJECTORY_BUFFER, TrajectoryHeader};
 
 use super::{LONG, SHORT, WATCHDOG, open, patience, until, watched};
 
-/// Says to a child process what it is, and where its run is.
+/// Environment variables that tell a child process its role and the folder of its run.
 const CHILD_ROLE: &str = "GOALWARD_TEST_CHILD";
 const CHILD_RUN: &str = "GOALWARD_TEST_RUN";
 
-/// A process of its own, killed (-9) at the latest when it goes out of scope.
+/// A child process, killed (SIGKILL) at the latest when it goes out of scope.
 struct Process(Child);
 
 impl Process {
@@ -53,7 +53,7 @@ impl Drop for Process {
     }
 }
 
-/// Not a test of its own: the body of the processes that [`Process::start`] starts.
+/// Not a test itself: the body of the processes that [`Process::start`] starts.
 #[test]
 #[expect(clippy::print_stdout, reason = "the parent waits for this line")]
 fn child_process() {
@@ -126,7 +126,7 @@ fn killed_reader_is_cleaned_away_and_publishing_goes_on() {
     });
 }
 
-/// A process that reads what a rollout publishes, held (SIGSTOP) in the middle of it.
+/// Runs `body` while a process that reads a rollout's trajectories is held (SIGSTOP).
 fn with_held_reader(role: &str, body: fn(&Bus, &mut dyn FnMut() -> usize, &Process)) {
     let run = tempfile::tempdir().unwrap();
     let address = BusAddress::for_start(run.path()).unwrap();
@@ -149,7 +149,7 @@ fn with_held_reader(role: &str, body: fn(&Bus, &mut dyn FnMut() -> usize, &Proce
     address.remove().unwrap();
 }
 
-/// How long a reader that learns is waited for here.
+/// How long the publisher waits for a reader that learns.
 const HELD_PATIENCE: Duration = Duration::from_secs(4);
 
 #[test]
@@ -163,7 +163,7 @@ fn a_held_tool_holds_up_nobody() {
                 publish();
                 read += usize::from(learner.receive().unwrap().is_some());
             }
-            // Well under the time of one wait for it.
+            // This is less than one wait for the held reader.
             assert!(begun.elapsed() < HELD_PATIENCE, "blocked for {:?}", begun.elapsed());
             assert_eq!(read, 2 * TRAJECTORY_BUFFER, "the others miss nothing");
         });
@@ -204,7 +204,7 @@ fn killed_server_is_noticed_once_cleaned_away() {
         assert!(pending.poll().unwrap_err().to_string().contains("gone"));
         assert_eq!(bus.clean_up(), 0);
 
-        // Asking notices by itself, and the next server answers.
+        // `ask` notices the death by itself, and the next server answers.
         let mut server = Process::start("stuck-server", run.path());
         thread::scope(|scope| {
             scope.spawn(|| {
@@ -223,8 +223,8 @@ fn killed_server_is_noticed_once_cleaned_away() {
     });
 }
 
-/// Starts the only server of leases and kills it as if it had been killed between the making of an
-/// object and its sizing.
+/// Starts the only server of leases, kills it, and leaves its objects as if it had died between creating them and
+/// setting their size.
 fn leave_objects_without_a_size(address: &BusAddress, run: &Path) {
     Process::start("stuck-server", run).kill();
     let dynamic =
@@ -255,7 +255,7 @@ fn an_object_without_a_size_holds_up_no_living_process() {
         let supervisor = open(&address, "supervisor");
         leave_objects_without_a_size(&address, run.path());
         thread::scope(|scope| {
-            // It waits for the size, without end by itself.
+            // By itself, it would wait for the size forever.
             let server = scope.spawn(|| {
                 let learner = open(&address, "learner");
                 learner.lease_server().map(drop)

@@ -23,7 +23,7 @@ fn a_file_cut_anywhere_gives_the_beginning_of_what_it_held() {
     let metadata_end = layout(&file)[1].1 + layout(&file)[1].2;
     let cut = folder.path().join("cut.mcap");
     proptest!(ProptestConfig::with_cases(64), |(share in 0.0..1.0f64, edge in 0..400usize)| {
-        // Half of the cuts in the file, half near its record boundaries.
+        // Half of the cuts are anywhere in the file, half near its record boundaries.
         let boundaries = layout(&file);
         let (_, start, _) = boundaries[edge % boundaries.len()];
         let at = if edge % 2 == 0 { (share * file.len() as f64) as usize } else { start + edge % 12 };
@@ -56,7 +56,7 @@ fn a_flipped_bit_is_found_wherever_it_is() {
     let damaged = folder.path().join("damaged.mcap");
     let chunks: Vec<_> = layout(&file).into_iter().filter(|&(kind, ..)| kind == 0x06).collect();
     let &(_, data_end, _) = layout(&file).iter().find(|&&(kind, ..)| kind == 0x0f).unwrap();
-    // Half of them in the summary, which is small.
+    // Half of the places are in the summary, which is small.
     let places = (any::<prop::sample::Index>(), any::<bool>());
     proptest!(ProptestConfig::with_cases(192), |((place, summary) in places, bit in 0..8u8)| {
         let first = if summary { data_end } else { 0 };
@@ -69,7 +69,7 @@ fn a_flipped_bit_is_found_wherever_it_is() {
         let ending = reader.ending().unwrap().clone();
         prop_assert!(records.starts_with(&found), "wrong records");
         prop_assert!(ending.lost(), "byte {} bit {}: {}", at, bit, ending);
-        // In a chunk's compressed data: behind kind, length and header.
+        // In a chunk's compressed data, which come after kind, length and header.
         let chunk = chunks.iter().find(|&&(_, start, length)| (start + 60..start + length).contains(&at));
         if let Some(&(_, start, _)) = chunk {
             let Ending::Corrupt { offset, lost_records, .. } = ending else {
@@ -124,7 +124,7 @@ fn repair_reads_channels_from_the_end_when_the_beginning_is_damaged() {
     file[start + 100] ^= 1;
     fs::write(&path, &file).unwrap();
     let repaired = repair(&path).unwrap();
-    // The chunk that has them has the first message, too.
+    // The chunk with the channels also has the first message.
     assert_eq!((repaired.kept[&Topic::Trajectory], repaired.lost), (999, 1), "{repaired}");
     assert_eq!(read(&path), (records[1..].to_vec(), Ending::Complete));
 }
@@ -150,7 +150,7 @@ fn an_unsealed_file_reads_and_is_sealed_by_repair() {
     assert_eq!(read(&path), (vec![Record::RewardUpdate(update)], Ending::Complete));
     let report = info(&path).unwrap().unwrap();
     assert_eq!((report.messages[&Topic::RewardUpdate], report.span_ns), (1, Some((5, 5))));
-    assert!(report.to_string().contains("checksums right; complete"), "{report}");
+    assert!(report.to_string().contains("checksums correct; complete"), "{report}");
 
     let begun = folder.path().join("updates-00001.mcap.active");
     fs::write(&begun, &fs::read(&path).unwrap()[..20]).unwrap();
@@ -161,7 +161,7 @@ fn an_unsealed_file_reads_and_is_sealed_by_repair() {
 
 const CHILD_FOLDER: &str = "GOALWARD_TEST_LOG_FOLDER";
 
-/// Not a test: what the test below starts and kills.
+/// Not a test itself: the test below starts and kills it.
 #[test]
 #[ignore = "runs as a child of a_killed_writer_loses_one_chunk_at_most"]
 fn write_until_killed() {
@@ -199,7 +199,7 @@ fn a_killed_writer_loses_one_chunk_at_most() {
 
     let path = folder.path().join("log/trajectories-00000.mcap.active");
     let (records, ending) = read(&path);
-    // A kill can fall into the writing of a chunk.
+    // A kill can come while a chunk is being written.
     assert!(matches!(ending, Ending::Unsealed | Ending::Truncated { .. }), "{ending}");
     let lost = written.saturating_sub(records.len() as u64);
     assert!(lost * 5000 <= (1 << 20) + 2 * 5100, "{lost} of {written} trajectories lost");

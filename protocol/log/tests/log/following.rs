@@ -1,4 +1,4 @@
-//! A file that is read while it grows, and records found again where they lie.
+//! Reads files while they grow, and finds records again by their offsets.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use mcap_log::{Contents, Ending, Entry, FileReader, FileWriter, Record, repair};
 
 use crate::{layout, metadata, trajectory, write_file};
 
-/// The records that a reader has now.
+/// Returns the remaining records of a reader.
 fn rest(reader: &mut FileReader) -> Vec<Record> {
     reader.by_ref().map(|entry| entry.unwrap().record).collect()
 }
@@ -63,7 +63,7 @@ fn a_file_that_another_one_has_replaced_is_not_read_on() {
     }
     let mut reader = FileReader::open(&active).unwrap();
     assert_eq!(rest(&mut reader).len(), 3);
-    // A writer that dies, and whoever begins again.
+    // The writer dies, and the file is repaired.
     writer.trajectory(&trajectory(0, 3, 5000), 3).unwrap();
     drop(writer);
     assert!(reader.go_on().unwrap() && rest(&mut reader).len() == 1);

@@ -1,7 +1,7 @@
-//! Files made to harm: they cost no more memory and time than an honest file may.
+//! Malicious files: they cost no more memory and time than an honest file may.
 //!
-//! Method: a file of ours gets chunks that its writer would not have made. Memory is what the reader
-//! allocates at most at one time.
+//! Method: a file of ours gets chunks that its writer would not have made. Memory is the peak of what the reader
+//! allocates.
 
 use std::fs;
 use std::io::Write as _;
@@ -12,16 +12,16 @@ use mcap_log::{Contents, Ending, FileWriter, info, repair};
 
 use crate::{layout, metadata};
 
-/// What a chunk may become.
+/// Maximum size of an unpacked chunk.
 const LIMIT: usize = 64 << 20;
 
-/// Memory that a reader may take: a chunk as it lies in the file, as it comes out, and as messages.
+/// Memory that a reader may take: for a chunk packed, unpacked, and as messages.
 const MEMORY: u64 = 4 * LIMIT as u64;
 
-/// Nothing here takes as long on the slowest machine; without limits it takes minutes or hours.
+/// Nothing here takes this long even on the slowest machine. Without limits it takes minutes or hours.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A file of ours up to its channels, and then these chunks.
+/// Makes a file of ours up to its channels, followed by these chunks.
 fn file_with(folder: &Path, chunks: &[Vec<u8>]) -> PathBuf {
     let path = folder.join("file.mcap");
     drop(FileWriter::create(&path, &metadata(), Contents::Trajectories.topics()).unwrap());
@@ -33,7 +33,7 @@ fn file_with(folder: &Path, chunks: &[Vec<u8>]) -> PathBuf {
     active
 }
 
-/// A chunk without a checksum, whose data is as given.
+/// Returns a chunk with these data and without a checksum.
 fn chunk(compression: &str, uncompressed_bytes: u64, data: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     for number in [0, 0, uncompressed_bytes] {
@@ -51,7 +51,7 @@ fn record(kind: u8, content: &[u8]) -> Vec<u8> {
     [&[kind], (content.len() as u64).to_le_bytes().as_slice(), content].concat()
 }
 
-/// A message of the first channel of ours.
+/// Returns a message of the first of our channels.
 fn message(number: u32, data: &[u8]) -> Vec<u8> {
     let mut content = 1u16.to_le_bytes().to_vec();
     content.extend(number.to_le_bytes());
@@ -69,7 +69,7 @@ fn zstd_of_zeros(bytes: usize) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// What looking into a file and repairing it say, within memory and time.
+/// Returns the results of `info` and `repair`, and checks the memory and time they take.
 fn within_limits(path: &Path) -> [Result<Ending, String>; 2] {
     let begun = Instant::now();
     let mut said = None;
@@ -93,7 +93,7 @@ fn damaged(chunks: &[Vec<u8>], words: &str) {
     repaired.unwrap();
 }
 
-/// Expects the file to be refused in these words.
+/// Expects the file to be refused with a message that contains `words`.
 fn refused(chunks: &[Vec<u8>], words: &str) {
     let folder = tempfile::tempdir().unwrap();
     let path = file_with(folder.path(), chunks);
@@ -104,8 +104,8 @@ fn refused(chunks: &[Vec<u8>], words: &str) {
     assert!(path.exists());
 }
 
-/// Expects the file to be read up to a chunk of too many records, and repair to see that all of it is
-/// such chunks.
+/// Expects the file to be read up to a chunk of too many records, and repair to refuse it because all of it is such
+/// chunks.
 fn damaged_and_refused(chunks: &[Vec<u8>], words: &str) {
     let folder = tempfile::tempdir().unwrap();
     let path = file_with(folder.path(), chunks);
@@ -133,7 +133,7 @@ fn chunks_of_zeros_are_taken_as_often_as_a_file_is_long() {
     let chunks = vec![one; 450];
     let length: usize = chunks.iter().map(Vec::len).sum();
     assert!((500_000..4_000_000).contains(&length), "{length}");
-    // Zeros are records of an unknown kind and of no length.
+    // Zeros are records of an unknown kind and of length 0.
     damaged_and_refused(&chunks, "grow to 10000 times");
 }
 

@@ -1,6 +1,7 @@
-//! The log under everything that happens to logs: what was written is read, or the loss is named;
-//! nothing else comes out. Here: round trips and others' files; crashes, cuts and flipped bits are
-//! in `damage.rs`, files that grow in `following.rs`, repairs that die in `repair.rs`, files made to harm in `hostile.rs`, rotation and resumption in `run.rs`.
+//! The log whatever happens to it: what was written is read, or the loss is reported; nothing else is returned. This
+//! file has round trips and foreign files. Crashes, cuts and flipped bits are in `damage.rs`, files that grow in
+//! `following.rs`, repairs that die in `repair.rs`, malicious files in `hostile.rs`, rotation and resumption in
+//! `run.rs`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 mod damage;
@@ -27,7 +28,7 @@ fn metadata() -> Metadata {
     Metadata::new(Kind::Run, "navigation", 7).with("config", "task = \"navigation\"\n")
 }
 
-/// An episode with so much noise in its observations that compression leaves its size.
+/// Returns an episode whose observations are noise, so that compression does not change its size.
 fn trajectory(iteration: u64, episode: u64, bytes: usize) -> Encoded {
     let mut noise = rand_chacha::ChaCha8Rng::seed_from_u64(episode);
     let mut cells = vec![0; bytes];
@@ -42,7 +43,7 @@ fn trajectory(iteration: u64, episode: u64, bytes: usize) -> Encoded {
     })
 }
 
-/// Writes a file of 1,000 trajectories of 5 kB; about 5 chunks. Gives the records.
+/// Writes a file of 1,000 trajectories of 5 kB in about 5 chunks. Returns the records.
 fn write_file(path: &Path) -> Vec<Record> {
     let mut writer =
         FileWriter::create(path, &metadata(), Contents::Trajectories.topics()).unwrap();
@@ -65,7 +66,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Kind, start and length of the outermost records of a file.
+/// Returns kind, start and length of the top-level records of a file.
 fn layout(file: &[u8]) -> Vec<(u8, usize, usize)> {
     let mut records = Vec::new();
     let mut at = 8;

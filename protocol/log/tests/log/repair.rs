@@ -1,4 +1,4 @@
-//! Repairs that die, and repairs of what is still being written.
+//! Repairs that die, and repairs of files that are still being written.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use protocol::Error;
 
 use crate::{layout, metadata, names, read, trajectory, write_file};
 
-/// A file that its writer left unsealed, with `episodes` trajectories.
+/// Writes a file with `episodes` trajectories and leaves it unsealed.
 fn unsealed(path: &Path, episodes: u64) {
     let mut writer =
         FileWriter::create(path, &metadata(), Contents::Trajectories.topics()).unwrap();
@@ -30,7 +30,7 @@ fn a_file_that_is_written_is_not_repaired_and_has_lost_nothing() {
     fs::hard_link(&active, &elsewhere).unwrap();
     for name in [&active, &elsewhere] {
         let error = repair(name).unwrap_err().to_string();
-        assert!(error.contains("found it being written"), "{error}");
+        assert!(error.contains("found one being written"), "{error}");
         let ending = info(name).unwrap().unwrap().ending;
         assert_eq!(ending, Ending::Unsealed, "{ending}");
     }
@@ -115,7 +115,7 @@ fn another_file_under_the_sealed_name_is_left_alone() {
     assert!(active.exists());
 }
 
-/// The same while there is a file at `path`.
+/// As [`unsealed`], while there is a file at `path`.
 fn unsealed_beside(path: &Path, active: &Path, episodes: u64) {
     let other = path.with_file_name("other.mcap");
     unsealed(&other, episodes);
@@ -132,7 +132,7 @@ fn a_damaged_original_is_linked_aside_once() {
     fs::write(&path, lost_its_end).unwrap();
     let ending = info(&path).unwrap().unwrap().ending;
     assert!(ending.lost() && ending.to_string().contains("its end is missing"), "{ending}");
-    // A repair that died has linked it.
+    // A repair that died has already linked it.
     fs::hard_link(&path, folder.path().join("file.mcap.damaged")).unwrap();
     let repaired = repair(&path).unwrap();
     assert!(repaired.damage[0].contains("its end is missing"), "{repaired}");

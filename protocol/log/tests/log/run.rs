@@ -26,7 +26,7 @@ fn files_rotate_and_every_sitting_has_its_own() {
     for episode in 0..600 {
         writer.trajectory(&trajectory(0, episode, 5000)).unwrap();
     }
-    // The second sitting comes after a crash of the first, and does not touch its files.
+    // The second start comes after a crash of the first, and does not touch its files.
     drop(writer);
     assert_eq!(
         names(&log),

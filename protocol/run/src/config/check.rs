@@ -1,4 +1,4 @@
-//! What a configuration must fulfil. Everything behind it reads checked values only.
+//! Checks the values of a configuration. All other code reads checked values only.
 
 use protocol::encoder::CellsArchitecture;
 use protocol::error::within;
@@ -9,7 +9,7 @@ use protocol::{Error, MAX_ACTORS};
 use super::settings::is_infinite;
 use super::{InverseDynamicsConfig, RewardConfig, RewardForm, RewardInput, RewardModel, RunConfig};
 
-/// The place of a number in its pooled square is kept in a byte.
+/// Largest side of a pooled square: the position of a number in it is kept in a byte.
 const POOL_MOST: usize = 16;
 
 impl RunConfig {
@@ -32,7 +32,7 @@ impl RunConfig {
         for (key, number) in at_least_one {
             within(key, number >= 1, "at least 1", number)?;
         }
-        // Beyond these, sums and sizes in bytes would overflow.
+        // Above these values, sums and sizes in bytes would overflow.
         let at_most = [
             ("rollout.lane_steps", self.rollout.lane_steps, 1 << 40),
             ("reward.experience", self.reward.experience as u64, 1 << 40),
@@ -51,7 +51,7 @@ impl RunConfig {
         self.check_fractions()
     }
 
-    /// Environments get their settings as JSON, which has no other numbers.
+    /// Refuses infinite numbers and NaN in settings: environments get them as JSON, which has no such numbers.
     fn check_finite(&self) -> Result<(), Error> {
         let settings = [
             ("environment", &self.environment),
@@ -65,7 +65,7 @@ impl RunConfig {
         Ok(())
     }
 
-    /// A layer of no width has no outputs, and a network behind it nothing to see.
+    /// Refuses layers of width 0: they have no outputs, and the network after them no inputs.
     fn check_widths(&self) -> Result<(), Error> {
         let (policy, reward) = (&self.policy, &self.reward);
         let mut layers = vec![
@@ -85,7 +85,7 @@ impl RunConfig {
         Ok(())
     }
 
-    /// Every convolution has a window in the image before it.
+    /// Requires that every convolution's kernel fits into the image before it.
     fn check_encoders(&self) -> Result<(), Error> {
         let ObservationSpec::Cells { height, width, .. } = self.task.spec().observation else {
             return Ok(());
@@ -102,8 +102,10 @@ impl RunConfig {
             let range = format!("1 to {most}");
             within(&key("pool"), (1..=most).contains(pool), &range, pool)?;
             let fits = encoder.images([height, width]).is_some();
-            let (layers, of_pool) = (channels.len(), format!("behind the first squares of {pool}"));
-            let expected = format!("windows that {layers} times fit {height} x {width}, {of_pool}");
+            let (layers, of_pool) =
+                (channels.len(), format!("with {pool} x {pool} pooling after the first"));
+            let expected =
+                format!("such that {layers} convolutions fit {height} x {width}, {of_pool}");
             within(&key("convolution_kernel"), fits, &expected, kernel)?;
         }
         Ok(())
@@ -154,7 +156,12 @@ impl RunConfig {
             penalty,
         )?;
         let holds = penalty == 0.0 || (adversarial && vector);
-        within("reward.gradient_penalty", holds, "0 but for a discriminator of vectors", penalty)?;
+        within(
+            "reward.gradient_penalty",
+            holds,
+            "0, except for a discriminator of vector observations",
+            penalty,
+        )?;
         let holds = penalty == 0.0 || reward.prior == 0.0;
         within("reward.prior", holds, "0 with reward.gradient_penalty", reward.prior)?;
         let alone = online && !pairs;

@@ -1,49 +1,50 @@
-//! What a run of a configuration takes of a machine, foreseen: bytes of memory and passes of rows
-//! through networks. Coarse on purpose, from above: demonstrations count as long as the longest
-//! episode. What it is for is to tell a run that fits from one that cannot.
+//! Estimates what a run of a configuration takes of a machine: bytes of memory and passes of rows
+//! through networks. The estimate is a coarse upper bound on purpose: each demonstration counts as
+//! long as the longest episode. It serves to tell a run that fits from one that cannot.
 
 use super::{NetworkSize, RunConfig};
 
-/// Bytes of a process that has learned nothing yet: program, stacks, buffers, its part of the bus.
+/// Bytes of a process that has not learned anything yet: program, stacks, buffers, its part of the bus.
 const PROCESS_BYTES: f64 = 60e6;
 
 /// Bytes of a number in a network.
 const NUMBER_BYTES: f64 = 4.0;
 
-/// Versions of its parameters that the learner holds of a network beside its gradients: its own, two
-/// moments, two packed for the kernels, two to be published, and most of it again while a checkpoint is
-/// written. This and the next two are peaks of processes with networks that leave nothing else to see.
+/// Copies of a network's parameters in the learner, besides gradients: its own, two moments, two packed for the
+/// kernels, two to be published, and most of these again while a checkpoint is written. This number and those
+/// of members and actors are measured peaks of processes with networks so large that nothing else matters.
 const LEARNER_VERSIONS: f64 = 11.0;
 
-/// The same of a member of the ensemble, with its gradient and what rows are scored with.
+/// Copies of an ensemble member's parameters in the proximity service, including its gradient and what scoring uses.
 const MEMBER_VERSIONS: f64 = 18.0;
 
-/// The same of a member's prior, which is not trained: its own, packed, and one while a checkpoint is written.
+/// Copies of the parameters of a member's prior, which is not trained: its own, packed, and one
+/// while a checkpoint is written.
 const PRIOR_VERSIONS: f64 = 3.0;
 
-/// The same of the policy in an actor: the newest two, each as it came and as it acts.
+/// Copies of the policy's parameters in an actor: the newest two versions, each as received and as used for acting.
 const ACTOR_VERSIONS: f64 = 10.0;
 
-/// Rows that a gradient, or a score, is computed of at once.
+/// Rows for which a gradient or a score is computed at once.
 const SHARD_ROWS: f64 = 128.0;
 
-/// Bytes beside observation and action that a step has in a batch: rewards, values, advantages, names.
+/// Bytes of a step in a batch besides observation and action: rewards, values, advantages, names.
 const STEP_BYTES: f64 = 64.0;
 
-/// Copies of what a reward model sees of demonstrations: as they were read, one behind another to take
-/// their moments, and as it keeps them.
+/// Copies of what a reward model sees of the demonstrations: as they were read, concatenated to
+/// compute their moments, and as it keeps them.
 const DEMONSTRATION_COPIES: f64 = 3.0;
 
-/// Copies of what it keeps of the agent: its own, and two while a checkpoint is written or read.
+/// Copies of what a reward model keeps of the agent: its own, and two while a checkpoint is written or read.
 const EXPERIENCE_COPIES: f64 = 3.0;
 
-/// Comparisons of two states that take as long as a row's pass through a network, about.
+/// Comparisons of two states that take about as long as a row's pass through a network.
 const COMPARISONS_PER_PASS: f64 = 100.0;
 
-/// Bytes of a position among rows that are drawn.
+/// Bytes of the position of a row that is drawn.
 const POSITION_BYTES: f64 = 8.0;
 
-/// What a run takes.
+/// What a run takes of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Memory of the learner, bytes.
@@ -52,45 +53,45 @@ pub struct Estimate {
     pub service_bytes: f64,
     /// Memory of each actor, bytes.
     pub actor_bytes: f64,
-    /// Actors.
+    /// Number of actors.
     pub actors: f64,
-    /// Steps of environments: of demonstrations, training and evaluation.
+    /// Environment steps of demonstrations, training and evaluation.
     pub environment_steps: f64,
     /// Optimizer steps of the policy and of every member of the ensemble.
     pub gradient_steps: f64,
-    /// Rows that pass through a network, forwards or both ways, or what takes as long as so many.
+    /// Rows that pass through a network, forward or both forward and backward, or work that takes as long.
     pub row_passes: f64,
 }
 
 impl Estimate {
-    /// Memory of all processes, bytes.
+    /// Returns the memory of all processes, bytes.
     pub fn bytes(&self) -> f64 {
         self.learner_bytes + self.service_bytes + self.actors * self.actor_bytes
     }
 }
 
-/// What is computed over a run.
+/// The computations of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
-    /// Steps of an optimizer.
+    /// Optimizer steps.
     pub gradient_steps: f64,
     /// Rows that pass through a network for them.
     pub row_passes: f64,
 }
 
-/// What a policy learner holds, besides the policy.
+/// What a policy learner holds in memory, besides the policy.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Memory {
     /// Rows of a minibatch.
     pub minibatch: f64,
     /// Copies of the demonstrations.
     pub copies: f64,
-    /// Transitions that are kept to be drawn again.
+    /// Transitions kept in the replay buffer.
     pub kept: usize,
 }
 
 impl RunConfig {
-    /// What a run of this configuration takes on a machine with so many cores.
+    /// Estimates what a run of this configuration takes on a machine with `cores` cores.
     pub fn estimate(&self, cores: usize) -> Estimate {
         let [policy, reward] = [self.learner.work(self), self.reward_work()];
         let horizon = f64::from(self.task.spec().horizon_steps);
@@ -113,12 +114,12 @@ impl RunConfig {
         }
     }
 
-    /// Observations of all demonstrations, at most.
+    /// Returns the largest number of observations that all demonstrations can have.
     pub(super) fn demonstration_rows(&self) -> f64 {
         self.demonstrations.episodes as f64 * (f64::from(self.task.spec().horizon_steps) + 1.0)
     }
 
-    /// Bytes of the steps of a rollout that is learned from, or of two where actors run ahead.
+    /// Returns the bytes of the steps of a rollout that is learned from, or of two rollouts if actors run ahead.
     fn rollout_bytes(&self) -> f64 {
         let spec = self.task.spec();
         let step = 2 * spec.observation.bytes() + spec.action.bytes();
@@ -126,8 +127,8 @@ impl RunConfig {
         rollouts * self.iteration_steps() as f64 * (step as f64 + STEP_BYTES)
     }
 
-    /// Bytes of a network that is trained on minibatches of so many rows, each shard of which has a
-    /// gradient and the numbers of its rows, forwards and backwards.
+    /// Returns the bytes of a network that is trained on minibatches of `minibatch` rows. Each
+    /// shard of a minibatch has a gradient and the numbers of its rows, forward and backward.
     fn trained_bytes(size: NetworkSize, minibatch: f64) -> f64 {
         let shards = (minibatch / SHARD_ROWS).ceil().max(2.0);
         let rows = shards * SHARD_ROWS.min(minibatch);
@@ -167,7 +168,7 @@ impl RunConfig {
         PROCESS_BYTES + self.rollout_bytes() + own
     }
 
-    /// Bytes of all ensembles of the reward model, each with the rows that it is trained on.
+    /// Returns the bytes of all ensembles of the reward model, each with the rows that it is trained on.
     fn ensemble_bytes(&self, cores: usize) -> f64 {
         let reward = &self.reward;
         let [frames, beside] = self.reward_row();
@@ -175,7 +176,7 @@ impl RunConfig {
         let (size, members) = (self.member_size(), self.reward_members());
         let pairs = if reward.model.pairs { 2.0 } else { 1.0 };
         let minibatch = pairs * 2.0 * (reward.batch as f64).min(self.demonstration_rows());
-        // A member computes a minibatch at once.
+        // A member computes a whole minibatch at once.
         let versions = MEMBER_VERSIONS + if reward.prior > 0.0 { PRIOR_VERSIONS } else { 0.0 };
         let numbers = size.parameters * versions + 2.0 * minibatch * size.row_numbers;
         let threads = match self.resources.service_threads {
@@ -190,12 +191,12 @@ impl RunConfig {
         NUMBER_BYTES * (members * numbers + scored) + self.ensembles() * row * kept + drawn
     }
 
-    /// Ensembles of the reward model.
+    /// Returns the number of ensembles of the reward model.
     fn ensembles(&self) -> f64 {
         if self.reward.model.discriminates { 2.0 } else { 1.0 }
     }
 
-    /// Members of all of them.
+    /// Returns the number of members of all ensembles.
     fn reward_members(&self) -> f64 {
         self.ensembles() * self.reward.ensemble as f64
     }
@@ -231,7 +232,7 @@ mod tests {
         configuration("navigation", None, &settings).unwrap().estimate(2).service_bytes
     }
 
-    /// By how many observations of NAVIGATION the service grows.
+    /// Returns by how many observations of NAVIGATION the service's memory grows.
     fn observations_more(method: &str, settings: [&str; 2]) -> f64 {
         let [before, after] = settings.map(|setting| service_bytes(method, setting));
         ((after - before) / 361.0).round()

@@ -7,18 +7,18 @@ use protocol::error::out_of_range;
 use protocol::trajectory::Source;
 use serde::{Deserialize, Serialize};
 
-/// Episodes run when training ends.
+/// The evaluation at the end of training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// How many.
+    /// Number of episodes.
     pub episodes: u64,
     /// How actions are chosen.
     pub actions: ActionChoice,
 }
 
 impl EvaluationConfig {
-    /// How the actions of episodes of a source are chosen: training explores.
+    /// Returns how actions are chosen in episodes of a source: as configured in evaluations, otherwise sampled.
     pub fn actions_of(&self, source: Source) -> ActionChoice {
         if source == Source::Evaluation { self.actions } else { ActionChoice::Sample }
     }
@@ -28,14 +28,14 @@ impl EvaluationConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ActionChoice {
-    /// Drawn from the policy, as in training and in the paper's curves.
+    /// Sampled from the policy, as in training and in the paper's curves.
     Sample,
     /// The most probable action, or the mean.
     Mode,
 }
 
 impl ActionChoice {
-    /// Its name in a configuration.
+    /// Returns its name in a configuration.
     pub fn name(self) -> &'static str {
         match self {
             ActionChoice::Sample => "sample",

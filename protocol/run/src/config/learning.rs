@@ -1,6 +1,5 @@
-//! What a configuration must fulfil so that a run of it learns something: values that are sound one by
-//! one may contradict each other. This is asked of what somebody wants to train; a recorded
-//! configuration is what it is.
+//! Checks that a run of a configuration can learn something: values that are valid one by one may contradict
+//! each other. Only configurations that are to be trained are checked; recorded ones are read as they are.
 
 use mcap_log::file::LONGEST_MESSAGE;
 use protocol::Error;
@@ -9,7 +8,7 @@ use protocol::trajectory::Trajectory;
 
 use super::{Discounting, RewardModel, RunConfig};
 
-/// Least label of a state two steps from the goal, and how far labels fall at least over an episode.
+/// Least label of a state two steps from the goal, and least decrease of labels over an episode.
 const LEAST_LABEL: f64 = 0.01;
 
 impl RunConfig {
@@ -24,8 +23,8 @@ impl RunConfig {
         if self.reward.model.labels { self.check_labels() } else { Ok(()) }
     }
 
-    /// What is so small that no weight moves, or so large that numbers of 32 bits cannot hold it. A rate
-    /// that leads beyond all numbers is let pass: the first update refuses what comes of it.
+    /// Refuses values so small that no weight moves, or so large that 32-bit floats cannot hold
+    /// them. A learning rate that makes training diverge passes: the first update then fails.
     fn check_magnitudes(&self) -> Result<(), Error> {
         const RATE: [f64; 2] = [1e-9, 1e30];
         const EPSILON: [f64; 2] = [1e-20, 1.0];
@@ -67,8 +66,8 @@ impl RunConfig {
         Ok(())
     }
 
-    /// The log takes no longer message: the first long episode would end the run. Without observations it may
-    /// be short enough, where they can be left out.
+    /// Requires that the longest episode fits into a message of the log: otherwise the first long
+    /// episode would end the run. It may fit without observations, if these can be left out.
     fn check_longest_episode(&self) -> Result<(), Error> {
         let (spec, kept) = (self.task.spec(), self.log.observations);
         let [bytes, acted] = [kept, false].map(|kept| Trajectory::most_bytes(&spec, kept));
@@ -92,7 +91,8 @@ impl RunConfig {
         self.learner.check_learning(self)
     }
 
-    /// An episode has a state in its last segment only if it has as many as there are segments.
+    /// Requires that the longest episode has at least as many states as there are segments:
+    /// otherwise its last segment has none.
     fn check_segments(&self) -> Result<(), Error> {
         let segments = self.reward.segments;
         let states = self.task.horizon_steps as usize + 1;
@@ -127,8 +127,8 @@ impl RunConfig {
         within("reward.batch", reward.batch as u64 <= most, &expected, reward.batch)
     }
 
-    /// Labels must tell near from far: neither are all states beyond the goal's neighbours alike, nor
-    /// all of an episode.
+    /// Requires that labels tell near from far: they must neither vanish right next to the goal nor
+    /// stay near 1 over a whole episode.
     fn check_labels(&self) -> Result<(), Error> {
         let (delta, horizon) = (self.reward.delta, self.task.spec().horizon_steps);
         let label = |steps: u32| self.reward.label(steps);

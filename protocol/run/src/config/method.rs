@@ -7,10 +7,10 @@ use toml::{Table, Value};
 
 use super::{names, taken};
 
-/// What the method called `name` changes for a task; what is for that task only wins.
+/// Returns what the method `name` changes for a task. Changes for this task only take precedence.
 ///
 /// # Errors
-/// When there is no such method.
+/// If there is no such method.
 pub(super) fn changes(methods: &Table, name: &str, task: &str) -> Result<Table, Error> {
     let mut changes = whole(methods, name)?;
     changes.remove("about");
@@ -19,7 +19,7 @@ pub(super) fn changes(methods: &Table, name: &str, task: &str) -> Result<Table, 
     Ok(changes)
 }
 
-/// A method's table, laid over that of the method it is `like`.
+/// Returns a method's table, laid over that of the method it is `like`.
 fn whole(methods: &Table, name: &str) -> Result<Table, Error> {
     let Some(Value::Table(own)) = methods.get(name) else {
         return Err(out_of_range("method", &format!("one of {}", names(methods)), name));

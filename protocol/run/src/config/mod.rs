@@ -1,9 +1,9 @@
-//! What a run is: the effective configuration, complete, checked once, recorded first in its log.
+//! The effective configuration of a run: complete, checked once, and recorded first in its log.
 //!
-//! `defaults.toml` beside this file has a value for every key. A task's file (`deploy/tasks/*.toml`, or
-//! one of the user's) says what the task is and which values it changes, and, under `[preset.NAME]`,
-//! what other presets change. Then a method has its changes, and the command line. Everything after
-//! [`RunConfig::assemble`] reads checked values only.
+//! `defaults.toml` beside this file has a value for every key. A task's file
+//! (`deploy/tasks/*.toml`, or one of the user's) says what the task is and which values it changes
+//! and, under `[preset.NAME]`, what other presets change. The changes of a method follow, then
+//! those of the command line. All code after [`RunConfig::assemble`] reads checked values only.
 
 mod check;
 mod estimate;
@@ -45,13 +45,13 @@ pub use reward::{
 pub(crate) use settings::merged as merged_settings;
 pub use settings::set_by_user;
 
-/// The preset a task's file holds without a table of its own.
+/// The preset that a task's file holds outside of its `preset` tables.
 const DEFAULT_PRESET: &str = "goalward";
 
-/// Why a learner's table is there.
+/// Why a learner's table is always present.
 const HAS_DEFAULTS: &str = "a configuration has every table of its learner";
 
-/// Every key that tasks have in common, and what grids and vectors change.
+/// Defaults of the keys that tasks have in common, and those for single learners, grids and vectors.
 const DEFAULTS: &str = include_str!("defaults.toml");
 
 /// The effective configuration of a run.
@@ -62,16 +62,16 @@ pub struct RunConfig {
     pub task: Task,
     /// Name of the method, a policy learner with a reward model.
     pub method: String,
-    /// Name of the preset it came from.
+    /// Name of its preset.
     pub preset: String,
-    /// What improves the policy.
+    /// The policy learner.
     pub learner: Learner,
     /// Seed of every random stream.
     pub seed: u64,
     /// Environment steps to train for; the run ends with the iteration that reaches them. Behavioral
     /// cloning takes none.
     pub steps: u64,
-    /// What the environment is made with that the agent is trained and evaluated in.
+    /// Setting of the environment that the agent is trained and evaluated in.
     #[serde(default)]
     pub environment: Setting,
     /// Which demonstrations the run learns from.
@@ -91,9 +91,9 @@ pub struct RunConfig {
     /// Soft Q imitation learning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sqil: Option<SqilConfig>,
-    /// The reward model and the reward made from it (Table 3).
+    /// The reward model and how rewards are made from it (Table 3).
     pub reward: RewardConfig,
-    /// Episodes run when training ends.
+    /// The evaluation at the end of training.
     pub evaluation: EvaluationConfig,
     /// When the run is saved.
     pub checkpoint: CheckpointConfig,
@@ -103,15 +103,15 @@ pub struct RunConfig {
     pub resources: ResourceConfig,
 }
 
-/// Demonstrations.
+/// The demonstrations of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DemonstrationConfig {
-    /// MCAP file; where it is not given, the expert records one for the run.
+    /// MCAP file; if it is not given, the expert records one for the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// How many are learned from.
+    /// Number of demonstrations that the run learns from.
     pub episodes: u64,
-    /// All other keys: what differs from the agent's environment where they are recorded.
+    /// All other keys: how the environment of the demonstrations differs from the agent's.
     #[serde(flatten)]
     pub environment: Setting,
 }
@@ -120,16 +120,16 @@ pub struct DemonstrationConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RolloutConfig {
-    /// Environment streams.
+    /// Number of environment streams.
     pub lanes: u64,
-    /// Steps of a lane per iteration, on average; a lane ends at an episode's end.
+    /// Steps of a lane per iteration, on average; a lane ends an iteration at the end of an episode.
     pub lane_steps: u64,
     /// Iterations that actors may be ahead of the policy update: 0 or 1.
     pub lag: u64,
 }
 
 impl RolloutConfig {
-    /// A number of episodes spread evenly over the lanes: how many each of the first lanes runs.
+    /// Spreads episodes evenly over the lanes; returns the number for each lane that runs any.
     pub fn spread(&self, episodes: u64) -> Vec<u64> {
         let lanes = self.lanes.min(episodes);
         (0..lanes).map(|lane| episodes / lanes + u64::from(lane < episodes % lanes)).collect()
@@ -142,7 +142,7 @@ impl RolloutConfig {
 pub struct CheckpointConfig {
     /// Iterations between checkpoints.
     pub iterations: u64,
-    /// How many are kept.
+    /// Number of checkpoints kept.
     pub keep: usize,
 }
 
@@ -150,10 +150,10 @@ pub struct CheckpointConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogConfig {
-    /// A file is sealed and the next one opened at this size, MiB.
+    /// Size at which a file is sealed and the next one opened, MiB.
     pub file_mib: u64,
-    /// Whether trajectories are recorded with their observations, or with actions only, from which
-    /// `goalward log restore` makes the observations again.
+    /// Whether trajectories are recorded with their observations; otherwise with actions only, from
+    /// which `goalward log restore` recomputes the observations.
     pub observations: bool,
 }
 
@@ -161,25 +161,24 @@ pub struct LogConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResourceConfig {
-    /// Actor processes.
+    /// Number of actor processes.
     pub actors: u64,
-    /// Threads of the learner; 0 takes one per core.
+    /// Threads of the learner; 0 means one per core.
     pub learner_threads: usize,
-    /// Threads of the proximity service; 0 takes one per core.
+    /// Threads of the proximity service; 0 means one per core.
     pub service_threads: usize,
-    /// A lease not finished after this long is handed out again once no others are open, milliseconds.
+    /// Time after which an unfinished lease is handed out again once no others are open, milliseconds.
     pub lease_timeout_ms: u64,
 }
 
 impl RunConfig {
-    /// Puts a configuration together: the defaults, a task's file, a preset of it, what a method
-    /// changes, then `key=value` settings. `methods` has a table for each method, and in it under
-    /// `task` what it changes for single tasks only, as `about` what it is, and as `like` the method
-    /// whose changes it begins with, if there is one. A run's configuration, which is such a file, too,
-    /// has a preset and a method already: others are refused, and none means those.
+    /// Assembles a configuration from the defaults, a task's file, a preset of that file, the changes of a method,
+    /// and `key=value` settings, in this order. `methods` has a table for each method. In it, `task` has changes for
+    /// single tasks only, `about` is a description, and `like` names the method whose changes it starts from, if
+    /// any. The file may also be a run's configuration, which has a preset and a method already: others are refused.
     ///
     /// # Errors
-    /// For the first key that is unknown, out of its range, or without effect.
+    /// For the first key that is unknown, out of range, or without effect.
     pub fn assemble(
         file: &str,
         methods: &str,
@@ -215,8 +214,7 @@ impl RunConfig {
         Self::changed(table, settings, "file")
     }
 
-    /// The configuration of a run, which its preset and its method have been laid over already, with
-    /// settings.
+    /// Lays settings over the configuration of a run, which includes the changes of its preset and method already.
     fn repeated(run: Table, preset: Option<&str>, settings: &[String]) -> Result<Self, Error> {
         let (table, settings) = (over_defaults(run, "file")?, settings::merged(settings)?);
         let method = settings.get("method").and_then(Value::as_str);
@@ -229,17 +227,17 @@ impl RunConfig {
         Self::changed(table, settings, "file")
     }
 
-    /// This configuration with `key=value` settings laid over it.
+    /// Returns this configuration with `key=value` settings laid over it.
     ///
     /// # Errors
-    /// For the first setting that is no `key=value`, unknown, out of its range, or without effect.
+    /// For the first setting that is not `key=value`, unknown, out of range, or without effect.
     pub fn with_settings(&self, settings: &[String]) -> Result<Self, Error> {
         let own = parse(&self.to_text(), "configuration")?;
         Self::changed(own, settings::merged(settings)?, "configuration")
     }
 
-    /// A configuration that is to be trained: every setting means something, and it can learn. What is just as
-    /// wrong without the settings is the fault of its origin.
+    /// Lays settings over a configuration that is to be trained, and checks that every setting has an effect
+    /// and that the run can learn. An error that occurs without the settings, too, is attributed to `origin`.
     fn changed(table: Table, settings: Table, origin: &str) -> Result<Self, Error> {
         let (before, set) = (flat(&table), flat(&settings));
         let mut changed = table.clone();
@@ -257,7 +255,7 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// The configuration that a file of a log was recorded under; none in one of demonstrations.
+    /// Returns the configuration that a log file was recorded under; `None` for a file of demonstrations.
     ///
     /// # Errors
     /// As [`RunConfig::from_text`].
@@ -265,11 +263,11 @@ impl RunConfig {
         metadata.get("config").map(|text| Self::from_text(text, "of the log"))
     }
 
-    /// Reads a configuration, as a run's `config.toml` holds it; keys that were not there when it was
-    /// written have their default.
+    /// Reads a configuration as a run's `config.toml` holds it. Keys that did not exist when it was
+    /// written have their defaults.
     ///
     /// # Errors
-    /// For the first key that is unknown or out of its range.
+    /// For the first key that is unknown or out of range.
     pub fn from_text(text: &str, origin: &str) -> Result<Self, Error> {
         Self::from_table(over_defaults(parse(text, origin)?, origin)?, origin)
     }
@@ -289,33 +287,33 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// The configuration as a complete TOML text.
+    /// Returns the configuration as a complete TOML text.
     pub fn to_text(&self) -> String {
         toml::to_string(self).expect("a configuration has only tables, numbers and texts")
     }
 
-    /// Whether another configuration gives the same weights, bit for bit.
+    /// Returns whether another configuration gives the same weights, bit for bit.
     pub fn same_result_as(&self, other: &Self) -> bool {
         self.result_differences(other).is_empty()
     }
 
-    /// The keys of those that decide the result whose values are others in `other`, with both values, in order.
+    /// Returns the keys that affect the result and have another value in `other`, with both values, in order.
     pub fn result_differences(&self, other: &Self) -> Vec<(String, [String; 2])> {
         let table =
             |config: &Self| config.to_text().parse::<Table>().expect("it has just been written");
         result_differences(&table(self), &table(other))
     }
 
-    /// What the environment is made with that demonstrations for this run are recorded in.
+    /// Returns the setting of the environment that demonstrations for this run are recorded in.
     pub fn demonstration_setting(&self) -> Setting {
         self.environment.with(&self.demonstrations.environment)
     }
 
-    /// This configuration with what the program that acts in its task says of it: both settings are
-    /// complete then.
+    /// Completes this configuration by the description that the program of its task gives: both
+    /// settings then have all keys.
     ///
     /// # Errors
-    /// When the task is another one there, or has no expert that could record the demonstrations.
+    /// If the program's task differs, or has no expert to record the demonstrations.
     pub fn described(mut self, description: Description) -> Result<Self, Error> {
         let Description { task, environment, demonstrations, has_expert } = description;
         let needs_expert = self.imitates() && self.demonstrations.file.is_none();
@@ -345,38 +343,38 @@ impl RunConfig {
         Ok(self)
     }
 
-    /// Environment steps of one iteration, on average.
+    /// Returns the environment steps of one iteration, on average.
     pub fn iteration_steps(&self) -> u64 {
         self.rollout.lanes.saturating_mul(self.rollout.lane_steps)
     }
 
-    /// Iterations the run takes, at most: behavioral cloning has one for each pass.
+    /// Returns the largest number of iterations that the run takes; behavioral cloning has one for each pass.
     pub fn iterations(&self) -> u64 {
         self.learner.iterations(self)
     }
 
-    /// Environment steps the run takes; behavioral cloning takes none.
+    /// Returns the environment steps that the run takes; behavioral cloning takes none.
     pub fn steps_wanted(&self) -> u64 {
         if self.learner.acts() { self.steps } else { 0 }
     }
 
-    /// Whether the run learns from demonstrations.
+    /// Returns whether the run learns from demonstrations.
     pub fn imitates(&self) -> bool {
         self.learner.imitates() || self.reward.model.imitates
     }
 
-    /// Whether it needs the actions of the demonstrations, too.
+    /// Returns whether the run needs the actions of the demonstrations, too.
     pub fn needs_expert_actions(&self) -> bool {
         let sees_actions = self.reward.input == RewardInput::StateAction;
         self.learner.needs_expert_actions() || (self.reward.model.trains && sees_actions)
     }
 
-    /// Whether observations are grids of cells.
+    /// Returns whether observations are grids of cells.
     fn is_of_cells(&self) -> bool {
         matches!(self.task.observation, ObservationSpec::Cells { .. })
     }
 
-    /// Whether an action is one of several choices.
+    /// Returns whether actions are discrete.
     fn acts_by_choice(&self) -> bool {
         matches!(self.task.action, ActionSpec::Discrete { .. })
     }
@@ -401,7 +399,7 @@ fn parse(text: &str, origin: &str) -> Result<Table, Error> {
     })
 }
 
-/// A configuration's table over the defaults of all tasks and those of tasks with such observations.
+/// Lays a configuration's table over the defaults of all tasks and those for its kind of observation.
 fn over_defaults(changes: Table, origin: &str) -> Result<Table, Error> {
     let mut defaults = parse(DEFAULTS, "defaults")?;
     taken(&mut defaults, "learners");
@@ -432,7 +430,7 @@ fn over_defaults(changes: Table, origin: &str) -> Result<Table, Error> {
     Ok(defaults)
 }
 
-/// Lays a configuration's tables of its learner over their defaults.
+/// Lays the tables of a configuration's learner over their defaults.
 fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
     let mut learners = taken(&mut parse(DEFAULTS, "defaults")?, "learners");
     for (name, defaults) in taken(&mut learners, learner.name()) {
@@ -445,13 +443,13 @@ fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
     Ok(())
 }
 
-/// Where in a text something is, for an error.
+/// Returns the line in which a span of a text begins, for an error.
 fn place(text: &str, span: Option<Range<usize>>) -> String {
     let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
     format!("line {}", before.matches('\n').count() + 1)
 }
 
-/// A parser's words with the table that they are about, which it names in the last line, in front.
+/// Moves the table that a parser's message names in its last line to the front.
 fn place_first(words: &str) -> String {
     match words.trim().rsplit_once('\n') {
         Some((what, place)) if place.starts_with("in ") => format!("{place}: {what}"),
@@ -459,12 +457,12 @@ fn place_first(words: &str) -> String {
     }
 }
 
-/// A parser's words in one line.
+/// Returns a parser's message in one line.
 fn line_of(words: &str) -> String {
     shortened(&words.trim().replace('\n', " "), MESSAGE_CHARS)
 }
 
-/// Takes the table called `key` out of another one; an empty one if there is none.
+/// Takes the table called `key` out of another one; returns an empty one if there is none.
 fn taken(table: &mut Table, key: &str) -> Table {
     match table.remove(key) {
         Some(Value::Table(inner)) => inner,

@@ -1,26 +1,26 @@
-//! How large the networks of a configuration are, counted from shapes alone as the crate `networks`
-//! lays them out; a test there compares.
+//! The sizes of a configuration's networks, counted from shapes alone as the crate `networks` lays
+//! them out. A test there compares both.
 
 use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, ObservationSpec};
 
 use super::{RewardInput, RunConfig};
 
-/// Why there is an image behind each convolution.
+/// Why there is an image after each convolution.
 const ENCODER_FITS: &str = "a configuration is refused whose encoder does not fit its grids";
 
-/// The size of a network. Floating-point numbers are exact here up to 2^53, and what somebody mistyped
-/// does not overflow them.
+/// The size of a network, in floating-point numbers: these are exact up to 2^53, and mistyped
+/// values do not overflow them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NetworkSize {
-    /// Parameters.
+    /// Number of parameters.
     pub parameters: f64,
-    /// Numbers that one row makes in all of its layers.
+    /// Numbers that one row takes in all layers.
     pub row_numbers: f64,
 }
 
 impl NetworkSize {
-    /// A layer of so many sums, each of which is a number of a row at `positions` places.
+    /// Adds a layer of `sums` outputs, each computed at `positions` positions of a row.
     fn add(&mut self, inputs: f64, sums: f64, positions: f64) {
         self.parameters += (inputs + 1.0) * sums;
         self.row_numbers += sums * positions;
@@ -34,7 +34,7 @@ impl NetworkSize {
     }
 }
 
-/// What decides the size of a network.
+/// What determines the size of a network.
 struct Shape<'a> {
     observation: ObservationSpec,
     frames: usize,
@@ -73,7 +73,7 @@ impl Shape<'_> {
     }
 }
 
-/// Numbers that an action is described by: one for each choice, or for each number.
+/// Returns how many numbers describe an action: one for each choice, or one for each dimension.
 fn action_numbers(action: ActionSpec) -> usize {
     match action {
         ActionSpec::Discrete { count } => count,
@@ -82,14 +82,14 @@ fn action_numbers(action: ActionSpec) -> usize {
 }
 
 impl RunConfig {
-    /// The policy with its value function.
+    /// Returns the size of the policy with its value function.
     pub fn policy_size(&self) -> NetworkSize {
         let policy = &self.policy;
         let layers = (policy.encoder(), &policy.hidden[..]);
         self.actor_critic_size(layers, 1, policy.shared_trunk, policy.is_squashed())
     }
 
-    /// The inverse dynamics model, of a learner that has one.
+    /// Returns the size of the inverse dynamics model, if the learner has one.
     pub fn inverse_dynamics_size(&self) -> Option<NetworkSize> {
         let inverse =
             self.inverse_dynamics.as_ref().filter(|_| self.learner_reads("inverse_dynamics"))?;
@@ -127,7 +127,7 @@ impl RunConfig {
         size
     }
 
-    /// One member of the ensemble, of a reward model that trains one.
+    /// Returns the size of one member of the ensemble, for a reward model that trains one.
     pub fn member_size(&self) -> NetworkSize {
         let (spec, reward) = (self.task.spec(), &self.reward);
         let [frames, extra_inputs] = self.reward_row();
@@ -136,7 +136,7 @@ impl RunConfig {
         Shape { observation, frames, extra_inputs, encoder, hidden, outputs }.size()
     }
 
-    /// Observations of a row of the reward model, and extra inputs.
+    /// Returns the number of observations and of extra inputs in a row of the reward model.
     pub(super) fn reward_row(&self) -> [usize; 2] {
         match self.reward.input {
             RewardInput::State => [1, 0],
@@ -145,7 +145,8 @@ impl RunConfig {
         }
     }
 
-    /// One of the two Q-functions, of a learner that has them: with discrete actions the policy is one.
+    /// Returns the size of one of the two Q-functions, if the learner has them: with discrete
+    /// actions the policy itself is the Q-function.
     pub fn q_function_size(&self) -> Option<NetworkSize> {
         let spec = self.task.spec();
         let sqil = self.sqil.as_ref().filter(|_| self.learner_reads("sqil"))?;

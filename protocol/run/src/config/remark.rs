@@ -1,12 +1,12 @@
-//! What the file of defaults says of the keys of a configuration.
+//! Remarks on the keys of a configuration: the comments of the file of defaults.
 
 use protocol::task::ObservationSpec;
 
 use super::{DEFAULTS, RunConfig};
 
 impl RunConfig {
-    /// What the file of defaults says of a key such as `ppo.clip`, where this task and learner have it from; none
-    /// where it says nothing.
+    /// Returns the comment of the file of defaults on a key such as `ppo.clip`, in the table that
+    /// this task and learner take it from; `None` if there is no comment.
     pub fn remark(&self, key: &str) -> Option<&'static str> {
         let observation = match self.task.observation {
             ObservationSpec::Cells { .. } => "cells",

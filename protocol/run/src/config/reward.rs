@@ -8,80 +8,80 @@ use protocol::error::FOUND_CHARS;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// The reward model and the reward made from it.
+/// The reward model and how rewards are made from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RewardConfig {
-    /// What is learned.
+    /// The reward model.
     pub model: &'static RewardModel,
-    /// What it sees of a step.
+    /// What the model sees of a step.
     pub input: RewardInput,
-    /// Reward per step.
+    /// Form of the reward per step.
     pub form: RewardForm,
     /// Whether the final proximity is added at the end of an episode (Eq. 5).
     pub final_bonus: bool,
-    /// Lambda: weight of the uncertainty penalty (Eq. 5); 0 switches it off.
+    /// Lambda, the weight of the uncertainty penalty (Eq. 5); 0 switches it off.
     pub uncertainty: f64,
     /// Weight of a discriminator's gradient penalty, for vector tasks; 0 switches it off.
     pub gradient_penalty: f64,
     /// Weight of the loss on the agent's observations (Eq. 4, second term), for proximity.
     pub agent_weight: f64,
-    /// Parts that an episode and a demonstration are divided into for `nearest-state`, which then looks
-    /// for a state in its own part alone; 1 looks everywhere.
+    /// Number of segments that `nearest-state` divides each episode and each demonstration into. It
+    /// searches for the nearest state only in the segment of the same number; 1 searches everywhere.
     pub segments: usize,
-    /// Discounting of proximity with the steps to the goal.
+    /// How proximity falls with the steps to the goal.
     pub discounting: Discounting,
-    /// Delta of the discounting: per step if linear (Eq. 1), base if exponential.
+    /// Delta of the discounting: decrease per step if linear (Eq. 1), base if exponential.
     pub delta: f64,
-    /// Members of the ensemble.
+    /// Number of members of the ensemble.
     pub ensemble: usize,
-    /// Whether each member learns from a bootstrap resample of the demonstrations, in minibatches of its
-    /// own; otherwise all see the same.
+    /// Whether each member learns from its own bootstrap resample of the demonstrations, in its own
+    /// minibatches; otherwise all members see the same.
     pub bootstrap: bool,
     /// Weight of each member's prior, a random network that is never trained and whose output is added to the
     /// member's (Osband et al., 2018); 0 switches priors off.
     pub prior: f64,
-    /// By how much of the learning rate each gradient step shortens the weights (AdamW); 0 switches it off.
+    /// Weight decay (AdamW): each gradient step multiplies the weights by
+    /// `1 - learning_rate * weight_decay`; 0 switches it off.
     pub weight_decay: f64,
     /// Output channels of the convolutions, for grid tasks.
     pub convolution_channels: Vec<usize>,
-    /// Side of the convolutions' windows.
+    /// Kernel size of the convolutions.
     pub convolution_kernel: usize,
-    /// Side of the squares pooled behind the first convolution.
+    /// Side of the squares that are max-pooled after the first convolution.
     pub pool: usize,
-    /// Numbers the encoder makes of a grid.
+    /// Features that the encoder outputs for a grid.
     pub features: usize,
-    /// Hidden tanh layers.
+    /// Widths of the hidden tanh layers.
     pub hidden: Vec<usize>,
-    /// Whether the ensemble sees observations shifted and scaled by the moments they have in the
-    /// demonstrations, for vector tasks.
+    /// Whether the model sees observations normalized by their moments in the demonstrations, for vector tasks.
     pub normalize_observations: bool,
     /// Adam's learning rate, offline and in the first iteration.
     pub learning_rate: f64,
-    /// Whether it falls linearly to 0, after which the ensemble learns no more.
+    /// Whether it falls linearly to 0, after which the ensemble stops learning.
     pub learning_rate_decay: bool,
-    /// Environment steps over which it falls; 0 takes the run's own.
+    /// Environment steps over which it falls; 0 means the steps of the run.
     pub decay_steps: u64,
-    /// Passes over the demonstrations before training; 0 switches offline training off.
+    /// Passes over the demonstrations before the agent acts; 0 switches offline training off.
     pub pretraining_epochs: u64,
-    /// Rows of each kind, demonstrations' and agent's, in a batch. Ranking has a pair for each of them,
-    /// and online as many pairs within demonstrations beside.
+    /// Rows of demonstrations in a batch, and as many of the agent. Ranking has as many pairs
+    /// within demonstrations and, online, as many pairs of an expert's and an agent's row besides.
     pub batch: usize,
-    /// Rows of each kind drawn for an online update, fewer where there are not as many yet; 0 switches
-    /// online training off.
+    /// Rows of demonstrations sampled for an online update, and as many of the agent; fewer of both
+    /// if there are not enough of one. 0 switches online training off.
     pub samples: usize,
-    /// Agent observations kept, the newest. A batch comes lane by lane, so of one that has more of them the
-    /// last lanes stay.
+    /// Number of agent observations kept, the newest. A batch comes lane by lane, so of a larger
+    /// batch the last lanes are kept.
     pub experience: usize,
-    /// Whether what the agent saw after it reached the goal is among them. Where it is not, the reward
-    /// model hears of success from the environment.
+    /// Whether these include what the agent saw after reaching the goal. If not, the environment tells
+    /// the reward model of success.
     pub experience_after_goal: bool,
-    /// Order within an iteration.
+    /// Order of scoring and updates within an iteration.
     pub order: UpdateOrder,
 }
 
 impl RewardConfig {
-    /// The encoder of grids.
+    /// Returns the encoder of grids.
     pub fn encoder(&self) -> CellsArchitecture {
         CellsArchitecture {
             channels: self.convolution_channels.clone(),
@@ -91,8 +91,8 @@ impl RewardConfig {
         }
     }
 
-    /// Proximity label of a demonstration's observation so many steps from the goal, in [0, 1] (Eq. 1);
-    /// that at the goal has 1.
+    /// Returns the proximity label, in [0, 1], of a demonstration's observation `steps_to_goal`
+    /// steps before the goal (Eq. 1); at the goal it is 1.
     pub fn label(&self, steps_to_goal: u32) -> f64 {
         let steps = f64::from(steps_to_goal);
         match self.discounting {
@@ -101,22 +101,22 @@ impl RewardConfig {
         }
     }
 
-    /// The segment of a step in an episode of so many.
+    /// Returns the segment of a step in an episode of `steps` steps.
     pub fn segment(&self, step: usize, steps: usize) -> usize {
         (step * self.segments / (steps + 1)).min(self.segments - 1)
     }
 
-    /// Whether an ensemble goes on learning while the agent acts.
+    /// Returns whether an ensemble keeps learning while the agent acts.
     pub fn trains_online(&self) -> bool {
         self.model.trains && self.model.online && self.samples > 0
     }
 
-    /// Agent observations that each ensemble keeps: none where it learns nothing of them.
+    /// Returns the number of agent observations that each ensemble keeps: 0 if it does not learn from them.
     pub fn experience_kept(&self) -> usize {
         if self.trains_online() { self.experience } else { 0 }
     }
 
-    /// Why a run with it does not read this key of its table; none if it does.
+    /// Returns why a run does not read this key of the table `reward`; `None` if it does.
     pub(super) fn unread(&self, key: &str) -> Option<String> {
         let why = "with reward.samples = 0 nothing is learned while the agent acts";
         let idle = || (READ_ONLINE.contains(&key) && !self.trains_online()).then(|| why.to_owned());
@@ -124,7 +124,7 @@ impl RewardConfig {
     }
 }
 
-/// The keys that say how an ensemble learns while the agent acts, and nothing else.
+/// Keys that only affect how an ensemble learns while the agent acts.
 const READ_ONLINE: [&str; 6] = [
     "agent_weight",
     "experience",
@@ -134,38 +134,38 @@ const READ_ONLINE: [&str; 6] = [
     "decay_steps",
 ];
 
-/// A reward model, as far as configurations, demonstrations and estimates have to know it. How it
-/// makes rewards only the proximity service knows, which has a constructor for each name.
+/// A reward model, as far as configurations, demonstrations and estimates need to know it. Only the
+/// proximity service, which has a constructor for each name, knows how it makes rewards.
 #[derive(Debug, PartialEq, Eq)]
 pub struct RewardModel {
     /// Its name in a configuration.
     pub name: &'static str,
-    /// Whether it gives rewards: policy learners that need none go without.
+    /// Whether it gives rewards. The model `none` does not, for policy learners that need no rewards.
     pub rewards: bool,
     /// Whether it needs demonstrations.
     pub imitates: bool,
     /// Whether it trains an ensemble on them.
     pub trains: bool,
-    /// Whether it tells demonstrations from the agent's experience, of which it needs some: it has a row
-    /// for each step, no offline phase, and rewards of its own forms.
+    /// Whether it is a discriminator that tells demonstrations from the agent's experience. It needs such
+    /// experience, so it has no offline training; it has a row for each step and its own forms of reward.
     pub adversarial: bool,
-    /// Whether it learns a discriminator of states, too, whose probability its proximity is multiplied by.
+    /// Whether it also learns a discriminator of states, by whose probability its proximity is multiplied.
     pub discriminates: bool,
     /// Whether it trains on labels that fall with the steps to the goal.
     pub labels: bool,
-    /// Whether its rows come in pairs.
+    /// Whether it trains on pairs of rows.
     pub pairs: bool,
-    /// Whether it goes on learning while the agent acts, from what it sees.
+    /// Whether it keeps learning while the agent acts, from what the agent sees.
     pub online: bool,
-    /// What it may see of a step.
+    /// Inputs that it supports.
     pub inputs: &'static [RewardInput],
-    /// The rewards that it gives.
+    /// Forms of reward that it supports.
     pub forms: &'static [RewardForm],
-    /// The keys of its table that it reads, where it trains no ensemble.
+    /// Keys of the table `reward` that it reads if it trains no ensemble.
     pub reads: &'static [&'static str],
 }
 
-/// Most models train an ensemble on demonstrations.
+/// Values of most models, which train an ensemble on demonstrations.
 const TRAINED: RewardModel = RewardModel {
     name: "",
     rewards: true,
@@ -181,14 +181,14 @@ const TRAINED: RewardModel = RewardModel {
     reads: &[],
 };
 
-/// Others learn nothing.
+/// Values of models that need no demonstrations and learn nothing.
 const FIXED: RewardModel = RewardModel { imitates: false, trains: false, ..TRAINED };
 
-/// The reward models there are.
+/// All reward models.
 pub const REWARD_MODELS: &[RewardModel] = &[
     // How close a state is to the goal, by regression on the steps to it: the paper's method.
     RewardModel { name: "proximity", labels: true, ..TRAINED },
-    // The same times the probability that the state is the expert's.
+    // Proximity times the probability that the state is the expert's.
     RewardModel {
         name: "proximity-discriminator",
         discriminates: true,
@@ -196,9 +196,9 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         inputs: &[RewardInput::State],
         ..TRAINED
     },
-    // How close a state is to the goal, by which of two states comes later (Figure 7).
+    // How close a state is to the goal, learned from which of two states comes later (Figure 7).
     RewardModel { name: "ranking", pairs: true, ..TRAINED },
-    // Whether a state, transition or state and action is the expert's: GAIfO-s, GAIfO, GAIL.
+    // Whether a state, a transition or a state-action pair is the expert's: GAIfO-s, GAIfO, GAIL.
     RewardModel {
         name: "discriminator",
         adversarial: true,
@@ -206,7 +206,7 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         forms: &[RewardForm::Airl, RewardForm::Gail],
         ..TRAINED
     },
-    // How much closer to the goal a state is than another, by regression on the steps between them.
+    // How much closer to the goal one state is than another, by regression on the steps between them.
     RewardModel {
         name: "temporal-distance",
         labels: true,
@@ -229,34 +229,34 @@ pub const REWARD_MODELS: &[RewardModel] = &[
 ];
 
 impl RewardModel {
-    /// The model of that name.
+    /// Returns the model of this name.
     pub fn named(name: &str) -> Option<&'static RewardModel> {
         REWARD_MODELS.iter().find(|model| model.name == name)
     }
 
-    /// Whether it has a discriminator, alone or beside proximity.
+    /// Returns whether it has a discriminator, alone or along with proximity.
     pub fn has_discriminator(&self) -> bool {
         self.adversarial || self.discriminates
     }
 
-    /// Rows of a demonstration of so many steps, in each of its ensembles: one that is adversarial, or sees
-    /// actions, has one for each step, the others have one for each observation.
+    /// Returns the rows of a demonstration of `steps` steps in each of its ensembles: one for each
+    /// step if the model is adversarial or sees actions, otherwise one for each observation.
     pub fn rows(&self, input: RewardInput, steps: u64) -> u64 {
         let of_steps = self.adversarial || input == RewardInput::StateAction;
         steps + u64::from(!of_steps)
     }
 
-    /// Whether it is a single trained ensemble, and so a network that can be exported.
+    /// Returns whether it is a single trained ensemble, which can be exported as a network.
     pub fn is_one_ensemble(&self) -> bool {
         self.trains && !self.discriminates
     }
 
-    /// Whether it looks for a state in its own segment.
+    /// Returns whether it compares states only within segments.
     pub fn reads_segments(&self) -> bool {
         self.reads.contains(&"segments")
     }
 
-    /// Why it does not read this key of its table; none if it does.
+    /// Returns why it does not read this key of the table `reward`; `None` if it does.
     fn unread(&self, key: &str) -> Option<String> {
         let read = match key {
             "model" => true,
@@ -267,7 +267,7 @@ impl RewardModel {
             "samples" => self.online,
             key if READ_ONLINE.contains(&key) => self.online,
             "pretraining_epochs" => !self.adversarial,
-            "final_bonus" => self.forms.contains(&RewardForm::Absolute), // it is a proximity, too
+            "final_bonus" => self.forms.contains(&RewardForm::Absolute), // the bonus is a proximity, too
             _ => true,
         };
         (!read).then(|| format!("the reward model {} does not read it", self.name))
@@ -306,7 +306,7 @@ pub enum RewardInput {
     StateAction,
 }
 
-/// Reward per step.
+/// Form of the reward per step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RewardForm {
@@ -342,13 +342,13 @@ pub enum Discounting {
     Exponential,
 }
 
-/// Order within an iteration.
+/// Order of scoring and updates within an iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpdateOrder {
-    /// Score, then update policy and reward model at once (Algorithm 1).
+    /// Score the batch, then update policy and reward model at the same time (Algorithm 1).
     ScoreFirst,
-    /// Update the reward model, then score with it (the authors' code).
+    /// Update the reward model, then score the batch with it (the authors' code).
     ImproveFirst,
 }
 

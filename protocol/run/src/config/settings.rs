@@ -1,4 +1,4 @@
-//! Settings, `key=value`, as users give them: read, and refused with the key that was likely meant.
+//! Reads settings, `key=value`, as users give them, and names the key that was likely meant by a misspelled one.
 
 use std::collections::BTreeMap;
 
@@ -8,21 +8,22 @@ use toml::{Table, Value};
 
 use super::line_of;
 
-/// What chooses the values that settings change, and the words that choose it.
+/// Keys that settings cannot change, and what to write on the command line instead.
 const CHOICES: [(&str, &str); 2] = [("task", "goalward train"), ("preset", "--preset")];
 
-/// How like two keys are, of 1, where one is taken for a slip of the other.
+/// Least similarity, up to 1, at which one key is taken for a misspelling of another.
 const LIKE: f64 = 0.7;
 
-/// The keys that settings name, and the values they give them.
+/// Returns the keys that settings name, with their values.
 ///
 /// # Errors
-/// [`Error::ConfigurationText`] if one is no `key=value`.
+/// [`Error::ConfigurationText`] if a setting is not `key=value`, names a task or preset, or has a
+/// number that is not finite.
 pub fn set_by_user(settings: &[String]) -> Result<BTreeMap<String, Value>, Error> {
     Ok(flat(&merged(settings)?))
 }
 
-/// Settings as one table, the later over the earlier.
+/// Merges settings into one table, later ones over earlier ones.
 pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
     let mut table = Table::new();
     for setting in settings {
@@ -34,7 +35,9 @@ pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
         for (name, flag) in CHOICES {
             if let Some(choice) = change.get(name) {
                 let choice = choice.as_str().unwrap_or("NAME");
-                return Err(refused(&format!("expected `{flag} {choice}`: this only renames it")));
+                return Err(refused(&format!(
+                    "expected `{flag} {choice}`: --set only changes the name"
+                )));
             }
         }
         if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| is_infinite(value))
@@ -46,7 +49,7 @@ pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
     Ok(table)
 }
 
-/// Whether it is, or holds, a number that is infinite or none.
+/// Returns whether a value is or holds a number that is infinite or NaN.
 pub(super) fn is_infinite(value: &Value) -> bool {
     match value {
         Value::Float(number) => !number.is_finite(),
@@ -56,8 +59,8 @@ pub(super) fn is_infinite(value: &Value) -> bool {
     }
 }
 
-/// What a parser refused; if it is a key of a setting that is like others, with those in place of all that
-/// there are.
+/// Shortens a parser's error about an unknown key in a setting: it names the likely keys instead of
+/// all keys. Other errors are returned as they are.
 pub(super) fn with_likely_key(
     refused: Error,
     set: &BTreeMap<String, Value>,
@@ -72,11 +75,11 @@ pub(super) fn with_likely_key(
     if likely.is_empty() {
         return refused;
     }
-    let message = format!("expected a key that there is, such as {}", likely.join(" or "));
+    let message = format!("expected an existing key, such as {}", likely.join(" or "));
     Error::ConfigurationText { origin: format!("--set {key}"), message }
 }
 
-/// The keys of the same name in other tables; if there are none, the one that is most like it.
+/// Returns the keys of the same name in other tables or, if there are none, the most similar key.
 fn likely<'a>(key: &str, known: impl Iterator<Item = &'a str> + Clone) -> Vec<&'a str> {
     let same: Vec<_> = known.clone().filter(|other| name_of(other) == name_of(key)).collect();
     if !same.is_empty() {
@@ -87,7 +90,7 @@ fn likely<'a>(key: &str, known: impl Iterator<Item = &'a str> + Clone) -> Vec<&'
     most.filter(|(likeness, _)| *likeness >= LIKE).map(|(_, other)| other).into_iter().collect()
 }
 
-/// A key without its table.
+/// Returns a key without its table.
 fn name_of(key: &str) -> &str {
     key.rsplit_once('.').map_or(key, |(_, name)| name)
 }

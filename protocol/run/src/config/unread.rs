@@ -1,5 +1,5 @@
-//! Keys that a run reads nowhere, because of its task, its method or another key. A task's file holds
-//! every key, so they may stand there; whoever changes one on purpose is told that nothing follows.
+//! Keys that a run does not read because of its task, its method or another key. A task's file may hold
+//! them, since it serves all methods; a user who changes one by a setting is told that it has no effect.
 
 use std::collections::BTreeMap;
 
@@ -10,31 +10,30 @@ use toml::{Table, Value};
 use super::learner::is_of_learners;
 use super::{Learner, RunConfig};
 
-const NO_HIDDEN: &str = "the policy has no hidden layers over a grid";
-const NO_GRID: &str = "the task's observations are no grid";
+const NO_HIDDEN: &str = "a network over a grid has no hidden layers";
+const NO_GRID: &str = "the task's observations are not a grid";
 const DISCRETE: &str = "the task's actions are discrete";
-const NO_DECAY: &str = "the learning rate does not fall";
+const NO_DECAY: &str = "the learning rate does not decay";
 const NO_STEPS: &str = "the learner takes no environment steps";
 const NO_GOAL: &str = "the task's episodes do not say when they reached the goal";
 
-/// Whether a key is one of the encoder of grids.
+/// Returns whether a key belongs to the encoder of grids.
 fn is_of_encoder(key: &str) -> bool {
     ["convolution_channels", "convolution_kernel", "pool", "features"].contains(&key)
 }
 
-/// Whether a configuration has a table only with a learner that reads it.
+/// Returns whether a configuration has a table only with a learner that reads it.
 fn is_optional(table: &str) -> bool {
     is_of_learners(table) && table != "ppo"
 }
 
-/// Leaves out tables of other learners, which a task's file may have for those; none if there is no such
-/// learner.
+/// Removes tables of other learners, which a task's file may have for those; removes none if the learner is unknown.
 pub(super) fn leave_out_tables(learner: Option<Value>, table: &mut Table) {
     let Some(Ok(learner)) = learner.map(Value::try_into::<Learner>) else { return };
     table.retain(|name, _| !is_optional(name) || learner.tables().contains(&name));
 }
 
-/// Refuses keys in tables of other learners, which are whole only with those.
+/// Refuses keys in tables of other learners, which are complete only with those.
 pub(super) fn check_tables(learner: Learner, set: &BTreeMap<String, Value>) -> Result<(), Error> {
     for (key, value) in set {
         let table = key.split_once('.').map_or("", |(table, _)| table);
@@ -49,7 +48,7 @@ fn not_of_learner(learner: Learner) -> String {
 }
 
 impl RunConfig {
-    /// Refuses what `set` changes of the values in `before` without any effect.
+    /// Refuses keys that `set` changes from their value in `before` although the run does not read them.
     pub(super) fn check_all_is_read(
         &self,
         set: &BTreeMap<String, Value>,
@@ -66,7 +65,7 @@ impl RunConfig {
         Ok(())
     }
 
-    /// Why the run reads this key nowhere; none if it does.
+    /// Returns why the run does not read this key; `None` if it does.
     fn unread(&self, table: &str, name: &str) -> Option<String> {
         if let ("cloning", "patience", Some(why)) = (table, name, self.nothing_held_out()) {
             return Some(why);
@@ -84,7 +83,7 @@ impl RunConfig {
             ("ppo", "decay_steps") if !self.ppo.learning_rate_decay => NO_DECAY,
             ("reward", "decay_steps") if !self.reward.learning_rate_decay => NO_DECAY,
             ("rollout", "lag" | "lane_steps") if !self.learner.acts() => NO_STEPS,
-            ("demonstrations", "file") if !self.imitates() => "the method learns from none",
+            ("demonstrations", "file") if !self.imitates() => "the method uses no demonstrations",
             ("reward", "experience_after_goal") if !self.task.tells_success => NO_GOAL,
             ("reward", name) => return self.reward.unread(name),
             (table, name) => return self.unread_of_learner(table, name),
@@ -92,7 +91,7 @@ impl RunConfig {
         Some(why.to_owned())
     }
 
-    /// Why nothing of what is cloned is held out, though it could be; none where something is.
+    /// Returns why no demonstrations are held out from cloning; `None` if some are, or if the learner holds none out.
     fn nothing_held_out(&self) -> Option<String> {
         let reads = self.learner.reads(self, "cloning", "validation");
         let part = self.cloning.as_ref().filter(|_| reads)?.validation;

@@ -1,4 +1,4 @@
-//! What the proximity service is asked, and what it answers.
+//! Requests to the proximity service, and its answers.
 
 use bytes::Bytes;
 use prost::Message;
@@ -9,7 +9,7 @@ use crate::trajectory::TrajectoryKey;
 /// A request to the proximity service.
 #[derive(Clone, PartialEq, Message)]
 pub struct ServiceRequest {
-    /// What is asked.
+    /// The request.
     #[prost(oneof = "Ask", tags = "1, 2, 3, 4, 5, 6")]
     pub ask: Option<Ask>,
 }
@@ -17,10 +17,10 @@ pub struct ServiceRequest {
 /// The kinds of request.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum Ask {
-    /// Be at the state after this many iterations: a fresh, pre-trained model for 0.
+    /// Restore the state after this many iterations; for 0, a fresh model trained offline.
     #[prost(message, tag = "1")]
     Begin(Begin),
-    /// These trajectories are the batch of an iteration; which of them are missing?
+    /// Make these trajectories the batch of an iteration, and report which of them are missing.
     #[prost(message, tag = "2")]
     Batch(Batch),
     /// Score the trajectories of the current batch.
@@ -32,7 +32,7 @@ pub enum Ask {
     /// Write a checkpoint file.
     #[prost(message, tag = "5")]
     Save(Save),
-    /// Proximity and uncertainty of any observations. Changes nothing; any process may ask.
+    /// Estimate proximity and uncertainty of any observations. This changes nothing, and any process may ask.
     #[prost(message, tag = "6")]
     Query(Query),
 }
@@ -40,10 +40,10 @@ pub enum Ask {
 /// See [`Ask::Begin`].
 #[derive(Clone, PartialEq, Message)]
 pub struct Begin {
-    /// Iterations finished.
+    /// Number of finished iterations.
     #[prost(uint64, tag = "1")]
     pub iteration: u64,
-    /// The service's file of the checkpoint to continue from; empty for a fresh start.
+    /// The service's file in the checkpoint to continue from; empty for a fresh start.
     #[prost(string, tag = "2")]
     pub checkpoint: String,
 }
@@ -57,7 +57,7 @@ pub struct Batch {
     /// Its trajectories, in batch order.
     #[prost(message, repeated, tag = "2")]
     pub keys: Vec<TrajectoryKey>,
-    /// Encoded trajectories that the service said it lacks.
+    /// Encoded trajectories that the service reported missing.
     #[prost(bytes = "bytes", repeated, tag = "3")]
     pub supplied: Vec<Bytes>,
 }
@@ -81,7 +81,7 @@ pub struct Save {
 /// See [`Ask::Query`].
 #[derive(Clone, PartialEq, Message)]
 pub struct Query {
-    /// Observations, one after another, each of the spec's length in bytes.
+    /// Concatenated observations, each of the spec's length in bytes.
     #[prost(bytes = "bytes", tag = "1")]
     pub observations: Bytes,
 }
@@ -89,7 +89,7 @@ pub struct Query {
 /// The service's answer.
 #[derive(Clone, PartialEq, Message)]
 pub struct ServiceReply {
-    /// What is answered.
+    /// The answer.
     #[prost(oneof = "Answer", tags = "1, 2, 3, 4, 5, 6, 7, 8")]
     pub answer: Option<Answer>,
 }
@@ -97,39 +97,39 @@ pub struct ServiceReply {
 /// The kinds of answer.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum Answer {
-    /// To `Begin` and `Improve`.
+    /// Answer to `Begin` and `Improve`.
     #[prost(message, tag = "1")]
     Updated(RewardUpdate),
-    /// To `Batch`: what it lacks; empty when the batch is complete.
+    /// Answer to `Batch`: what is missing; empty if the batch is complete.
     #[prost(message, tag = "2")]
     Missing(Missing),
-    /// To `Score`, in batch order.
+    /// Answer to `Score`, in batch order.
     #[prost(message, tag = "3")]
     Scores(Scores),
-    /// To `Save`.
+    /// Answer to `Save`.
     #[prost(message, tag = "4")]
     Saved(Saved),
-    /// To `Query`.
+    /// Answer to `Query`.
     #[prost(message, tag = "5")]
     Estimates(Estimates),
-    /// The request could not be served, and why.
+    /// The reason why the request could not be served.
     #[prost(string, tag = "6")]
     Refused(String),
-    /// The same, and it never could: `run::process::Final`.
+    /// The reason why the request cannot be served, now or later: `run::process::Final`.
     #[prost(string, tag = "7")]
     Final(String),
-    /// To `Begin`, which is to be asked again: offline training is under way.
+    /// Answer to `Begin` while offline training is under way. The request is to be repeated.
     #[prost(message, tag = "8")]
     Pretraining(Pretraining),
 }
 
-/// How far offline training has come.
+/// Progress of offline training.
 #[derive(Clone, Copy, PartialEq, Eq, Message)]
 pub struct Pretraining {
-    /// Gradient steps done,
+    /// Number of gradient steps done.
     #[prost(uint64, tag = "1")]
     pub done: u64,
-    /// of so many.
+    /// Number of gradient steps in total.
     #[prost(uint64, tag = "2")]
     pub total: u64,
 }
@@ -137,7 +137,7 @@ pub struct Pretraining {
 /// See [`Answer::Missing`].
 #[derive(Clone, PartialEq, Message)]
 pub struct Missing {
-    /// Positions in the batch.
+    /// Positions of the missing trajectories in the batch.
     #[prost(uint32, repeated, tag = "1")]
     pub positions: Vec<u32>,
 }
@@ -164,13 +164,13 @@ pub struct Scores {
 /// See [`Answer::Estimates`].
 #[derive(Clone, PartialEq, Message)]
 pub struct Estimates {
-    /// Updates the model has had.
+    /// Number of updates the model has had.
     #[prost(uint64, tag = "1")]
     pub model_version: u64,
-    /// One per observation, in [0, 1].
+    /// Proximity in [0, 1], one per observation.
     #[prost(float, repeated, tag = "2")]
     pub proximity: Vec<f32>,
-    /// One per observation, standard deviation of the ensemble.
+    /// Standard deviation of the ensemble, one per observation.
     #[prost(float, repeated, tag = "3")]
     pub uncertainty: Vec<f32>,
 }

@@ -1,4 +1,4 @@
-"""Demonstrations: made from data sets, written to files that `goalward train` takes, and read from them."""
+"""Demonstrations: made from data sets, written to files for `goalward train`, and read from them."""
 
 from goalward.demonstrations.episode import Episode
 from goalward.demonstrations.file import Demonstrations, read, write

@@ -25,10 +25,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
     Args:
-        arguments: the words behind the program's name; None for those of this process.
+        arguments: the command line arguments without the program's name; None for those of this process.
 
     Returns:
-        The exit status: 0, or 2 for input that cannot be used, which is told in one line on standard error.
+        The exit status: 0, or 2 for input that cannot be used, with one line about it on standard error.
     """
     options = _parser().parse_args(arguments)
     try:

@@ -1,7 +1,7 @@
 """CSV files with a header: a row for each observation, a column for each number.
 
-The column `episode`, `episode_id` or `episode_index` says which episode a row belongs to; rows of an episode
-are in their order. Columns with other than numbers, true and false are left out.
+The column `episode`, `episode_id` or `episode_index` says which episode a row belongs to; the rows of an
+episode are in order. Columns with values other than numbers, true and false are left out.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _WORDS = {"true": 1.0, "false": 0.0}
 
 
 def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
-    """Read the episodes of a file, in the order in which they begin.
+    """Read the episodes of a file, in the order of their first rows.
 
     Args:
         source: the `.csv` file.
-        wanted: not needed here: every column of numbers may be an observation.
+        wanted: not used, because every column of numbers may be an observation.
 
     Raises:
-        Error: if the file is not CSV, has no column of episodes, or a row of another length.
+        Error: if the file is not CSV, has no episode column, or has rows of different lengths.
     """
     names, rows = _table(source)
     episode = next((name for name in EPISODE if name in names), None)
@@ -64,7 +64,7 @@ def _table(source: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _numbers(texts: Sequence[str]) -> Array | None:
-    """The numbers of a column; NaN for an empty cell, None for a column of other texts."""
+    """Parse the numbers of a column, NaN for an empty cell; return None if the column has other texts."""
     try:
         plain = (text.strip().lower() for text in texts)
         return np.array([_WORDS.get(text, text or "nan") for text in plain], np.float64)

@@ -1,4 +1,4 @@
-"""`Episode`: one demonstration in arrays, checked against the shapes of its task."""
+"""`Episode`: one demonstration as arrays, checked against the shapes of its task."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Episode:
     """One episode of T steps that reaches the goal.
 
     Attributes:
-        observations: (T + 1, len) numbers, or (T + 1, height, width) classes of cells.
-        actions: (T, len) numbers in the measure of [-1, 1], or (T,) choices; None for states only.
-        rewards: (T,) the environment's own; None where nobody recorded them.
-        steps_to_goal: steps after which the goal was first reached, 1 to T; None for T.
-        name: what the data set calls it, for messages.
+        observations: (T + 1, len) numbers, or (T + 1, height, width) cell classes.
+        actions: (T, len) numbers on the scale [-1, 1], or (T,) choices; None for states only.
+        rewards: (T,) rewards of the environment; None if they were not recorded.
+        steps_to_goal: number of steps after which the goal was first reached, 1 to T; None for T.
+        name: the episode's name in the data set, for error messages.
     """
 
     observations: ArrayLike
@@ -33,14 +33,14 @@ class Episode:
     name: str = ""
 
     def checked(self, task: Task, number: int) -> Episode:
-        """The episode with arrays of the types that files have: uint8 and float32.
+        """Return the checked episode, with arrays of the types that files have: uint8 and float32.
 
         Args:
-            task: whose shapes it has to have.
-            number: its place among the demonstrations, for messages.
+            task: the task whose shapes the episode must have.
+            number: the episode's index among the demonstrations, for error messages.
 
         Raises:
-            Error: what was expected, what was found, and in which episode.
+            Error: if the episode does not fit the task; says in which episode, what was expected and found.
         """
         where = f"episode {self.name or number}"
         observations = checked_observations(self.observations, task, where)
@@ -53,12 +53,12 @@ class Episode:
 
 
 def checked_observations(found: ArrayLike, task: Task, where: str) -> NDArray[Any]:
-    """Observations as (T + 1, ...) uint8 classes or float32 numbers.
+    """Return observations as (T + 1, ...) uint8 classes or float32 numbers.
 
     Args:
-        found: what the observations are; grids may come row by row as (T + 1, height * width).
-        task: whose observations they have to be.
-        where: the episode, for messages.
+        found: the observations; grids may be flattened to (T + 1, height * width).
+        task: the task that the observations must fit.
+        where: the episode, for error messages.
 
     Raises:
         Error: if the shape, the number of steps or a value does not fit the task.

@@ -1,4 +1,4 @@
-"""Files of demonstrations, as `goalward train --demonstrations` takes them: written and read."""
+"""Reading and writing of demonstration files for `goalward train --demonstrations`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from goalward.version import __version__
 TOPIC = "/trajectory"
 LARGEST_SEED = (1 << 64) - 1
 
-# What Goalward takes: bytes of one demonstration, and of all with what it needs to hold each.
+# Goalward's limits: bytes of one demonstration, bytes of all of them, and its overhead for each.
 LONGEST_MESSAGE = recorded.LONGEST_RECORD // 2
 MOST_BYTES = 1 << 30
 HELD_BYTES = 512
@@ -31,12 +31,12 @@ HELD_BYTES = 512
 
 @dataclass(frozen=True)
 class Demonstrations:
-    """What a file of demonstrations holds.
+    """The contents of a demonstration file.
 
     Attributes:
-        task: the task they are of.
+        task: the demonstrated task.
         episodes: the demonstrations, in the order of the file.
-        metadata: what the file says of itself, by name.
+        metadata: the file's metadata, by name.
     """
 
     task: Task
@@ -47,18 +47,18 @@ class Demonstrations:
 def write(
     path: str | Path, episodes: Iterable[Episode], task: Task, seed: int = 0, *, overwrite: bool = False
 ) -> None:
-    """Write demonstrations to an MCAP file, which is there as a whole or not at all.
+    """Write demonstrations to an MCAP file, completely or not at all.
 
     Args:
-        path: where the file is to be.
-        episodes: at least one, each checked against the task. All have actions, or none has.
-        task: the task that they demonstrate.
-        seed: names the random streams of the episodes, where they have any.
-        overwrite: whether a file that is there is replaced.
+        path: the path of the file.
+        episodes: at least one episode; each is checked against the task. All have actions, or none has.
+        task: the demonstrated task.
+        seed: the seed of the episodes' random streams, if they have any.
+        overwrite: whether an existing file is replaced.
 
     Raises:
-        Error: if an episode does not fit the task (what was expected, what was found, and in which
-            episode), there is none, the file exists, or the disk refuses.
+        Error: if an episode does not fit the task (says in which episode, what was expected and found),
+            there is no episode, the file exists, or writing fails.
     """
     path = Path(path)
     require_absent(path, overwrite=overwrite)
@@ -80,13 +80,13 @@ def write(
 
 
 def read(path: str | Path) -> Demonstrations:
-    """Read a file of demonstrations.
+    """Read a demonstration file.
 
     Returns:
         The task and the episodes, with observations as float32 numbers or uint8 classes.
 
     Raises:
-        Error: if the file cannot be read, is damaged, or is not one of demonstrations.
+        Error: if the file cannot be read, is damaged, or is not a demonstration file.
     """
     file = RecordedFile(Path(path))
     if file.kind != recorded.DEMONSTRATIONS:
@@ -157,7 +157,7 @@ def _add_actions(message: Any, actions: NDArray[Any], task: Task) -> None:
 
 
 def _write(file: BinaryIO, metadata: dict[str, str], messages: list[bytes]) -> None:
-    # Goalward looks for the metadata in the first record behind the header, so it is written first.
+    # Goalward expects the metadata in the first record after the header, so it is written first.
     writer = Writer(file)
     writer.start(library=f"goalward-python/{__version__}")
     writer.add_metadata(recorded.DEMONSTRATIONS, metadata)
@@ -165,7 +165,7 @@ def _write(file: BinaryIO, metadata: dict[str, str], messages: list[bytes]) -> N
     schema_id = writer.register_schema(name, "protobuf", schema.DESCRIPTORS)
     channel = writer.register_channel(TOPIC, "protobuf", schema_id)
     for number, message in enumerate(messages):
-        # The log time counts episodes: the same demonstrations are the same file every time.
+        # The log time counts episodes, so the same demonstrations give the same file every time.
         writer.add_message(channel, log_time=number, data=message, publish_time=number, sequence=number)
     writer.finish()  # type: ignore[no-untyped-call]
 

@@ -1,4 +1,4 @@
-"""The source formats: how each is told from the others, and how a data set becomes demonstrations."""
+"""The source formats: detection of a data set's format, and conversion to demonstrations."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Format:
     """A source format.
 
     Attributes:
-        recordings: reads the episodes of a path; is given what is asked for.
-        is_at: whether a path that exists looks like this format.
-        success: the keys that tell success by the format's convention.
+        recordings: reads the wanted parts of the episodes at a path.
+        is_at: tells whether an existing path looks like this format.
+        success: the keys that indicate success by the format's convention.
     """
 
     recordings: Callable[[Path, Wanted], Iterator[Recording]]
@@ -34,11 +34,11 @@ class Format:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What became of a data set.
+    """The result of loading a data set.
 
     Attributes:
         episodes: the demonstrations.
-        left_out: episodes that did not reach the goal, or began there.
+        left_out: number of episodes left out because they did not reach the goal, or began there.
     """
 
     episodes: list[Episode]
@@ -79,20 +79,21 @@ def load(
     labels: Literal["match", "ignore"] = "match",
     episodes: int | None = None,
 ) -> Loaded:
-    """Make demonstrations of a data set: states only, each up to where it first reached the goal.
+    """Make demonstrations from a data set: states only, each up to where it first reached the goal.
 
     Args:
         source: the file or folder of the data set.
-        task: the task whose observations they have to fit.
-        format: one of `FORMATS`, or `auto` to tell it from the path.
+        task: the task whose observations the episodes must fit.
+        format: one of `FORMATS`, or `auto` to detect it from the path.
         keys: observation keys, in the order of the task's observation; None for all, if they fit.
-        success: `all` if every episode reaches the goal at its last observation; the key of a signal that
-            tells it, with which episodes that did not reach it are left out; None for the format's own key.
-        labels: `match` to refuse keys that differ from the parts named in the task's labels; `ignore` not to.
-        episodes: how many demonstrations to take at most, from the beginning; None for all.
+        success: `all` if every episode reaches the goal at its last observation; or the key of a signal for
+            reaching the goal: episodes that do not reach it are left out; None for the format's own key.
+        labels: `match` to refuse keys that differ from the parts named by the task's labels; `ignore` to
+            accept them.
+        episodes: maximum number of demonstrations, taken from the beginning; None for all.
 
     Raises:
-        Error: if the data set cannot be read or does not fit; one line with the episode and the key.
+        Error: if the data set cannot be read or does not fit; the line names the episode and the key.
     """
     source = Path(source)
     if episodes is not None and episodes < 1:

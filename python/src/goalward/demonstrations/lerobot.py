@@ -1,7 +1,7 @@
 """LeRobot data sets, formats v2.0, v2.1 and v3.0.
 
-A frame holds the state before an action; the state after the last action is not recorded. So an episode of
-T frames has T observations and T - 1 steps, and `next.success` of the last frame counts for its last
+A frame has the state before an action; the state after the last action is not recorded. An episode of T
+frames therefore has T observations and T - 1 steps, and `next.success` of the last frame counts for its last
 observation. Videos and images are left out.
 """
 
@@ -30,11 +30,11 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read the episodes of a data set.
 
     Args:
-        source: its folder, which has `meta/info.json`.
-        wanted: the columns to read; without keys, all `observation.*` that are numbers.
+        source: the folder of the data set, which has `meta/info.json`.
+        wanted: the columns to read; without keys, all columns `observation.*` of numbers.
 
     Raises:
-        Error: if the data set is damaged or of another version, or pyarrow is not installed.
+        Error: if the data set is damaged or has another version, or pyarrow is not installed.
     """
     features = _features(source)
     numeric = [name for name, feature in features.items() if feature.get("dtype") not in _NO_NUMBERS]
@@ -71,7 +71,7 @@ def _features(source: Path) -> Mapping[str, Mapping[str, Any]]:
 
 
 def _rows(column: Any) -> Array:
-    """A column as (rows,) or (rows, n), whatever lists it is made of."""
+    """Convert a column, which may have nested lists, to an array (rows,) or (rows, n)."""
     arrow = optional("pyarrow", "lerobot")
     array = column.combine_chunks()
     rows, nested = len(array), False

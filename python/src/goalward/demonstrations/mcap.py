@@ -1,9 +1,9 @@
-"""Recordings of robots: MCAP files, and folders of rosbag2 that hold such files.
+"""Robot recordings: MCAP files, and rosbag2 folders that contain such files.
 
-One bag is one episode. A key is a topic and a field behind it, such as `/joint_states.position`; a field that
-is a message stands for all its numbers. Messages are CDR of ROS 2, protobuf or JSON. There is one observation
-for each message of the first key's topic; of the other topics the newest message before it counts.
-Observations begin when every topic has been heard.
+One bag is one episode. A key is a topic and a field path, such as `/joint_states.position`; a field that is
+a message stands for all its numbers. Messages are encoded as CDR of ROS 2, protobuf or JSON. Each message of
+the first key's topic gives one observation, which has the newest values of the other topics. Observations
+begin once every topic has had a message.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: an MCAP file; a bag's folder, which has `metadata.yaml`; or a folder of either.
-        wanted: topics with fields, the first of them the one that sets the pace; without keys, every number
-            of every message. A signal is 0 until it is heard.
+        wanted: the keys, the first of which sets the rate of observations; without keys, every number of
+            every message. A signal is 0 before its first message.
 
     Raises:
         Error: if a file is damaged, lacks a key, or its messages cannot be decoded.
@@ -67,7 +67,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """A bag's files are numbered without zeros in front."""
+    """Return a key for natural sorting, because a bag's files are numbered without leading zeros."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
@@ -91,7 +91,7 @@ def _recording(name: str, files: Sequence[Path], wanted: Wanted) -> Recording:
     arrays = {key: _array(name, key, values[-shortest:]) for key, values in rows.items()}
     signals = {key: array[:, 0] for key, array in arrays.items() if array.shape[1] == 1}
     if wanted.signal and _values(newest, wanted.signal):
-        # What is said behind the last observation is said of it.
+        # A signal after the last observation counts for that observation.
         signals[wanted.signal] = np.array([*told[-shortest:-1], _told(newest, wanted)])
     return Recording(name, arrays, signals)
 
@@ -103,7 +103,7 @@ def _messages(path: Path, wanted: Wanted) -> Iterator[tuple[str, Numbers]]:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             if not _is_wanted(channel.topic, wanted):
                 continue
-            # What a decoder raises for a damaged schema or message is anything.
+            # A decoder may raise anything for a damaged schema or message.
             with expecting(f"{path}: expected messages of {channel.topic} that can be decoded", Exception):
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(path, channel, schema)
@@ -133,7 +133,7 @@ def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Callable[[b
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, list[float]]]:
-    """The numbers of a decoded message by the path of their fields, in the order of the fields."""
+    """Yield the numbers of a decoded message with their field paths, in the order of the fields."""
     if isinstance(value, (bool, int, float)):
         yield path, [float(value)]
     elif isinstance(value, (str, bytes)) or value is None:
@@ -160,7 +160,7 @@ def _elements(values: list[Any], path: str) -> Iterator[tuple[str, list[float]]]
 
 
 def _is_of(key: str, whole: str) -> bool:
-    """Whether a key names a topic or a field, or something within it."""
+    """Return whether a key is `whole`, a topic or a field, or something within it."""
     return key == whole or key.startswith(f"{whole}.")
 
 
@@ -169,7 +169,7 @@ def _topic(key: str, newest: Mapping[str, Numbers]) -> str | None:
 
 
 def _values(newest: Mapping[str, Numbers], key: str) -> list[float] | None:
-    """The newest numbers of a key: those of its field, or of all fields within it."""
+    """Return the newest numbers of a key: those of its field, or of all fields within it."""
     topic = _topic(key, newest)
     if topic is None:
         return None
@@ -178,7 +178,7 @@ def _values(newest: Mapping[str, Numbers], key: str) -> list[float] | None:
 
 
 def _taken(newest: Mapping[str, Numbers], wanted: Wanted) -> Numbers:
-    """The newest numbers of every key that has been heard."""
+    """Return the newest numbers of every key that has had a message."""
     if wanted.keys is None:
         every = (item for numbers in newest.values() for item in numbers.items())
         return {field: values for field, values in every if field != wanted.signal}
@@ -187,7 +187,7 @@ def _taken(newest: Mapping[str, Numbers], wanted: Wanted) -> Numbers:
 
 
 def _told(newest: Mapping[str, Numbers], wanted: Wanted) -> float:
-    """The newest number of the signal; 0 before it is heard."""
+    """Return the newest number of the signal; 0 before its first message."""
     values = _values(newest, wanted.signal) if wanted.signal else None
     return values[0] if values else 0.0
 

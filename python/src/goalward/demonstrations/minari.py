@@ -1,7 +1,7 @@
 """Minari data sets, in HDF5 and in Arrow.
 
-Keys are called as Goalward calls the parts of a Gymnasium observation: `observation` for a space that is none
-of parts, `achieved_goal` or `arm/joints` for the entries of a Dict, `0` for those of a Tuple. A Discrete
+Keys have the names that Goalward gives to the parts of a Gymnasium observation: `observation` for a space
+without parts, `achieved_goal` or `arm/joints` for the entries of a Dict, `0` for those of a Tuple. A Discrete
 observation becomes one-hot.
 """
 
@@ -26,7 +26,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the folder of the data set, such as `~/.minari/datasets/D4RL/door/human-v2`, or its `data`.
-        wanted: not needed here: the observation space says what the keys are.
+        wanted: not used, because the observation space determines the keys.
 
     Raises:
         Error: if the data set is damaged, or minari is not installed.
@@ -36,10 +36,10 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
 
 def _episodes(source: Path) -> Iterator[tuple[Any, Any]]:
-    """The package's episodes, each with the observation space."""
+    """Yield the episodes as Minari reads them, each with the observation space."""
     minari = optional("minari", "minari")
     storage = "expected the packages of Minari's storage (pip install 'goalward[minari]')"
-    # What Minari raises for damage is whatever the packages of its storage raise.
+    # For damage, Minari raises whatever its storage packages raise.
     damage = expecting(f"{source}: expected a Minari data set", Exception)
     with damage, expecting(storage, ImportError):
         data = minari.MinariDataset(source / "data" if (source / "data").is_dir() else source)
@@ -64,7 +64,7 @@ def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]
 
 
 def _parts(space: Any, values: Any, path: str) -> Iterator[tuple[str, Array]]:
-    """The parts of observations by name, in the order of their space."""
+    """Yield the parts of observations with their names, in the order of the space."""
     spaces = optional("gymnasium", "minari").spaces
     name = path or WHOLE
     if isinstance(space, (spaces.Dict, spaces.Tuple)):

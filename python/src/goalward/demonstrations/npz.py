@@ -1,9 +1,8 @@
-"""NumPy archives: arrays with all episodes, stacked or one behind another.
+"""NumPy archives: arrays with all episodes, stacked or concatenated.
 
-Stacked arrays have the shape (episodes, N, ...). Episodes of differing lengths are padded at the end, and
-`lengths` holds the number of observations of each. Arrays with one episode behind another have the shape
-(rows, ...), and `episode_ends` holds the row behind the last one of each episode, as in replay buffers of
-diffusion policies.
+Stacked arrays have the shape (episodes, N, ...). Episodes of different lengths are padded at the end, and
+`lengths` has the number of observations of each. Concatenated arrays have the shape (rows, ...), and
+`episode_ends` has the row after the last one of each episode, as in replay buffers of diffusion policies.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the `.npz` file.
-        wanted: not needed here: which arrays are observations is seen by their shapes.
+        wanted: not used, because the shapes show which arrays are observations.
 
     Raises:
         Error: if the file is damaged, or its arrays do not fit together.
@@ -78,7 +77,7 @@ def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
     for number, length in enumerate(lengths):
         own = {name: array[number] for name, array in stacks.items() if len(array) == episodes}
         observed = {name: array[:length] for name, array in own.items() if len(array) == rows}
-        # An array with one row fewer has a value for each step.
+        # An array with one row less has a value for each step.
         steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
         ended = {name: array[number] for name, array in of_episodes.items()}
         yield Recording(str(number), observed, _flat(observed) | _flat(steps) | ended)

@@ -1,4 +1,4 @@
-"""`Recording`: what every source format makes of an episode before anything is chosen of it."""
+"""`Recording`: the common form of an episode of any source format, before parts of it are selected."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked for of a data set, for formats that read no more than that, or have to know it.
+    """The parts wanted from a data set, for formats that read only these or need to know them.
 
     Attributes:
         keys: observation keys; None for all.
-        signal: the key that tells success; None if none was named.
+        signal: the key that indicates success; None if none was named.
     """
 
     keys: Sequence[str] | None = None
@@ -27,13 +27,13 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One episode of a data set. N observations are the states before, between and after N - 1 steps.
+    """One episode of a data set, with N observations: the states before, between and after N - 1 steps.
 
     Attributes:
-        name: what the data set calls the episode, for messages.
+        name: the episode's name in the data set, for error messages.
         observations: arrays with N rows by key, in the data set's order.
-        signals: what may tell success, by key: N values, one for each observation; N - 1, one for each
-            step; or a single one for the episode.
+        signals: values that may indicate success, by key: N, one for each observation; N - 1, one for each
+            step; or one for the episode.
     """
 
     name: str
@@ -42,10 +42,10 @@ class Recording:
 
 
 def of_states(signal: Array) -> Array:
-    """Values of N steps as those of N observations, where the one after the last step was not recorded.
+    """Convert values of N steps to values of N observations, if the one after the last step was not recorded.
 
-    What holds after step i holds for observation i + 1. What holds after the last step counts for the last
-    observation there is.
+    The value of step i is that of observation i + 1. The value of the last step counts for the last recorded
+    observation.
 
     Args:
         signal: N numbers or booleans, one for each step.
@@ -61,5 +61,5 @@ def of_states(signal: Array) -> Array:
 
 
 def is_numeric(array: Array) -> bool:
-    """Whether an array holds numbers or booleans."""
+    """Return whether an array has numbers or booleans."""
     return array.dtype.kind in "biuf"

@@ -1,8 +1,8 @@
 """robomimic data sets: an HDF5 file with a group for each demonstration.
 
-`obs/<key>` has the state before each step, and the last row of `next_obs/<key>`, where it is there, the state
-after the last one. By default success is where the sparse reward is 1. `dones` does not tell it: most data
-sets also have it at the end of a demonstration that failed.
+`obs/<key>` has the state before each step. The last row of `next_obs/<key>`, if it exists, has the state
+after the last step. By default, a sparse reward of 1 indicates success. `dones` does not: in most data sets
+it is also 1 at the end of a demonstration that failed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("rewards",)
-MOST_DIMENSIONS = 2  # rows of numbers; images have more
+MOST_DIMENSIONS = 2  # rows of numbers; images have more dimensions
 
 
 def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
@@ -27,13 +27,13 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the `.hdf5` file.
-        wanted: the observation keys to read; without any, all that are rows of numbers.
+        wanted: the observation keys to read; without keys, all that have rows of numbers.
 
     Raises:
-        Error: if the file is damaged or is not one of robomimic, or h5py is not installed.
+        Error: if the file is damaged or is not a robomimic data set, or h5py is not installed.
     """
     h5py = optional("h5py", "robomimic")
-    causes = (OSError, KeyError, RuntimeError)  # h5py raises each of them for damage
+    causes = (OSError, KeyError, RuntimeError)  # h5py raises any of these for damage
     with expecting(f"{source}: expected an HDF5 file", *causes), h5py.File(source, "r") as file:
         demonstrations = file.get("data", {})
         for name in sorted(demonstrations, key=_number):

@@ -1,4 +1,4 @@
-"""What of a recording becomes a demonstration: which keys, how far, and whether it reached the goal."""
+"""Selection of demonstrations from recordings: which keys, up to where, and whether the goal was reached."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Selection:
-    """What is taken of every recording of a data set.
+    """The parts taken from every recording of a data set.
 
     Attributes:
-        task: the task that the demonstrations are of.
+        task: the demonstrated task.
         keys: observation keys in the order of the task's observation; None for all of the data set.
-        success: `all`, or the key of the signal that tells success; None for the first key of
+        success: `all`, or the key of the signal that indicates success; None for the first key of
             `known_success` that the data set has.
-        known_success: the keys that tell success by the convention of the format.
-        labels: whether the parts of the observation have to match the task's labels.
+        known_success: the keys that indicate success by the convention of the format.
+        labels: whether the parts of the observation must match the task's labels.
     """
 
     task: Task
@@ -38,14 +38,14 @@ class Selection:
     labels: Literal["match", "ignore"] = "match"
 
     def episodes(self, recordings: Iterable[Recording]) -> Iterator[Episode | None]:
-        """Make a demonstration of every recording.
+        """Make a demonstration from every recording.
 
         Yields:
             An episode that ends where it first reached the goal; None for a recording that did not reach
-            it, or that began there.
+            it, or began there.
 
         Raises:
-            Error: if a recording lacks a key or does not fit the task; names the recording.
+            Error: if a recording lacks a key or does not fit the task; the text names the recording.
         """
         for recording in recordings:
             success = self._success_key(recording)
@@ -68,11 +68,11 @@ class Selection:
             if found is None:
                 keys = ", ".join(recording.signals) or "none"
                 expected = f"`{ALL}` (each episode reaches the goal at its last observation) or a key"
-                raise Error(f"success: expected {expected}, found neither; keys that may tell: {keys}")
+                raise Error(f"success: expected {expected}, found neither; possible success keys: {keys}")
             return found
         if self.success != ALL and self.success not in recording.signals:
             keys = ", ".join(recording.signals) or "none"
-            expected = f"`{ALL}` or one of the keys that may tell ({keys})"
+            expected = f"`{ALL}` or a success key ({keys})"
             raise Error(f"episode {recording.name}: success: expected {expected}, found `{self.success}`")
         return self.success
 
@@ -104,7 +104,7 @@ class Selection:
 
 
 def _reached(recording: Recording, key: str, observations: int) -> Array:
-    """Whether the goal is reached, for each observation."""
+    """Return for each observation whether the goal is reached."""
     signal = np.asarray(recording.signals[key]).reshape(-1)
     where = f"episode {recording.name}: {key}"
     told = np.isin(signal, (0, 1))
@@ -123,7 +123,7 @@ def _reached(recording: Recording, key: str, observations: int) -> Array:
 
 
 def _require_labels(labels: Sequence[str], parts: Sequence[tuple[str, int]]) -> None:
-    """Refuse parts that differ in name, length or order from those that the task's labels name."""
+    """Refuse parts whose name, length or order differs from those that the task's labels name."""
     names = (re.sub(r"\[\d+\]$", "", label) for label in labels)
     expected = [(name, len(list(group))) for name, group in groupby(names)]
     for number, (wanted, found) in enumerate(zip_longest(expected, parts), 1):

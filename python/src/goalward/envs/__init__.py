@@ -1,14 +1,15 @@
-"""Goalward's own tasks as environments of Gymnasium, stepped by `goalward-actor`.
+"""Goalward's own tasks as Gymnasium environments, stepped by `goalward-actor`.
 
-`gymnasium.make("goalward.envs:goalward/FetchPush-v0", noise=2.0)`; importing this module registers them.
-Keyword arguments are keys of the task's `[environment]`.
+Importing this module registers them, as in
+`gymnasium.make("goalward.envs:goalward/FetchPush-v0", noise=2.0)`. Keyword arguments are keys of the task's
+table `[environment]`.
 """
 
 from __future__ import annotations
 
 from goalward.packages import optional
 
-# Ahead of the module that is made of it, so that whoever lacks it hears what installs it.
+# Before the module that imports it, so that the error for a missing package says how to install it.
 gymnasium = optional("gymnasium", "envs")
 
 from goalward.envs.environment import Environment  # noqa: E402

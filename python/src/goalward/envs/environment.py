@@ -1,4 +1,4 @@
-"""A task of Goalward as an environment of Gymnasium."""
+"""A task of Goalward as a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from goalward.error import Error, one_line
 class Environment(gymnasium.Env[NDArray[Any], Any]):
     """A task that `goalward-actor` acts in. An episode is a pure function of its seed and its actions.
 
-    Observations are `(len,)` float32, or `(height, width)` uint8 with a class for each cell. Actions are a
+    Observations are `(len,)` float32, or `(height, width)` uint8 with a class for each cell. An action is a
     choice, or `(len,)` float32 in [-1, 1]. `info["is_success"]` says whether the goal has been reached.
 
     Attributes:
-        labels: what each number of an observation is; empty where nobody says.
-        horizon_steps: the longest episode, which is truncated.
+        labels: names of the numbers of an observation; empty if they have none.
+        horizon_steps: the longest episode in steps; it is truncated there.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, task: str, render_mode: str | None = None, **setting: Any) -> None:
-        """Start the program.
+        """Start `goalward-actor`.
 
         Args:
             task: `navigation`, `fetch-pick`, `fetch-push` or `ant-reach`.
-            render_mode: none, for there is nothing to render.
-            setting: keys of the task's `[environment]`, such as `noise`.
+            render_mode: must be None, because the environment cannot render.
+            setting: keys of the task's table `[environment]`, such as `noise`.
 
         Raises:
-            TypeError: for any render mode, by which Stable-Baselines3 knows to go without.
-            Error: if the program is missing, or does not have the task or the setting.
+            TypeError: for any render mode, which tells Stable-Baselines3 to try without one.
+            Error: if the program is missing, or does not know the task or a setting.
         """
         if render_mode is not None:
             raise TypeError(f"render_mode: expected none, found {one_line(render_mode)}")
@@ -60,18 +60,18 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         """Take an action.
 
         Raises:
-            Error: if no episode runs, or the action is none of the task's; nothing has changed then.
+            Error: if no episode is running, or the action is not valid; nothing has changed then.
         """
         reward, flags, observation = self._link.step(self._bytes(action))
         ended = bool(flags & TERMINATED), bool(flags & TRUNCATED)
         return self._observed(observation), reward, *ended, {"is_success": bool(flags & SUCCESS)}
 
     def expert_action(self) -> Any:
-        """The action that the task's scripted expert takes now; `step` clips it where it is out of bounds.
+        """Return the scripted expert's action in the current state; `step` clips it to its bounds.
 
         Raises:
-            Error: if there is no such expert, no episode runs, or the expert has arrived: that of NAVIGATION
-                has nothing left to do at the goal.
+            Error: if there is no such expert, no episode is running, or the expert of NAVIGATION has reached
+                the goal and has no action left.
         """
         taken = self._link.expert_action()
         if isinstance(self.action_space, gymnasium.spaces.Discrete):
@@ -79,7 +79,7 @@ class Environment(gymnasium.Env[NDArray[Any], Any]):
         return np.frombuffer(taken, dtype="<f4").copy()
 
     def close(self) -> None:
-        """End the program."""
+        """End `goalward-actor`."""
         self._link.close()
 
     def _observed(self, data: bytes) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""The process of `goalward-actor serve` and the frames exchanged with it."""
+"""The process `goalward-actor serve`, and the frames exchanged with it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from goalward.error import Error
 
 PROGRAM = "GOALWARD_ACTOR"
-"""The environment variable that says where the program is."""
+"""The environment variable with the program's path."""
 
 HELLO, TURN, FAILED, EXPERT = 1, 2, 3, 4
 RESET, STEP = 0, 2
@@ -22,28 +22,28 @@ TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
 
 
 class Link:
-    """A process that holds one environment.
+    """A process that runs one environment.
 
     Attributes:
-        hello: what the environment is: shapes, labels, longest episode.
+        hello: the description of the environment: shapes, labels, longest episode.
     """
 
     def __init__(self, task: str, setting: dict[str, Any]) -> None:
         """Start the process.
 
         Raises:
-            Error: if there is no such program, or it does not have the task or the setting.
+            Error: if there is no such program, or it does not know the task or a setting.
         """
         arguments = ["serve", task, "--setting", json.dumps(setting)]
         program = _program()
-        # A file, because nobody reads it while the environment is at work.
+        # A file instead of a pipe, because nobody reads it while the environment is running.
         self._words = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [program, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._words,
-            start_new_session=True,  # Ctrl-C is for whoever acts here
+            start_new_session=True,  # Ctrl-C must reach only the calling program
         )
         try:
             self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
@@ -52,7 +52,7 @@ class Link:
             raise
 
     def reset(self, seed: int) -> tuple[float, int, bytes]:
-        """Begin the episode of a seed below 2^31; as `step`."""
+        """Begin the episode of a seed below 2^31; return the same as `step`."""
         return self._turn(struct.pack("<HBBIQ", 0, RESET, 0, 0, seed) + bytes(self._action_bytes()))
 
     def step(self, action: bytes) -> tuple[float, int, bytes]:
@@ -62,24 +62,24 @@ class Link:
             The reward, flags (`TERMINATED`, `TRUNCATED`, `SUCCESS`), and the bytes of the observation.
 
         Raises:
-            Error: if the environment refuses it, such as before a reset, which changes nothing; or if it
-                fails, which ends the process.
+            Error: if the environment refuses the action, for example before a reset, which changes nothing;
+                or if the environment fails, which ends the process.
         """
         return self._turn(struct.pack("<HBBIQ", 0, STEP, 0, 0, 0) + action)
 
     def expert_action(self) -> bytes:
-        """The bytes of the action that the task's scripted expert takes.
+        """Return the bytes of the scripted expert's action.
 
         Raises:
-            Error: if there is no such expert, or no episode runs.
+            Error: if there is no such expert, or no episode is running.
         """
         return self._answer(EXPERT, struct.pack("<H", 0))
 
     def close(self) -> None:
         """End the process."""
-        # The end of its input would end it, too, but a process that was forked here may hold that open.
+        # Closing its input would end it, too, but a forked child may hold the input open.
         self._process.terminate()
-        # Leaving it closes its pipes and waits; a process that has ended takes no more of what was sent.
+        # The context closes the pipes and waits; flushing unsent data to a process that has ended may fail.
         with contextlib.suppress(BrokenPipeError), self._process:
             self._words.close()
 
@@ -99,7 +99,7 @@ class Link:
         except Error:
             raise
         except BaseException:
-            # An interrupt: the next request would be given the answer to this one.
+            # After an interrupt, the next request would receive the answer to this one.
             self.close()
             raise
 

@@ -1,4 +1,4 @@
-"""Trajectories of a log as a LeRobot data set, format v3.0."""
+"""Export of a log's trajectories as a LeRobot data set, format v3.0."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ Frames = dict[str, NDArray[Any]]
 def write_lerobot(
     log: Log, folder: str | Path, fps: int, trajectories: Iterable[Trajectory] | None = None
 ) -> None:
-    """Write trajectories to a folder, which is there as a whole or not at all.
+    """Write trajectories to a folder, completely or not at all.
 
-    A trajectory of T steps becomes T frames: LeRobot has no place for the observation after the last step.
-    Grids become rows of numbers.
+    A trajectory of T steps becomes T frames, because LeRobot has no place for the observation after the last
+    step. Grids become rows of numbers.
 
     Args:
-        log: the log of the run, which tells the task.
-        folder: where the data set is to be; must not exist.
+        log: the log of the run, which has the task.
+        folder: the folder of the data set; must not exist.
         fps: steps per second of the task's time.
-        trajectories: what to write; None for all training episodes.
+        trajectories: the trajectories to write; None for all training episodes.
 
     Raises:
-        Error: if the folder exists, there is no trajectory, the disk refuses, or a package is not installed.
+        Error: if the folder exists, there is no trajectory, writing fails, or a package is not installed.
     """
     if fps < 1:
         raise Error(f"fps: expected a number from 1, found {fps}")
@@ -54,7 +54,7 @@ def write_lerobot(
 
 
 def features(task: Task) -> dict[str, dict[str, Any]]:
-    """The features of a task's data set, as `meta/info.json` has them."""
+    """Return the features of a task's data set, as `meta/info.json` has them."""
     numbers = int(np.prod(task.observation.shape))
     action = ("int64", 1) if isinstance(task.action, Discrete) else ("float32", task.action.len)
     shapes = {"observation.state": ("float32", numbers), "action": action, "next.reward": ("float32", 1)}
@@ -83,7 +83,7 @@ def _frames(trajectory: Trajectory, number: int, first: int, fps: int) -> Frames
 
 
 def _write_data(root: Path, trajectories: Iterable[Trajectory], fps: int) -> Iterator[dict[str, Any]]:
-    """Write the frames file by file; yields what the metadata says of each episode."""
+    """Write the frames file by file; yield each episode's metadata."""
     held: list[Frames] = []
     size, first, file = 0, 0, 0
     for number, trajectory in enumerate(trajectories):
@@ -164,7 +164,7 @@ def _write_info(root: Path, episodes: list[dict[str, Any]], task: Task, fps: int
 
 
 def _sums(frames: Frames) -> dict[str, Frames]:
-    """Of each column: least, largest, sum, sum of squares and count."""
+    """Return minimum, maximum, sum, sum of squares and count of each column."""
     rows = {name: array.reshape(len(array), -1).astype(np.float64) for name, array in frames.items()}
     return {
         name: {

@@ -1,4 +1,4 @@
-"""Trajectories of a log as a Minari data set."""
+"""Export of a log's trajectories as a Minari data set."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from goalward.task import Cells, Discrete, Task
 def write_minari(
     log: Log, dataset_id: str, trajectories: Iterable[Trajectory] | None = None, **about: Any
 ) -> Any:
-    """Store trajectories where Minari keeps its data sets.
+    """Store trajectories as a data set in Minari's folder.
 
-    Observations are a Box, of int16 for grids. Actions are Discrete, or a Box of [-1, 1], the measure in
-    which they were recorded.
-    `infos["success"]` says of each observation whether the goal had been reached.
+    The observation space is a Box, of int16 for grids. The action space is Discrete, or a Box of [-1, 1], the
+    scale of the recorded actions. `infos["success"]` says for each observation whether the goal has been
+    reached.
 
     Args:
-        log: the log of the run, which tells the task.
+        log: the log of the run, which has the task.
         dataset_id: the data set's name, such as `reach/goal-proximity-v0`.
-        trajectories: what to store; None for all training episodes.
-        about: passed on to `minari.create_dataset_from_buffers`, such as `description` or `author`.
+        trajectories: the trajectories to store; None for all training episodes.
+        about: passed on to `minari.create_dataset_from_buffers`, for example `description` or `author`.
 
     Returns:
         The `minari.MinariDataset`.
 
     Raises:
-        Error: if there is no trajectory or such a data set is there, or minari is not installed.
+        Error: if there is no trajectory, the data set exists, or minari is not installed.
     """
     minari, buffers = optional("minari", "minari"), optional("minari.data_collector", "minari")
     chosen = log.trajectories() if trajectories is None else trajectories
@@ -56,7 +56,7 @@ def _spaces(task: Task) -> tuple[Any, Any]:
     spaces = optional("gymnasium", "minari").spaces
     shape = task.observation.shape
     if isinstance(task.observation, Cells):
-        # Minari may take grids of uint8 for pictures, which it stores with loss.
+        # Minari may mistake grids of uint8 for images, which it stores with lossy compression.
         observations = spaces.Box(0, task.observation.classes - 1, shape, np.int16)
     else:
         observations = spaces.Box(-np.inf, np.inf, shape, np.float32)
@@ -73,7 +73,7 @@ def _buffer(buffers: Any, number: int, trajectory: Trajectory, dtype: Any) -> An
     return buffers.EpisodeBuffer(
         id=number,
         observations=trajectory.observations.astype(dtype),
-        # The environment clipped them, too.
+        # The environment clipped the actions, too.
         actions=trajectory.actions.astype(np.int64) if discrete else np.clip(trajectory.actions, -1, 1),
         rewards=list(trajectory.rewards),
         terminations=list(at_end & (not truncated)),

@@ -1,4 +1,4 @@
-"""`Log`: what a run recorded, each thing once, read while the run goes on or after it."""
+"""`Log`: what a run recorded, without duplicates, read during the run or after it."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Source = Literal["training", "evaluation"]
 
 
 class IncompleteLog(UserWarning):
-    """A file of a log ends before its seal: it is being written, or a crash or a bad disk left it."""
+    """A log file is incomplete: it is being written, or a crash or a bad disk has damaged it."""
 
 
 @dataclass(frozen=True)
 class _Topic:
-    """A topic: the files that have it, its message, the fields that name one, the first iteration undone."""
+    """A topic: its files, message class, the fields that identify a message, the first iteration undone."""
 
     name: str
     files: str
@@ -56,15 +56,15 @@ _SOURCES: dict[Source, _Topic] = {
 _SCORES = _Topic("/proximity/score", "trajectories", schema.Score, _EPISODE)
 _UPDATES = _Topic("/policy/update", "updates", schema.PolicyUpdate, ("iteration",))
 _VERSION = ("iteration", "model_version")
-# What comes ahead of the first iteration is recorded again before it.
+# Offline training is recorded again before the first repeated iteration, so it must not count as undone.
 _REWARD_UPDATES = _Topic("/proximity/update", "updates", schema.RewardUpdate, _VERSION, undone_from=1)
 
 _Place = tuple[int, int]
-"""The number of a file, and of a message in it."""
+"""The index of a file, and of a message in it."""
 
 
 class _Record(NamedTuple):
-    """A message, where it is, and since when."""
+    """A message with its topic, its place and its log time."""
 
     topic: _Topic
     message: Any
@@ -73,17 +73,17 @@ class _Record(NamedTuple):
 
 
 class Log:
-    """The log of a run. Every call reads what is in the files by then.
+    """The log of a run. Every call reads the current contents of the files.
 
-    A run that went back to a checkpoint has recorded some iterations twice; the later record counts, and
-    where there is none yet, none does. Reading stops at the last whole record of a file that has lost its end
-    or is being written, warns with `IncompleteLog`, and goes on with the next file.
+    A run that went back to a checkpoint records some iterations twice. The later record counts; as long as
+    there is none, the earlier one does not count either. Reading a file that is damaged or being written
+    stops at its last complete record, warns with `IncompleteLog`, and continues with the next file.
 
     Attributes:
-        folder: the folder of the files, `log` within that of the run.
-        metadata: what the first file says of the run, by name.
+        folder: the folder of the log files, `log` in the run's folder.
+        metadata: the metadata of the first file, by name.
         task: the task of the run.
-        endings: how each file ended that has been read, by path.
+        endings: how each file ended when it was last read, by path.
     """
 
     def __init__(self, run: str | Path) -> None:
@@ -93,7 +93,7 @@ class Log:
             run: the folder of the run.
 
         Raises:
-            Error: if the folder has no log, or its files are not those of one run.
+            Error: if the folder has no log, or its files belong to different runs.
         """
         self.folder = Path(run) / "log"
         self.endings: dict[Path, Ending] = {}
@@ -107,7 +107,7 @@ class Log:
 
     @property
     def config(self) -> dict[str, Any]:
-        """The effective configuration of the run, every key.
+        """The complete effective configuration of the run.
 
         Raises:
             Error: if the log does not have one.
@@ -118,10 +118,10 @@ class Log:
             return tomllib.loads(self.metadata["config"])
 
     def trajectories(self, source: Source = "training") -> Iterator[Trajectory]:
-        """The episodes in the order in which they were recorded.
+        """Iterate over the episodes in the order in which they were recorded.
 
         Args:
-            source: `training`, or `evaluation` for those on evaluation seeds.
+            source: `training`, or `evaluation` for the episodes on evaluation seeds.
 
         Raises:
             Error: if the observations were left out of the log, or a message is damaged.
@@ -129,7 +129,7 @@ class Log:
         return (decoded(message, self.task) for message in self._messages(_topic(source)))
 
     def episodes(self, source: Source = "training") -> Columns:
-        """A row for each episode.
+        """Return a table with a row for each episode.
 
         Returns:
             Columns `iteration`, `lane`, `episode`, `policy_version`, `steps`, `success`, `steps_to_goal`,
@@ -141,7 +141,7 @@ class Log:
         return tables.of_episodes(self._messages(_topic(source)))
 
     def steps(self, source: Source = "training") -> Columns:
-        """A row for each step.
+        """Return a table with a row for each step.
 
         Returns:
             Columns `iteration`, `lane`, `episode`; `step`, from 1 in each episode; `action`, or `action[0]`
@@ -153,12 +153,12 @@ class Log:
         return tables.of_steps(self._messages(_topic(source)), self.task)
 
     def scores(self) -> Columns:
-        """What the reward model said of training episodes: a row for each observation.
+        """Return the scores of the reward model for training episodes, a row for each observation.
 
         Returns:
-            Columns `iteration`, `lane`, `episode`, `model_version`; `step`, the steps before the observation;
-            `reward` of the step that led to it, NaN for the first; `proximity` and `uncertainty`, NaN for the
-            first if the model speaks of steps.
+            Columns `iteration`, `lane`, `episode`, `model_version`; `step`, the number of steps before the
+            observation; `reward` of the step that led to it, NaN for the first; `proximity` and
+            `uncertainty`, NaN for the first if the model scores steps instead of observations.
 
         Raises:
             Error: if a message is damaged.
@@ -166,7 +166,7 @@ class Log:
         return tables.of_scores(self._messages(_SCORES))
 
     def updates(self) -> Columns:
-        """A row for each update of the policy, a column for each field of `PolicyUpdate` but `consumed`.
+        """Return a row for each policy update, a column for each field of `PolicyUpdate` except `consumed`.
 
         Raises:
             Error: if a message is damaged.
@@ -174,7 +174,7 @@ class Log:
         return tables.of_updates(self._messages(_UPDATES), schema.PolicyUpdate)
 
     def reward_updates(self) -> Columns:
-        """A row for each update of the reward model, a column for each field of `RewardUpdate`.
+        """Return a row for each reward model update, a column for each field of `RewardUpdate`.
 
         Raises:
             Error: if a message is damaged.
@@ -191,7 +191,7 @@ class Log:
                 raise Error(f"{where}, found {found}")
 
     def _messages(self, topic: _Topic) -> Iterator[Any]:
-        """The messages of a topic that count."""
+        """Yield the messages of a topic that count."""
         files = self._files(topic.files)
         counting = self._counting(files, topic)
         for record in self._records(files, {topic}):
@@ -199,7 +199,7 @@ class Log:
                 yield record.message
 
     def _counting(self, files: list[RecordedFile], topic: _Topic) -> set[_Place]:
-        """Where the messages are that count: of those with the same name the last, unless it was undone."""
+        """Find the messages that count: the last one of each identity, unless it was undone."""
         others = [] if topic.files == _UPDATES.files else self._files(_UPDATES.files)
         last: dict[tuple[int, ...], tuple[_Place, int]] = {}
         marks = []
@@ -227,7 +227,7 @@ class Log:
             self._note(file.path, file.ending)
 
     def _files(self, contents: str) -> list[RecordedFile]:
-        """The files of these contents, oldest first."""
+        """Open the files of these contents, oldest first."""
         pattern = re.compile(rf"{contents}-(\d+)\.mcap({re.escape(ACTIVE)})?")
         with expecting(f"{self.folder}: expected the folder of a log", OSError):
             found = [(pattern.fullmatch(path.name), path) for path in self.folder.iterdir()]
@@ -236,7 +236,7 @@ class Log:
         return [file for file in opened if file is not None]
 
     def _opened(self, path: Path) -> RecordedFile | None:
-        """A file; none of one that is not begun yet."""
+        """Open a file; None if it is being written and has no metadata yet."""
         try:
             return RecordedFile(path)
         except Error as error:

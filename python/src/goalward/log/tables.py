@@ -1,4 +1,4 @@
-"""Tables of what a run recorded, as columns: NumPy arrays of equal length by name."""
+"""Tables of a run's records, as columns: NumPy arrays of equal length by name."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_EPISODES = (*_NAMES, "policy_version", "steps", "success", "steps_to_goal")
 
 
 def to_polars(columns: Mapping[str, NDArray[Any]]) -> polars.DataFrame:
-    """The same table in Polars.
+    """Convert a table to Polars.
 
     Raises:
         Error: if polars is not installed.
@@ -35,7 +35,7 @@ def to_polars(columns: Mapping[str, NDArray[Any]]) -> polars.DataFrame:
 
 
 def to_pandas(columns: Mapping[str, NDArray[Any]]) -> pandas.DataFrame:
-    """The same table in pandas.
+    """Convert a table to pandas.
 
     Raises:
         Error: if pandas is not installed.
@@ -45,7 +45,7 @@ def to_pandas(columns: Mapping[str, NDArray[Any]]) -> pandas.DataFrame:
 
 
 def of_updates(messages: Iterable[Any], kind: Any) -> Columns:
-    """A row for each update, with every field of its message that is a single value."""
+    """Make a row for each update, with every field of its message that is a single value."""
     default = kind()
     names = [field.name for field in kind.DESCRIPTOR.fields]
     single = [name for name in names if isinstance(getattr(default, name), (bool, int, float, str))]
@@ -54,7 +54,7 @@ def of_updates(messages: Iterable[Any], kind: Any) -> Columns:
 
 
 def of_episodes(messages: Iterable[Any]) -> Columns:
-    """A row for each trajectory: its names, length and ending, and the sum of the environment's rewards."""
+    """Make a row for each trajectory: its identity, length, ending and sum of environment rewards."""
     types: dict[str, Any] = {name: _type(schema.Trajectory, name) for name in _OF_EPISODES}
     types |= {"ending": np.str_, "environment_return": np.float64}
     return _of_rows(map(_episode, messages), types)
@@ -66,12 +66,12 @@ def _episode(message: Any) -> list[Any]:
 
 
 def of_steps(messages: Iterable[Any], task: Task) -> Columns:
-    """A row for each step: 1 for the first of its episode, its action, reward and log-probability."""
+    """Make a row for each step: its number from 1, action, reward and log-probability."""
     return _joined(messages, _NAMES, schema.Trajectory(), lambda message: _steps(message, task))
 
 
 def of_scores(messages: Iterable[Any]) -> Columns:
-    """A row for each observation: 0 for the first of its episode, NaN where the model says nothing of it."""
+    """Make a row for each observation: its number from 0 and its scores, NaN where the model has none."""
     return _joined(messages, (*_NAMES, "model_version"), schema.Score(), _scores)
 
 
@@ -96,7 +96,7 @@ def _scores(message: Any) -> Columns:
 
 
 def _behind(values: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    """Values of steps stand in the rows of the observations behind them."""
+    """Align values to the last of `rows` rows: a step's value is in the row of the observation after it."""
     column = np.full(rows, np.nan, np.float32)
     column[rows - len(values) :] = values
     return column
@@ -105,7 +105,7 @@ def _behind(values: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
 def _joined(
     messages: Iterable[Any], names: tuple[str, ...], none: Any, columns_of: Callable[[Any], Columns]
 ) -> Columns:
-    """The rows of all messages, each with the names of its message; those of `none` tell their types."""
+    """Join the rows of all messages and their identities; the empty message `none` determines the types."""
     named, parts = [], []
     for message in chain([none], messages):
         named.append([getattr(message, name) for name in names])

@@ -1,4 +1,4 @@
-"""`Trajectory`: one recorded episode in arrays."""
+"""`Trajectory`: one recorded episode as arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from goalward.task import Cells, Discrete, Task
 
 Ending = Literal["goal_reached", "truncated", "failed"]
 ENDINGS: tuple[Ending, ...] = ("goal_reached", "truncated", "failed")
-"""The endings by their numbers in the schema."""
+"""The endings, indexed by their numbers in the schema."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,17 +21,18 @@ class Trajectory:
     """One episode of T steps.
 
     Attributes:
-        observations: (T + 1, len) float32 numbers, or (T + 1, height, width) uint8 classes of cells.
+        observations: (T + 1, len) float32 numbers, or (T + 1, height, width) uint8 cell classes.
         actions: (T, len) float32 numbers, which the environment clipped to [-1, 1], or (T,) uint8 choices.
-        rewards: (T,) float32, the environment's own.
-        log_probs: (T,) float32, of the actions under the policy that acted.
-        ending: by the task at the goal, by the horizon, or by the task elsewhere.
-        success: whether the goal was reached at some step.
-        steps_to_goal: steps after which the goal was first reached; 0 if it was not.
-        iteration: the rollout that the episode belongs to.
-        lane: the stream of episodes that it belongs to.
+        rewards: (T,) float32 rewards of the environment.
+        log_probs: (T,) float32 log-probabilities of the actions under the acting policy.
+        ending: `goal_reached` if the task ended the episode at the goal, `truncated` if the horizon ended it,
+            `failed` if the task ended it elsewhere.
+        success: whether the goal was reached at any step.
+        steps_to_goal: number of steps after which the goal was first reached; 0 if it was not.
+        iteration: the iteration that the episode belongs to.
+        lane: the lane that the episode belongs to.
         episode: its number within the lane.
-        policy_version: updates that the policy had had when it acted.
+        policy_version: number of updates of the acting policy.
     """
 
     observations: NDArray[Any]
@@ -53,18 +54,18 @@ class Trajectory:
 
 
 def decoded(message: Any, task: Task) -> Trajectory:
-    """Make a trajectory of its message.
+    """Make a trajectory from its message.
 
     Args:
         message: a `goalward.v1.Trajectory`.
         task: the task of the run.
 
     Raises:
-        Error: if the observations were left out of the log, or an array does not have the task's length.
+        Error: if the log has no observations, or an array does not have the length that the task implies.
     """
     if message.full_hash:
         expected = f"{_place(message)}: expected observations, found that they were left out of the log"
-        raise Error(f"{expected}; `goalward log restore RUN --out DIR` makes the full log of it again")
+        raise Error(f"{expected}; `goalward log restore RUN --out DIR` restores them")
     steps = (message.steps,)
     field = "cells" if isinstance(task.observation, Cells) else "values"
     return Trajectory(
@@ -83,10 +84,10 @@ def decoded(message: Any, task: Task) -> Trajectory:
 
 
 def actions(message: Any, task: Task) -> NDArray[Any]:
-    """The actions of a trajectory's message: (T,) uint8 choices, or (T, len) float32 numbers.
+    """Return the actions of a trajectory's message: (T,) uint8 choices, or (T, len) float32 numbers.
 
     Raises:
-        Error: if there are more or fewer than the task says.
+        Error: if their number does not match the task.
     """
     if isinstance(task.action, Discrete):
         return _array(message, "discrete_actions", (message.steps,))

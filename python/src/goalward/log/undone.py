@@ -1,7 +1,7 @@
-"""What a run undid: it went back to a checkpoint, and has not come as far again yet.
+"""Records that a run has undone by going back to a checkpoint, and has not made again yet.
 
-Iterations after the checkpoint are recorded again, and until then the old records of them would come ahead of
-the iterations that they follow.
+The iterations after the checkpoint are recorded again. Until then, their old records would come before the
+iterations that they follow.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Mark(NamedTuple):
-    """A training trajectory or a policy update, which tell how far a run is."""
+    """A training trajectory or a policy update, which shows how far a run is."""
 
     log_time: int
     iteration: int
@@ -19,18 +19,18 @@ class Mark(NamedTuple):
 
 
 class Return(NamedTuple):
-    """A run's going back: it did the iterations from this one on again, after this time."""
+    """A return to a checkpoint: from this time on, the run repeats the iterations from this one on."""
 
     log_time: int
     iteration: int
 
     def undoes(self, iteration: int, log_time: int) -> bool:
-        """Whether a record of that time counts no more."""
+        """Return whether a record of this iteration and time is undone."""
         return iteration >= self.iteration and log_time < self.log_time
 
 
 def returns(marks: Iterable[Mark]) -> list[Return]:
-    """Every one, from the marks of all files."""
+    """Find all returns to checkpoints, from the marks of all files."""
     found, learned = [], -1
     for mark in sorted(marks, key=lambda mark: mark.log_time):
         if mark.iteration <= learned:

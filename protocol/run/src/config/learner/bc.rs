@@ -1,4 +1,4 @@
-//! Behavioral cloning: the expert's actions, no environment steps.
+//! Behavioral cloning: supervised learning of the expert's actions, without environment steps.
 
 use protocol::Error;
 use protocol::error::within;
@@ -18,20 +18,21 @@ pub struct CloningConfig {
     pub learning_rate: f64,
     /// Adam's epsilon.
     pub adam_epsilon: f64,
-    /// Largest norm of a gradient.
+    /// Gradient norm above which gradients are clipped.
     pub max_gradient_norm: f64,
-    /// Pairs of observation and action in a minibatch.
+    /// Observation-action pairs in a minibatch.
     pub batch: usize,
-    /// Behavioral cloning: most passes over the training part. From observation: passes an iteration.
+    /// In behavioral cloning, the largest number of passes over the training part; in behavioral
+    /// cloning from observation, the passes per iteration.
     pub epochs: u64,
-    /// Whether the standard deviations of continuous actions are fitted, too. Otherwise they stay at one, and
-    /// the loss is half the squared error of the means, but for a constant. Squashed ones always are.
+    /// Whether the standard deviations of continuous actions are fitted, too. Otherwise they stay at one, and the
+    /// loss is half the squared error of the means plus a constant. Those of squashed actions are always fitted.
     pub deviations: bool,
-    /// Part of the demonstrations held out, in [0, 1), rounded down to whole ones; where that is none,
-    /// behavioral cloning trains for all epochs.
+    /// Share of the demonstrations held out, in [0, 1), rounded down to whole ones; if none is held
+    /// out, behavioral cloning trains for all epochs.
     pub validation: f64,
-    /// Behavioral cloning ends after so many passes without a lower loss on what is held out, and keeps the
-    /// weights of the lowest; where nothing is, it keeps those of the last pass.
+    /// Passes without a lower loss on the held-out demonstrations after which behavioral cloning ends.
+    /// It keeps the weights with the lowest loss or, if nothing is held out, those of the last pass.
     pub patience: u64,
 }
 
@@ -84,7 +85,7 @@ impl LearnerRules for Bc {
         false
     }
 
-    /// One for each pass.
+    /// Counts one iteration for each pass.
     fn iterations(&self, config: &RunConfig) -> u64 {
         config.cloning().epochs
     }
@@ -102,7 +103,8 @@ impl LearnerRules for Bc {
     }
 }
 
-/// Standard deviations that depend on the observation come from a network, and cannot stay at one.
+/// Requires `cloning.deviations` for squashed actions: a network outputs their standard deviations,
+/// so these cannot stay at one.
 pub(super) fn check_deviations(config: &RunConfig) -> Result<(), Error> {
     let squashed = config.policy.is_squashed() && !config.acts_by_choice();
     let fitted = config.cloning().deviations;
@@ -114,7 +116,7 @@ pub(super) fn cloning_rate(config: &RunConfig) -> LearningRate {
     config.learning_rate(config.cloning().learning_rate, false, 0)
 }
 
-/// Rows of a minibatch that is cloned.
+/// Returns the rows of a minibatch in cloning.
 pub(super) fn cloned_rows(config: &RunConfig) -> f64 {
     (config.cloning().batch as f64).min(config.demonstration_rows())
 }

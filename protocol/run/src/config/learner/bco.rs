@@ -1,4 +1,4 @@
-//! Behavioral cloning from observation: actions inferred by an inverse dynamics model.
+//! Behavioral cloning from observation, with actions that an inverse dynamics model infers.
 
 use protocol::Error;
 use protocol::encoder::CellsArchitecture;
@@ -12,35 +12,35 @@ use crate::config::check::positive;
 use crate::config::estimate::{Memory, Work};
 use crate::learning_rate::LearningRate;
 
-/// The inverse dynamics model of behavioral cloning from observation: which action led from one
-/// observation to the next.
+/// The inverse dynamics model of behavioral cloning from observation: it infers which action led
+/// from one observation to the next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InverseDynamicsConfig {
     /// Output channels of the convolutions, for grid tasks.
     pub convolution_channels: Vec<usize>,
-    /// Side of the convolutions' windows.
+    /// Kernel size of the convolutions.
     pub convolution_kernel: usize,
-    /// Side of the squares pooled behind the first convolution.
+    /// Side of the squares that are max-pooled after the first convolution.
     pub pool: usize,
-    /// Numbers the encoder makes of a grid.
+    /// Features that the encoder outputs for a grid.
     pub features: usize,
-    /// Hidden layers.
+    /// Widths of the hidden layers.
     pub hidden: Vec<usize>,
     /// Adam's learning rate.
     pub learning_rate: f64,
     /// Transitions in a minibatch.
     pub batch: usize,
-    /// Transitions of the agent drawn for the training of an iteration.
+    /// Transitions of the agent sampled for training in each iteration.
     pub samples: usize,
-    /// Newest transitions kept.
+    /// Capacity of the replay buffer in transitions; the newest are kept.
     pub experience: usize,
-    /// Environment steps of the first policy, which acts at random, before actions are inferred.
+    /// Environment steps of the untrained policy, which acts at random, before actions are inferred.
     pub exploration_steps: u64,
 }
 
 impl InverseDynamicsConfig {
-    /// The encoder of grids.
+    /// Returns the encoder of grids.
     pub fn encoder(&self) -> CellsArchitecture {
         CellsArchitecture {
             channels: self.convolution_channels.clone(),

@@ -1,6 +1,6 @@
-//! Policy learners, as far as configurations, demonstrations and estimates have to know them (Table 2;
-//! paper, Section 4.1 and Appendix F for the baselines). Each says in a file of its own what it needs;
-//! how it learns only the learner's process knows, which has a constructor for each name.
+//! Policy learners, as far as configurations, demonstrations and estimates need to know them
+//! (Table 2; paper, Section 4.1 and Appendix F for the baselines). Each has its own file, which says
+//! what it needs. Only the learner's process, which has a constructor for each name, knows how it learns.
 
 mod bc;
 mod bco;
@@ -25,47 +25,46 @@ pub use bco::InverseDynamicsConfig;
 pub use ppo::PpoConfig;
 pub use sqil::{AfterGoal, SqilConfig};
 
-/// The policy learners there are.
+/// All policy learners.
 pub const LEARNERS: &[&dyn LearnerRules] = &[&ppo::Ppo, &bc::Bc, &bco::Bco, &sqil::Sqil];
 
-/// Whether a table is one of learners, each of which is read by some.
+/// Returns whether a table belongs to learners: some of them read it.
 pub(super) fn is_of_learners(table: &str) -> bool {
     LEARNERS.iter().any(|learner| learner.tables().contains(&table))
 }
 
-/// What a policy learner asks of a run. With a reward model it makes a method.
+/// What a policy learner requires of a run. A policy learner and a reward model make a method.
 pub trait LearnerRules: Sync {
-    /// Its name in a configuration.
+    /// Returns its name in a configuration.
     fn name(&self) -> &'static str;
 
-    /// Whether it learns from the rewards of a reward model.
+    /// Returns whether it learns from the rewards of a reward model.
     fn is_rewarded(&self) -> bool {
         false
     }
 
-    /// Whether it learns from demonstrations itself.
+    /// Returns whether the learner itself learns from demonstrations.
     fn imitates(&self) -> bool {
         true
     }
 
-    /// Whether it needs the actions of the demonstrations, too.
+    /// Returns whether it needs the actions of the demonstrations, too.
     fn needs_expert_actions(&self) -> bool {
         false
     }
 
-    /// Whether it learns from batches of earlier iterations, which come from the log when a run is
-    /// continued.
+    /// Returns whether it learns from batches of earlier iterations, which come from the log when a run is resumed.
     fn replays(&self) -> bool {
         false
     }
 
-    /// The tables of learners that it reads.
+    /// Returns the tables of learners that it reads.
     fn tables(&self) -> &'static [&'static str];
 
-    /// Whether it reads this key of a learner's table.
+    /// Returns whether it reads this key of a learner's table.
     fn reads(&self, config: &RunConfig, table: &str, key: &str) -> bool;
 
-    /// Checks what its own values do not say one by one.
+    /// Checks values that are valid one by one against each other.
     ///
     /// # Errors
     /// Names the first key that contradicts another.
@@ -73,7 +72,7 @@ pub trait LearnerRules: Sync {
         Ok(())
     }
 
-    /// Checks that a run that is to be trained learns something.
+    /// Checks that a run that is to be trained can learn something.
     ///
     /// # Errors
     /// As [`LearnerRules::check`].
@@ -81,27 +80,27 @@ pub trait LearnerRules: Sync {
         Ok(())
     }
 
-    /// The learning rate of the policy.
+    /// Returns the learning rate of the policy.
     fn learning_rate(&self, config: &RunConfig) -> LearningRate;
 
-    /// Whether it takes environment steps.
+    /// Returns whether it takes environment steps.
     fn acts(&self) -> bool {
         true
     }
 
-    /// Iterations that a run takes, at most.
+    /// Returns the largest number of iterations that a run takes.
     fn iterations(&self, config: &RunConfig) -> u64 {
         config.steps.div_ceil(config.iteration_steps())
     }
 
-    /// What it holds in memory.
+    /// Returns what it holds in memory.
     fn memory(&self, config: &RunConfig) -> Memory;
 
-    /// What it computes over a run.
+    /// Returns what it computes over a run.
     fn work(&self, config: &RunConfig) -> Work;
 }
 
-/// A policy learner, by its name.
+/// A policy learner, identified by its name.
 #[derive(Clone, Copy)]
 pub struct Learner(&'static dyn LearnerRules);
 

@@ -17,7 +17,7 @@ pub struct PpoConfig {
     pub learning_rate: f64,
     /// Whether it falls linearly to 0.
     pub learning_rate_decay: bool,
-    /// Environment steps over which it falls; 0 takes the run's own.
+    /// Environment steps over which it falls; 0 means the steps of the run.
     pub decay_steps: u64,
     /// Adam's epsilon.
     pub adam_epsilon: f64,
@@ -35,14 +35,14 @@ pub struct PpoConfig {
     pub entropy_coefficient: f64,
     /// Passes over a batch.
     pub epochs: u64,
-    /// No pass follows one in which the mean divergence from the policy that acted was above this;
-    /// 0 never ends passes early.
+    /// Approximate KL divergence from the policy that acted, averaged over a pass, above which no
+    /// further pass follows; 0 never stops early.
     pub target_kl: f64,
     /// Minibatches per pass.
     pub minibatches: u64,
-    /// Largest norm of a gradient.
+    /// Gradient norm above which gradients are clipped.
     pub max_gradient_norm: f64,
-    /// Whether an episode cut by the horizon is bootstrapped with the value of its last state.
+    /// Whether an episode truncated at the horizon is bootstrapped with the value of its last state.
     pub bootstrap_truncated: bool,
     /// Whether rewards are divided by the running standard deviation of the discounted return.
     pub normalize_rewards: bool,
@@ -81,8 +81,8 @@ impl LearnerRules for Ppo {
         within("ppo.minibatches", minibatches <= most, &expected, minibatches)
     }
 
-    /// An iteration of a lane ends with an episode, so one that began long before the last iteration's
-    /// end leaves the next as little as `lane_steps` less the rest of the longest episode.
+    /// Requires a step for each minibatch in the shortest iteration. A lane ends an iteration at the end of an
+    /// episode, so it can run over by `horizon - 1` steps; its next iteration is then that much shorter.
     fn check_learning(&self, config: &RunConfig) -> Result<(), Error> {
         let horizon = u64::from(config.task.spec().horizon_steps);
         let (lanes, lane_steps) = (config.rollout.lanes, config.rollout.lane_steps);

@@ -15,47 +15,47 @@ use crate::learning_rate::LearningRate;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SqilConfig {
-    /// Hidden layers of the Q-functions of continuous actions, over a grid behind an encoder like the policy's.
+    /// Widths of the hidden layers of the Q-functions, for continuous actions. Over a grid they
+    /// follow an encoder like the policy's.
     pub hidden: Vec<usize>,
-    /// Adam's learning rate of the first iteration; it falls linearly to 0 over the run.
+    /// Adam's learning rate in the first iteration; it falls linearly to 0 over the run.
     pub learning_rate: f64,
     /// Discount factor.
     pub gamma: f64,
-    /// What comes after the goal of a demonstration.
+    /// What follows the goal of a demonstration.
     pub expert_after_goal: AfterGoal,
-    /// What comes after the goal where the agent's episode ends there. Anything but `continues` is a
-    /// reward, or a punishment, for success.
+    /// What follows the goal if the agent's episode ends there. Anything but `continues` rewards or punishes success.
     pub agent_after_goal: AfterGoal,
-    /// How much of the Q-functions the target functions take over at an update.
+    /// Rate at which the target functions follow the Q-functions at each update (Polyak averaging).
     pub target_rate: f64,
-    /// Weight of the entropy; the first one, where it is tuned.
+    /// Weight of the entropy; the initial one if it is tuned.
     pub temperature: f64,
-    /// Whether the temperature is tuned towards an entropy of minus the numbers of an action.
+    /// Whether the temperature is tuned towards an entropy of minus the number of action dimensions.
     pub tune_temperature: bool,
-    /// Transitions of each kind, expert's and agent's, in a minibatch.
+    /// Transitions of the expert in a minibatch, and as many of the agent.
     pub batch: usize,
-    /// Updates for each environment step.
+    /// Updates per environment step.
     pub updates_per_step: f64,
-    /// Newest transitions of the agent kept.
+    /// Capacity of the agent's replay buffer in transitions; the newest are kept.
     pub experience: usize,
     /// Environment steps before the first update.
     pub exploration_steps: u64,
 }
 
-/// What a Q-function is told of what comes after an episode that ended at the goal.
+/// What a Q-function assumes to follow an episode that ended at the goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AfterGoal {
-    /// Whatever its own target says of the last observation.
+    /// The target function's value of the last observation.
     Continues,
-    /// Nothing: 0.
+    /// Nothing: a value of 0.
     Terminal,
-    /// A state that earns 1 for ever: `1 / (1 - gamma)`.
+    /// A state that earns 1 forever: a value of `1 / (1 - gamma)`.
     Absorbing,
 }
 
 impl AfterGoal {
-    /// The value of what comes after; none where the last observation has its own.
+    /// Returns the value of what follows; `None` if it is that of the last observation.
     pub fn value(self, gamma: f64) -> Option<f32> {
         match self {
             AfterGoal::Continues => None,
@@ -98,13 +98,13 @@ impl LearnerRules for Sqil {
         &["sqil"]
     }
 
-    /// Soft Q-learning of discrete actions has PPO's optimizer.
+    /// Includes the optimizer's keys of the table `ppo` for discrete actions, where soft Q-learning uses them.
     fn reads(&self, config: &RunConfig, table: &str, key: &str) -> bool {
         let optimizer = ["adam_epsilon", "max_gradient_norm"].contains(&key);
         table == "sqil" || (table == "ppo" && config.acts_by_choice() && optimizer)
     }
 
-    /// A squashed action lies within [-1, 1]; scaled down it could not reach the expert's.
+    /// Refuses an action scale: a squashed action lies within [-1, 1], and scaled down it could not reach the expert's.
     fn check(&self, config: &RunConfig) -> Result<(), Error> {
         let scale = config.environment.action_scale();
         within("environment.action_scale", scale.is_empty(), "none for sqil", format!("{scale:?}"))
@@ -130,7 +130,7 @@ impl LearnerRules for Sqil {
     fn work(&self, config: &RunConfig) -> Work {
         let sqil = config.sqil();
         let updates = config.steps as f64 * sqil.updates_per_step;
-        // Forwards and both ways through two functions and the policy.
+        // Forward passes, and forward and backward passes, through two functions and the policy.
         let rows = 2.0 * sqil.batch as f64 * 5.0;
         Work { gradient_steps: updates * 3.0, row_passes: updates * rows }
     }
