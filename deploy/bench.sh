@@ -120,4 +120,4 @@ if [ "${1:-}" = --methods ]; then
     exit
 fi
 "$root/deploy/run_local.sh" "$@" --steps 200000 --run "$folder/run" >"$folder/progress.txt"
-sed -n '/^  run /,/^  where actors/p' "$folder/progress.txt"
+sed -n '/^  run /,/^  where its actors/p' "$folder/progress.txt"

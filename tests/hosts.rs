@@ -137,7 +137,8 @@ fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     scale(&["--actors", "3", "--host", "first"]);
     await_actors(3);
     let (took, said) = run.goalward(&["scale", "run", "--actors", "1", "--host", "second"]);
-    let words = "--host: expected one of the machines that take part, first, found second";
+    let words =
+        "--host: expected one of the machines that have joined the run, first, found second";
     assert!(!took && said.contains(words), "{said}");
     // The run's own machine needs no actors either.
     scale(&["--actors", "0"]);
@@ -220,13 +221,13 @@ fn a_host_that_acts_otherwise_is_expelled_and_named() {
     assert_eq!(training.finish().hashes(), *alone());
     assert!(honest.wait().unwrap().success());
     let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();
-    assert!(said.contains("episodes of hosts acted again: 16"), "{said}");
+    assert!(said.contains("episodes of hosts re-simulated: 16"), "{said}");
     let said = run.remarks();
     assert!(
         said.contains("dishonest is expelled: its episode differs when re-simulated"),
         "{said}"
     );
-    assert!(said.contains("honest joined the run\n"), "{said}");
+    assert!(said.contains(" honest joined the run\n"), "{said}");
 }
 
 /// A fault that happens to a run on several machines.

@@ -54,7 +54,10 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     assert_eq!(status["state"], "stopped");
     assert!(status["checkpoint"]["iteration"].as_u64() >= Some(4), "{status}");
     let (well, said) = run.goalward(&["stop", "run"]);
-    assert!(!well && said.contains("expected a run that is training, found none"), "{said}");
+    assert!(
+        !well && said.contains("expected a run that is training, found one that is not"),
+        "{said}"
+    );
 
     let summary = run.resume().finish();
     let line = listed();

@@ -92,7 +92,7 @@ impl Actor {
                 return Ok(trajectory);
             }
         }
-        ensure!(!recorded.actions().is_empty(), "expected actions to act again, found none");
+        ensure!(!recorded.actions().is_empty(), "expected actions to re-simulate, found none");
         bail!("expected to end after step {}, found it going on", recorded.steps)
     }
 }

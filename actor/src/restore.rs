@@ -54,7 +54,7 @@ fn with_observations(recorded: &Trajectory, again: Result<Trajectory>) -> Result
     let found = encoded.key.hash;
     ensure!(
         found == *full_hash,
-        "{}: expected the hash {full_hash:016x} when it is acted again, found {found:016x}",
+        "{}: expected the hash {full_hash:016x} when it is re-simulated, found {found:016x}",
         name()
     );
     Ok(encoded.bytes)

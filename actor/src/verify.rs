@@ -41,7 +41,10 @@ pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verifi
     let begun = Instant::now();
     let config = folder.config()?;
     let name = &config.task.name;
-    ensure!(config.task.deterministic, "{name}: expected a task whose episodes can be acted again");
+    ensure!(
+        config.task.deterministic,
+        "{name}: expected a task whose episodes can be re-simulated"
+    );
     let factory = Factory::of_run(tasks, &config)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut verification = Verification::default();

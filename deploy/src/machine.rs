@@ -99,7 +99,7 @@ pub(crate) fn require_end(environment_steps: f64, row_passes: f64) -> Result<()>
     ] {
         if found > most {
             return Err(wrong_usage(format!(
-                "this run would take too long: expected at most {most:e} {what}, found about {found:.1e}"
+                "this would take too long: expected at most {most:e} {what}, found about {found:.1e}"
             )));
         }
     }

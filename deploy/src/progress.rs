@@ -45,7 +45,7 @@ impl ProgressView {
         let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
         let is_new_phase = self.phase.replace(phase) != Some(phase);
         if is_new_phase && phase == Phase::DiskFull {
-            self.note("no room on the disk: the run waits and continues when there is space again");
+            self.note("no room on the disk: the run waits and continues when there is room again");
         }
         let steps = progress.environment_steps();
         if phase != Phase::Pretraining {

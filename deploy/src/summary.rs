@@ -99,7 +99,7 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
     let wall = seconds.rollout + seconds.scoring + seconds.policy_update + seconds.reward_update;
     let work = seconds.environment + seconds.inference + seconds.transport;
     let stages = format!(
-        "rollout {}, scoring {}, policy update {}, ensemble update {}; in parallel: log {}",
+        "rollout {}, scoring {}, policy update {}, reward update {}; in parallel: log {}",
         share(seconds.rollout, wall),
         share(seconds.scoring, wall),
         share(seconds.policy_update, wall),
@@ -113,7 +113,7 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
         share(seconds.environment, work),
         numbers::duration(work),
     );
-    [("time since the last start", stages), ("where its actors' time went", actors)]
+    [("where the time went since the last start", stages), ("where its actors' time went", actors)]
 }
 
 #[cfg(test)]
@@ -144,7 +144,7 @@ mod tests {
             "8 min 00 s of processors",
             "95 %: 3 min 21 s, 1,204,224 steps, 6 min 20 s of processors",
             "41.2 MiB in 3",
-            "scoring 30.0 %, policy update 40.0 %, ensemble update 10.0 %",
+            "scoring 30.0 %, policy update 40.0 %, reward update 10.0 %",
             "unknown build",
         ] {
             assert!(table.contains(part), "expected {part} in\n{table}");

@@ -39,10 +39,10 @@ enum Command {
         /// What `goalward-actor golden` prints here.
         #[arg(long)]
         golden: String,
-        /// Share of what hosts deliver that is acted again here, in [0, 1].
+        /// Share of what hosts deliver that is re-simulated here, in [0, 1].
         #[arg(long, default_value_t = 0.0)]
         audit: f64,
-        /// The program that acts in the run's task; without it nothing is acted again.
+        /// The program that acts in the run's task; without it nothing is re-simulated.
         #[arg(long)]
         actor: Option<PathBuf>,
     },

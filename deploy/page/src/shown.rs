@@ -171,7 +171,8 @@ impl Shown {
                 record => trajectory = trajectory.or(record.trajectory()),
             }
         }
-        let bytes = trajectory.context("expected an episode that acts again, found none")?;
+        let bytes =
+            trajectory.context("expected an episode that can be re-simulated, found none")?;
         let trajectory = Trajectory::recorded(bytes, &config.task.spec())?;
         Ok(Drawn { trajectory, scenes, pictures })
     }

@@ -10,7 +10,7 @@ const WALL_TIME = ["rollout", "scoring", "policy_update", "reward_update"];
 export function facts({ run, configuration, differences, summary, published, command }) {
   return [
     element("h2", {}, "Status"), list([...standing(run, summary), ...ofAuthors(published)]),
-    ...(summary ? [element("h2", {}, "Time since the last start"), parts(summary.seconds)] : []),
+    ...(summary ? [element("h2", {}, "Where the time went since the last start"), parts(summary.seconds)] : []),
     element("h2", {}, "Reproduce this run"),
     element("p", {}, element("code", {}, command), " ", copying(command)),
     element("h2", {}, "Settings that are not the default"), settings(differences),

@@ -34,7 +34,7 @@ pub(crate) enum Verb {
 pub(crate) struct Import {
     /// File or folder of the data set.
     source: PathBuf,
-    /// Task: a name, the path of a task's file, or an environment of Python such as gym:FetchPush-v4.
+    /// Task: a name, the path of a task's file, or a Python environment such as gym:FetchPush-v4.
     #[arg(long)]
     task: String,
     /// Sets a key of the task's environment, such as environment.kwargs.x=3; can be repeated.
@@ -49,7 +49,7 @@ pub(crate) struct Import {
     /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; detected by default.
     #[arg(long)]
     format: Option<String>,
-    /// Observation keys of the data set, in the order of the task's observation; by default all of them.
+    /// Observation keys of the data set, in the order of the task's observation; by default all except success signals.
     #[arg(long, value_name = "KEY,KEY")]
     keys: Option<String>,
     /// Which episodes reach the goal: `all`, each at its last observation, or the key of a success signal.

@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     /// Seed of the episodes; by default the run's own, whose episodes are those at the end of training.
     #[arg(long)]
     seed: Option<u64>,
-    /// Replaces the file of an earlier evaluation of this policy.
+    /// Overwrites the file of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -101,11 +101,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if !ended.failed.is_empty() {
         let folder = planned.archive.runs();
         bail!(
-            "{} of {} runs failed; the output of each is in {}/NAME.txt: {}",
+            "{} of {} runs failed: {}; the output of each is in {}/NAME.txt",
             ended.failed.len(),
             planned.runs.len(),
-            folder.display(),
-            ended.failed.join(", ")
+            ended.failed.join(", "),
+            folder.display()
         );
     }
     if !ended.elsewhere.is_empty() {
@@ -131,7 +131,7 @@ fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<
 /// Has a cluster train the missing runs and shows their progress, each if the user asks for it.
 fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
     let missing = planned.left().runs;
-    let look_on = format!("look on with\n  {} --watch", own_line(arguments));
+    let look_on = format!("show the progress with\n  {} --watch", own_line(arguments));
     let mut submitted = None;
     if let Some(engine) = arguments.cluster.on.filter(|_| missing > 0) {
         let order = order(arguments, engine, missing)?;

@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     /// Folder for the files.
     #[arg(long, value_name = "DIR", default_value = "export")]
     out: PathBuf,
-    /// Replaces files of the folder; never anything of a run.
+    /// Overwrites existing files of the folder, but nothing of a run.
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     folder.config()?;
     if !folder.is_trained() {
         return Err(wrong_usage(format!(
-            "{}: expected a run that is training, found none; `train --resume` takes --actors {actors}",
+            "{}: expected a run that is training, found one that is not; `train --resume` takes --actors {actors}",
             run.display()
         )));
     }
@@ -100,7 +100,7 @@ fn await_actors(folder: &RunFolder, host: &str, actors: u64, patience: Duration)
             return None;
         }
         if begun.elapsed() >= patience || !folder.is_trained() {
-            let Some(found) = found else { return Some(format!("{host} left the run")) };
+            let Some(found) = found else { return Some(format!("{host} is no longer in the run")) };
             let log = folder.output().join("gateway.log");
             return Some(format!(
                 "{host} has {found} actors so far, {actors} are wanted: its `goalward join` or {} may \
@@ -116,7 +116,9 @@ fn require_host(present: &[Host], host: &str) -> Result<()> {
     let names: Vec<&str> = present.iter().map(|host| host.name.as_str()).collect();
     let expected = match names.is_empty() {
         true => "expected a machine that has joined the run, and none has".to_owned(),
-        false => format!("expected one of the machines that take part, {}", names.join(", ")),
+        false => {
+            format!("expected one of the machines that have joined the run, {}", names.join(", "))
+        }
     };
     ensure!(names.contains(&host), wrong_usage(format!("--host: {expected}, found {host}")));
     Ok(())
@@ -148,7 +150,7 @@ mod tests {
         Hosts { present: vec![host("node-1")], expelled: Vec::new() }.write(&folder).unwrap();
         let remark = |host| await_actors(&folder, host, 2, Duration::ZERO);
         assert_eq!(remark("node-1"), None);
-        assert_eq!(remark("node-2").as_deref(), Some("node-2 left the run"));
+        assert_eq!(remark("node-2").as_deref(), Some("node-2 is no longer in the run"));
         let remark = await_actors(&folder, "node-1", 8, Duration::ZERO).unwrap();
         assert!(remark.starts_with("node-1 has 2 actors so far, 8 are wanted"), "{remark}");
     }
@@ -158,8 +160,7 @@ mod tests {
         let present = [host("node-1"), host("node-2")];
         require_host(&present, "node-2").unwrap();
         let refused = |present: &[Host]| require_host(present, "node-7").unwrap_err().to_string();
-        let words =
-            "--host: expected one of the machines that take part, node-1, node-2, found node-7";
+        let words = "--host: expected one of the machines that have joined the run, node-1, node-2, found node-7";
         assert_eq!(refused(&present), words);
         let words =
             "--host: expected a machine that has joined the run, and none has, found node-7";

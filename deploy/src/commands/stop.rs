@@ -33,7 +33,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     folder.config()?;
     let shown = arguments.run.display();
     if !folder.is_trained() {
-        return Err(wrong_usage(format!("{shown}: expected a run that is training, found none")));
+        return Err(wrong_usage(format!(
+            "{shown}: expected a run that is training, found one that is not"
+        )));
     }
     kill_process(supervisor(&folder)?, Signal::INT).context("stopping the supervisor")?;
     let begun = Instant::now();
@@ -44,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         std::thread::sleep(LOOK_EVERY);
     }
     if matches!(Summary::of_run(&folder), Ok(Some(_))) {
-        print_line("the run had already ended");
+        print_line("the run has finished");
         return Ok(());
     }
     print_line(&format!("stopped; continue it with\n  {}", how_to_resume(&folder)));

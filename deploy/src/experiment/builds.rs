@@ -21,7 +21,7 @@ pub(crate) fn refuse_other_builds(runs: &[PlannedRun], archive: &mut Archive) ->
     let Some((name, origin)) = others.first() else { return Ok(()) };
     Err(wrong_usage(format!(
         "{}: expected runs of this build, {}, found {} of {} by another build, such as {name} by \
-         {}; --other-build counts and continues them, another --out trains all of them again",
+         {}; --other-build counts and continues them, another --out trains all runs again",
         archive.runs().display(),
         Build::own(),
         others.len(),

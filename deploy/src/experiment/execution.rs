@@ -239,7 +239,9 @@ impl Execution {
     /// Passes on the user's request to stop; the second time, runs end at once.
     fn stop(&mut self) {
         if !std::mem::replace(&mut self.ended.is_stopped, true) {
-            self.line.note("stopping: every run writes a checkpoint (Ctrl-C again: at once)");
+            self.line.note(
+                "stopping: every run writes a checkpoint (press Ctrl-C again to stop at once)",
+            );
         }
         let recording = self.recorder.iter_mut().map(|recorder| &mut recorder.child);
         let training = self.running.iter_mut().map(|(_, child)| child);

@@ -246,8 +246,9 @@ fn the_plans_of_the_figures_are_sound() {
         (&names[..9], &names[9..]),
         (&numbers[..], &["no-online", "no-termination", "paper"].map(str::to_owned)[..])
     );
-    let asked = plans.iter().flat_map(Plan::runs).count();
-    let trained = queue(&plans, &mut archive).len();
+    let figures = &plans[..9];
+    let asked = figures.iter().flat_map(Plan::runs).count();
+    let trained = queue(figures, &mut archive).len();
     assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
 }
 

@@ -308,7 +308,8 @@ impl Supervision<'_> {
             Some(status) => Err(learner.give_up(status, "without a checkpoint of its latest work")),
             None => {
                 self.view.note(
-                    "killing the learner; --resume repeats the work since its last checkpoint",
+                    "killing the learner; the work since its last checkpoint is repeated when the run is \
+                     resumed",
                 );
                 learner.kill().context("ending the learner")?;
                 let seconds = CHECKPOINT_PATIENCE.as_secs();

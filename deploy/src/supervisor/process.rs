@@ -99,7 +99,7 @@ impl Process {
     pub(super) fn ended_for_now(&self, how: &str, pause: Duration) -> String {
         let seconds = pause.as_secs_f64();
         format!(
-            "{} ended ({how}) and is started again in {seconds} s; {}",
+            "{} ended ({how}); restarting it in {seconds} s; {}",
             self.name,
             self.output.last_lines()
         )

@@ -138,12 +138,12 @@ async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Cas
     while let Some(case) = cases.recv().await {
         let mut judged = judge(&case, &mut actor, &program, &folder).await;
         if let Err(error) = &judged {
-            tracing::warn!("the auditor is started again: {error:#}");
+            tracing::warn!("restarting the auditor: {error:#}");
             judged = judge(&case, &mut actor, &program, &folder).await;
         }
         audited += u64::from(judged.is_ok());
         if judged.is_ok() && audited.is_power_of_two() {
-            tracing::info!("episodes of hosts acted again: {audited}");
+            tracing::info!("episodes of hosts re-simulated: {audited}");
         }
         let difference = judged.unwrap_or_else(|error| {
             tracing::error!("an episode could not be audited: {error:#}");

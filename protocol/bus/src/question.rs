@@ -128,7 +128,7 @@ impl Client {
         let pending =
             place.write_from_slice(bytes).send().map_err(failed("asking", self.service))?;
         if pending.number_of_server_connections() == 0 {
-            return Err(self.error("asking", "no process that could answer"));
+            return Err(self.error("asking", "expected a process that answers, found none"));
         }
         self.bell.ring()?;
         Ok(Pending { pending, service: self.service })

@@ -72,7 +72,7 @@ fn what_is_wrong_is_named() {
         ("ppo.clip", "key=value"),
         ("ppo.clip=0", "`ppo.clip` must be above 0, found 0"),
         ("ppo.gamma=1.5", "`ppo.gamma` must be above 0 and at most 1, found 1.5"),
-        ("task.horizon_steps=50", "only changes the name"),
+        ("task.horizon_steps=50", "would only change the name"),
         ("resources.actors=65", "at most 64"),
         ("resources.lease_timeout_ms=9223372036854775807", "at most a day"),
         ("log.file_mib=9223372036854775807", "at most 1048576"),

@@ -37,7 +37,7 @@ pub(crate) enum Verb {
         /// Folder for the log.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Replaces the log files of the folder; never anything of a run.
+        /// Overwrites existing log files of the folder, but nothing of a run.
         #[arg(long)]
         force: bool,
         #[command(flatten)]
@@ -53,7 +53,7 @@ pub(crate) enum Verb {
         /// The file to write.
         #[arg(long, value_name = "FILE.mcap")]
         out: PathBuf,
-        /// Replaces the file, if it is one.
+        /// Overwrites an existing file.
         #[arg(long)]
         force: bool,
         #[command(flatten)]
@@ -189,7 +189,7 @@ fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result
     let written = WithObservations { folder: out.to_owned(), episodes, restored };
     figures.print(&written, |WithObservations { folder, episodes, restored }| {
         let [episodes, restored] = [episodes, restored].map(|count| numbers::count(*count));
-        format!("{}: {episodes} episodes, {restored} acted again", folder.display())
+        format!("{}: {episodes} episodes, {restored} re-simulated", folder.display())
     })?;
     full_log::refuse_loss(run)
 }

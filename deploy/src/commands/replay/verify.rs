@@ -34,7 +34,11 @@ pub(super) fn verify(folder: &RunFolder, figures: Figures) -> Result<()> {
     if !damaged.is_empty() {
         return Err(Refusal::DataLost(damaged.join("; ")).into());
     }
-    ensure!(episodes > 0, "{}: expected episodes to act again, found none", folder.log().display());
+    ensure!(
+        episodes > 0,
+        "{}: expected episodes to re-simulate, found none",
+        folder.log().display()
+    );
     Ok(())
 }
 

@@ -232,7 +232,7 @@ fn nobody_to_ask_is_an_error() {
         let client = bus.lease_client(&doorbell).unwrap();
         let error = client.send(b"leases?").unwrap_err().to_string();
         assert!(
-            error.contains("leases") && error.contains("no process that could answer"),
+            error.contains("leases") && error.contains("expected a process that answers"),
             "{error}"
         );
         let mut looks = 0;

@@ -127,7 +127,7 @@ impl RunConfig {
         let kept = self.log.observations;
         within("log.observations", kept || !replays, "true for bco and sqil", kept)?;
         let acts_again = self.task.deterministic;
-        let expected = "true for a task whose episodes cannot be acted again";
+        let expected = "true for a task whose episodes cannot be re-simulated";
         within("log.observations", kept || acts_again, expected, kept)
     }
 

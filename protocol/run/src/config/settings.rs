@@ -36,7 +36,7 @@ pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
             if let Some(choice) = change.get(name) {
                 let choice = choice.as_str().unwrap_or("NAME");
                 return Err(refused(&format!(
-                    "expected `{flag} {choice}`: --set only changes the name"
+                    "expected `{flag} {choice}`: --set would only change the name"
                 )));
             }
         }

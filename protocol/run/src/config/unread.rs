@@ -10,7 +10,7 @@ use toml::{Table, Value};
 use super::learner::is_of_learners;
 use super::{Learner, RunConfig};
 
-const NO_HIDDEN: &str = "a network over a grid has no hidden layers";
+const NO_HIDDEN: &str = "this network has no hidden layers over a grid";
 const NO_GRID: &str = "the task's observations are not a grid";
 const DISCRETE: &str = "the task's actions are discrete";
 const NO_DECAY: &str = "the learning rate does not decay";
