@@ -246,9 +246,9 @@ fn the_plans_of_the_figures_are_sound() {
         (&names[..9], &names[9..]),
         (&numbers[..], &["no-online", "no-termination", "paper"].map(str::to_owned)[..])
     );
-    let figures = &plans[..9];
-    let asked = figures.iter().flat_map(Plan::runs).count();
-    let trained = queue(figures, &mut archive).len();
+    let of_figures = &plans[..9];
+    let asked = of_figures.iter().flat_map(Plan::runs).count();
+    let trained = queue(of_figures, &mut archive).len();
     assert!(trained * 5 < asked * 4, "figures share runs: {trained} for {asked}");
 }
 

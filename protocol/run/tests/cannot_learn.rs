@@ -68,10 +68,7 @@ fn convolutions_fit_the_grid() {
             ("policy.pool=0", &["`policy.pool`", "1 to 16", "found 0"]),
             ("reward.pool=17", &["`reward.pool`", "found 17"]),
             ("reward.convolution_kernel=0", &["`reward.convolution_kernel`", "found 0"]),
-            (
-                "policy.convolution_kernel=6",
-                &["`policy.convolution_kernel`", "3 convolutions", "19 x 19"],
-            ),
+            ("policy.convolution_kernel=6", &["`policy.", "3 convolutions fit 19 x 19"]),
             ("policy.convolution_kernel=9223372036854775807", &["`policy.convolution_kernel`"]),
             ("method=bco inverse_dynamics.pool=10", &["`inverse_dynamics.convolution_kernel`"]),
             ("policy.convolution_kernel=3 policy.pool=3 reward.pool=1", &[]),
