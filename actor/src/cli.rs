@@ -190,8 +190,8 @@ enum Command {
 }
 
 impl Command {
-    /// Returns where diagnostics go: an actor of a run writes a log file; a command that `goalward` starts for
-    /// a single job reports to the user.
+    /// Returns the form of diagnostics: lines of a log file for an actor of a run, unless a terminal shows them;
+    /// lines for people for a command that `goalward` starts for a single job.
     fn diagnostics(&self) -> Diagnostics {
         match self {
             Command::Rollout { .. } | Command::Replay { .. } => Diagnostics::of_service(),

@@ -97,7 +97,7 @@ fn record(
             continue;
         }
         recorded.steps += u64::from(trajectory.steps);
-        // The log time is the number of the episode, so demonstrations of one seed always give the same file.
+        // The log time is the number of the demonstration, so demonstrations of one seed always give the same file.
         writer.trajectory(&Encoded::encode(trajectory), number)?;
         number += 1;
         teller.tell(Headway {

@@ -1,5 +1,5 @@
-//! Experts that demonstrate a task: the script of its environment, or a policy that was trained on the
-//! environment's own reward.
+//! Experts that demonstrate a task: the script of its environment, or a trained policy, the task's own or that of a
+//! run.
 
 use anyhow::{Context, Result, bail, ensure};
 use environments::{Expert as Known, Setting};

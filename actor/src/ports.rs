@@ -95,7 +95,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Notes, for the next request, that everything of a lease is published.
+    /// Notes a lease to hand back with the next request: everything of it is published, or it is given up.
     pub fn finish(&mut self, lease: Lease) {
         self.finished.push(lease);
     }

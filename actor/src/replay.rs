@@ -26,10 +26,10 @@ pub struct Recording {
 }
 
 /// Publishes the recorded trajectories of the leases it is granted, until the run is over, a stop is requested,
-/// or the log does not have all of a lease.
+/// or a lease is of a later iteration than wanted, or not completely in the log.
 ///
 /// # Errors
-/// When the log cannot be read, or the bus fails.
+/// When the log cannot be read, or has another policy version than a lease, or the bus fails.
 pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop) -> Result<()> {
     let spec = folder.config()?.task.spec();
     let mut source = Source::open(&recording.log, spec)?;
@@ -91,7 +91,7 @@ impl Source {
             let lane = (trajectory.source, trajectory.iteration, trajectory.lane);
             self.lanes.entry(lane).or_default().insert(trajectory.episode, encoded);
         }
-        // With lag 1 the previous rollout may still be in progress.
+        // One iteration more than needed is kept.
         self.kept_from = self.kept_from.max(lease.iteration.saturating_sub(1));
         self.lanes.retain(|(_, iteration, _), _| *iteration >= self.kept_from);
         let trajectories = owed(&self.lanes, lease).unwrap_or_default();

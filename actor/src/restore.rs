@@ -1,5 +1,5 @@
-//! `goalward log restore`: writes a log that holds only actions again, now with its observations. Every episode is
-//! re-simulated, and must come out, bit for bit, as the one that was learned from.
+//! `goalward log restore`: writes a log that holds only actions again, now with its observations. Every episode
+//! without observations is re-simulated, and must come out, bit for bit, as the one that was learned from.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ pub struct Restored {
 /// Writes the log of a run with all observations into the folder `out`, on `threads` threads; 0 uses all cores.
 ///
 /// # Errors
-/// When an episode does not come out as it was recorded, or a file cannot be read or written.
+/// When such an episode does not come out as it was recorded, or a file cannot be read or written.
 pub fn restore(tasks: Tasks, folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;

@@ -22,7 +22,7 @@ use crate::resimulate::Resimulator;
 pub(crate) struct Written {
     /// Episodes written.
     pub(crate) episodes: u64,
-    /// Frames of all episodes together; 0 if the task has neither solids nor pictures.
+    /// Frames of all episodes together; 0 if there is nothing to draw: no solids and no pictures.
     pub(crate) frames: u64,
 }
 

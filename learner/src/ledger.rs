@@ -185,7 +185,7 @@ impl LeaseLedger {
         Ok(true)
     }
 
-    /// Takes a lease back from an actor that has published everything of it; what is missing is open again.
+    /// Takes a lease back from an actor that will publish no more of it; what is missing is open again.
     pub fn hand_back(&mut self, actor: &str, lease: &Lease) {
         if lease.iteration != self.iteration || lease.source != self.source as i32 {
             return;

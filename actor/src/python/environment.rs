@@ -161,7 +161,7 @@ pub(super) struct Slot {
     steps: u32,
     success: bool,
     is_running: bool,
-    /// Hash of everything that the episode has returned.
+    /// Hash of the rewards and observations that the episode has returned.
     state: Xxh3,
 }
 

@@ -68,7 +68,7 @@ const LEARNERS: &[(&str, Constructor)] = &[
 
 const IN_BOTH_TABLES: &str = "a test holds both tables together";
 
-/// The part of an update's settings that changes during a run.
+/// What an update depends on besides its data and configuration.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     /// Seed of the run.
@@ -90,7 +90,7 @@ pub fn create(
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
     let normalizer = match config.learner.imitates() {
-        // A learner of demonstrated actions normalizes by the demonstrations' moments throughout the run.
+        // A learner that imitates demonstrations itself normalizes by the demonstrations' moments throughout the run.
         true => moments(config, &spec, demonstrations),
         false => RunningNormalizer::new(normalized(config, &spec)),
     };
@@ -148,7 +148,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// Refuses a gradient step with a metric that is NaN or infinite.
+    /// Refuses a gradient step with a loss, entropy, divergence or norm that is NaN or infinite.
     ///
     /// # Errors
     /// [`Final`], with the loss or norm and the place where it occurred.

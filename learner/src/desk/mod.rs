@@ -339,7 +339,7 @@ impl Desk {
 
     fn answer_actors(&mut self) -> Result<()> {
         for _ in 0..TAKEN_AT_ONCE {
-            // Drops abandoned requests first: a client with too many of them cannot send another.
+            // Drops abandoned requests first: of a client with too many of them, nothing more is received.
             self.waiting.retain(|(_, question)| question.is_awaited());
             let question = match self.leases.receive() {
                 Ok(Some(question)) => question,

@@ -7,7 +7,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `graph` | writes operators and weights to a file |
+//! | `graph` | encodes operators and weights as a file |
 //! | `network` | turns a network into operators and weights |
 //! | `policy`, `ensemble` | build the complete graphs around the networks |
 //! | `message` | has the messages of the ONNX format |

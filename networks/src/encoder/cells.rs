@@ -1,7 +1,7 @@
 //! The encoder of grids of cells (Appendix G.2): convolutions, the first of which is pooled, and a dense layer. A
 //! rectifier follows each layer.
 //!
-//! Every layer computes only the distinct windows of the batch (`layer::windows`); the dense layer has one window,
+//! Every layer computes only the distinct windows of the batch (`layer::distinct`); the dense layer has one window,
 //! the whole image. So equal observations cost as much as one, and a change in a grid costs only the windows around
 //! it. Gradients of equal windows are summed before they go through a layer.
 

@@ -46,7 +46,7 @@ pub(crate) fn rectify(number: f32) -> f32 {
     if number > 0.0 { number } else { 0.0 }
 }
 
-/// Input beyond which `tanh` rounds to one in single precision.
+/// Input beyond which `tanh` is one up to the last bit in single precision.
 const TANH_SATURATION: f32 = 9.0;
 
 /// Odd coefficients of the numerator, from x to x^9, of the rational fit to tanh on [-9, 9].

@@ -1,4 +1,4 @@
-//! The multiplication kernel that all layers use.
+//! The multiplication kernel of dense layers.
 //!
 //! A tile is up to six rows by sixteen columns of sums that stay in registers while the inner index runs. Each sum
 //! is one chain of fused multiply-adds in ascending order of that index, independent of the tile. So a result

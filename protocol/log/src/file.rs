@@ -83,7 +83,8 @@ impl FileWriter {
     /// writer of the same kind left is removed.
     ///
     /// # Errors
-    /// [`Error::LogWrite`] if somebody is writing such a file, or it cannot be created.
+    /// [`Error::LogWrite`] if somebody is writing such a file, or it cannot be created; [`Error::LogRead`] if an
+    /// abandoned one cannot be read.
     pub fn create_anew(path: &Path, metadata: &Metadata, topics: &[Topic]) -> Result<Self, Error> {
         remove_abandoned(path, metadata.kind)?;
         Self::open(path, metadata, topics)

@@ -1,8 +1,9 @@
 //! [`read_run`]: everything a run recorded, in order, each record once.
 //!
 //! A run that went back to a checkpoint, because a process died or it was resumed, has recorded some iterations twice.
-//! The later record counts. If there is none yet, neither counts: the iteration was undone. Which record is the last
-//! of its name is known only at the end, so the files are read twice: for the names, and for the records.
+//! The later record counts. While there is none yet, the earlier one does not count either: it was undone. Which
+//! record is the last of its name is known only at the end, so the files are read twice: for the names, and for the
+//! records.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};

@@ -77,7 +77,7 @@ pub trait RewardModel {
         None
     }
 
-    /// Returns the hash of the trained weights or, if nothing is trained, of the demonstrated states.
+    /// Returns the hash of the trained weights, or of the demonstrated states for the nearest-state model.
     fn sha256(&self) -> String;
 
     /// Returns the state carried from one update to the next, and from one slice of offline training to the next.

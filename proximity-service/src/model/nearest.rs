@@ -2,7 +2,7 @@
 //! demonstrated state. Nothing is trained. The reward is for being where the expert was, not for coming closer to
 //! the goal. With segments (segment matching, arXiv 2506.06793), an episode and each demonstration are divided into
 //! the same number of parts, each by its own length. The nearest state is searched for in the part with the same
-//! number, so that a state where the expert began earns nothing at the end.
+//! number, so that being where the expert began costs the distance to its last states at the end.
 
 use anyhow::Result;
 use networks::RunningNormalizer;

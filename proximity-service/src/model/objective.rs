@@ -81,7 +81,7 @@ pub struct Learning<'a> {
 
 impl Learning<'_> {
     /// Draws minibatches of pairs for offline training. An epoch has as many full batches as the demonstrations'
-    /// rows. `draw` returns the positions of the given number of pairs.
+    /// rows fill. `draw` returns the positions of the given number of pairs.
     pub fn drawn(&self, draw: impl Fn(usize, &mut Stream) -> Vec<usize>) -> Vec<MinibatchRows> {
         let RewardConfig { batch, pretraining_epochs, .. } = *self.config;
         let epoch = |epoch| {

@@ -47,7 +47,7 @@ impl Row<'_> {
         let clip = config.clip as f32;
         let log_probability = distribution.log_probability(parameters, self.action);
         let difference = log_probability - self.log_probability;
-        // A ratio that overflows is capped: only its side of the clip range matters.
+        // A ratio that overflows is capped at the largest number.
         let ratio = libm::expf(difference).min(f32::MAX);
         let policy = clipped_surrogate(ratio, self.advantage, clip);
         let entropy_derivative = -(config.entropy_coefficient as f32) * weight;

@@ -11,7 +11,8 @@ pub struct LeaseRequest {
     /// Maximum number of leases that the actor can take now.
     #[prost(uint32, tag = "2")]
     pub capacity: u32,
-    /// Leases finished since the actor's last request: all their trajectories are published.
+    /// Leases handed back since the actor's last request: all their trajectories are published, or the actor has
+    /// given them up.
     #[prost(message, repeated, tag = "3")]
     pub finished: Vec<Lease>,
     /// How the actor spent its time since its last request.
@@ -19,7 +20,7 @@ pub struct LeaseRequest {
     pub seconds: Option<ActorSeconds>,
 }
 
-/// How actors spent their time, in seconds. Only `processor` includes waiting.
+/// How actors spent their time, in seconds, without the time in which they wait for leases.
 #[derive(Clone, Copy, PartialEq, Message)]
 pub struct ActorSeconds {
     /// Time in environments.

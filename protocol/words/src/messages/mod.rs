@@ -89,7 +89,7 @@ pub struct PolicyUpdate {
     /// Norm of the gradient before clipping.
     #[prost(double, tag = "13")]
     pub gradient_norm: f64,
-    /// Success rate of the last 100 training episodes; NaN if the task does not report success.
+    /// Success rate of the last 100 training episodes; NaN before the first, or if the task does not report success.
     #[prost(double, tag = "14")]
     pub success_rate: f64,
     /// Mean reward per step, as scored.
