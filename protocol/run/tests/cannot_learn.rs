@@ -68,7 +68,10 @@ fn convolutions_fit_the_grid() {
             ("policy.pool=0", &["`policy.pool`", "1 to 16", "found 0"]),
             ("reward.pool=17", &["`reward.pool`", "found 17"]),
             ("reward.convolution_kernel=0", &["`reward.convolution_kernel`", "found 0"]),
-            ("policy.convolution_kernel=6", &["`policy.", "3 convolutions fit 19 x 19"]),
+            (
+                "policy.convolution_kernel=6",
+                &["`policy.convolution_kernel`", "3 convolutions", "19 x 19"],
+            ),
             ("policy.convolution_kernel=9223372036854775807", &["`policy.convolution_kernel`"]),
             ("method=bco inverse_dynamics.pool=10", &["`inverse_dynamics.convolution_kernel`"]),
             ("policy.convolution_kernel=3 policy.pool=3 reward.pool=1", &[]),
@@ -429,8 +432,7 @@ fn a_recorded_configuration_is_read_as_it_is() {
     RunConfig::from_text(&never_learned, "an old run").unwrap();
 }
 
-/// Gives every key of ten methods values at the edges of what can be written. Each must lead to a
-/// refusal or to a configuration whose size can be estimated, never to a panic.
+/// Gives every key of ten methods extreme values. Each leads to a refusal or to an estimate of size, never to a panic.
 #[test]
 fn no_value_breaks_the_judgement() {
     const EDGES: [&str; 12] = [

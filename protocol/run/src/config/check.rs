@@ -102,10 +102,11 @@ impl RunConfig {
             let range = format!("1 to {most}");
             within(&key("pool"), (1..=most).contains(pool), &range, pool)?;
             let fits = encoder.images([height, width]).is_some();
-            let (layers, of_pool) =
-                (channels.len(), format!("with {pool} x {pool} pooling after the first"));
-            let expected =
-                format!("such that {layers} convolutions fit {height} x {width}, {of_pool}");
+            let layers = channels.len();
+            let expected = format!(
+                "such that {layers} convolutions fit {height} x {width}, with {pool} x {pool} \
+                 pooling after the first"
+            );
             within(&key("convolution_kernel"), fits, &expected, kernel)?;
         }
         Ok(())
