@@ -128,7 +128,7 @@ def trained_sqil(options, episodes, trajectories):
             "seed": options.seed,
         },
     )
-    learner.train(total_timesteps=options.steps, callback=Progress(options.steps // 20))
+    learner.train(total_timesteps=options.steps, callback=Progress(max(options.steps // 20, 1)))
     return learner.policy
 
 

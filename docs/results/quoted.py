@@ -81,9 +81,15 @@ def points(found: list[Seeds]) -> str:
 
 
 def paired(found: list[Seeds]) -> str:
-    """Formats by how much the first exceeds the second, paired by seed: `3.9 points (0.9 to 6.9)`."""
+    """Formats by how much the first exceeds the second, paired by seed: `3.9 points (0.9 to 6.9)`.
+
+    Of four curves: by how much more the first exceeds the second than the third exceeds the fourth.
+    """
     same_seeds(found)
-    own, others = found
+    own, others, *rest = found
+    if rest:
+        third, fourth = rest
+        others = {seed: others[seed] + third[seed] - fourth[seed] for seed in own}
     return within(compared([own, {seed: others[seed] for seed in own}], paired_gain), " points")
 
 
