@@ -261,3 +261,18 @@ fn what_an_environment_raises_ends_the_run_and_what_cannot_be_a_task_begins_none
         assert!(!run.path("none").exists() && !run.path("t.toml").exists(), "{arguments:?}");
     }
 }
+
+#[test]
+fn an_environment_without_a_success_signal_is_remarked_on_unless_that_was_asked_for() {
+    if python().is_none() {
+        return;
+    }
+    let run = with_environments();
+    let pendulum = ["task", "gym:Pendulum-v1", "--out"];
+    let remark = "Pendulum-v1: found no success signal";
+    let (well, said) = run.goalward(&[&pendulum[..], &["found.toml"]].concat());
+    assert!(well && said.contains(remark), "{said}");
+    let asked_for = ["asked.toml", "--set", "environment.success=none"];
+    let (well, said) = run.goalward(&[&pendulum[..], &asked_for].concat());
+    assert!(well && !said.contains(remark), "{said}");
+}

@@ -16,8 +16,9 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// Files of the repository that the script needs; [`FOLDERS`] has whole folders.
-const FILES: [&str; 20] = [
+const FILES: [&str; 21] = [
     "README.md",
+    "docs/guide/src/environments.md",
     "docs/guide/src/methods.md",
     "docs/results/README.md",
     "docs/results/ablations.md",

@@ -56,6 +56,19 @@ impl Factory {
         Ok(factory)
     }
 
+    /// Creates the factory for re-simulating a run's episodes.
+    ///
+    /// # Errors
+    /// When the task is not deterministic, and for the reasons of [`Factory::of_run`].
+    pub(crate) fn of_deterministic_run(tasks: Tasks, config: &RunConfig) -> Result<Factory> {
+        let name = &config.task.name;
+        ensure!(
+            config.task.deterministic,
+            "{name}: expected a task whose episodes can be re-simulated"
+        );
+        Factory::of_run(tasks, config)
+    }
+
     /// Returns a factory of the same task with another setting.
     pub fn with_setting(&self, setting: Setting) -> Factory {
         Factory { setting, ..self.clone() }

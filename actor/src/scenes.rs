@@ -41,12 +41,7 @@ pub(crate) fn write(
     out: &Path,
 ) -> Result<Written> {
     let config = folder.config()?;
-    let name = &config.task.name;
-    ensure!(
-        config.task.deterministic,
-        "{name}: expected a task whose episodes can be re-simulated"
-    );
-    let factory = Factory::of_run(tasks, &config)?;
+    let factory = Factory::of_deterministic_run(tasks, &config)?;
     let factory = setting.map_or(factory.clone(), |setting| factory.with_setting(setting));
     let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut resimulator = Resimulator::new(&threads, &factory)?;

@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use mcap_log::{Contents, Entry, FileReader, read_contents};
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
@@ -40,12 +40,7 @@ pub struct Verification {
 pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;
-    let name = &config.task.name;
-    ensure!(
-        config.task.deterministic,
-        "{name}: expected a task whose episodes can be re-simulated"
-    );
-    let factory = Factory::of_run(tasks, &config)?;
+    let factory = Factory::of_deterministic_run(tasks, &config)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut verification = Verification::default();
 

@@ -63,6 +63,9 @@ impl Plan {
     pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let config = tasks::configuration(task, wishes.preset.as_deref(), &wishes.settings)?;
+        if tasks::is_of_python(task) {
+            tasks::remark_without_success(&config.task, &wishes.settings);
+        }
         let config = demonstrations::adopt(with_absolute_paths(config, None)?, &wishes.settings)?;
         let is_numbered = wishes.folder.is_none();
         let path = wishes.folder.unwrap_or_else(|| next_free(Path::new(RUNS), &config.task.name));

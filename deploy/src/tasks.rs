@@ -4,13 +4,14 @@
 use anyhow::{Result, anyhow};
 use mcap_log::file::LONGEST_MESSAGE;
 use protocol::description::Description;
-use protocol::setting::{MAKE, Setting};
+use protocol::setting::{MAKE, SUCCESS, Setting};
 use protocol::table::{merge, parse_setting};
 use protocol::task::Task;
 use protocol::trajectory::Trajectory;
 use run::config::RunConfig;
 use run::tasks;
 use serde::Serialize;
+use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
 use toml::{Table, Value};
 
@@ -49,7 +50,8 @@ pub(crate) fn configuration(
     if !is_of_python(task) {
         return Ok(tasks::configuration(task, preset, settings)?);
     }
-    Ok(tasks::of_text(&file_of_python(task, settings)?, task, preset, settings)?)
+    let file = file_of(of_python(task, settings)?)?;
+    Ok(tasks::of_text(&file, task, preset, settings)?)
 }
 
 /// Returns whether a name is that of a Python environment.
@@ -79,11 +81,11 @@ struct Log {
     observations: bool,
 }
 
-/// Returns the text of the task's file of a Python environment, made with the keys of `environment` in `settings`.
+/// Returns the description of a Python environment, made with the keys of `environment` in `settings`.
 ///
 /// # Errors
 /// Wrong usage, when Python cannot make the environment, or its spaces do not fit a task.
-pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> {
+pub(crate) fn of_python(task: &str, settings: &[String]) -> Result<Description> {
     let mut environment = Table::from_iter([(MAKE.to_owned(), Value::String(task.to_owned()))]);
     for setting in settings {
         let mut change = parse_setting(setting).map_err(wrong_usage)?;
@@ -91,8 +93,14 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
             merge(&mut environment, own);
         }
     }
-    let Description { task, environment, .. } =
-        description::of_python(&name_of(task), &Setting(environment))?;
+    description::of_python(&name_of(task), &Setting(environment))
+}
+
+/// Returns the text of the task's file of a Python environment.
+///
+/// # Errors
+/// When the description cannot be written as TOML.
+pub(crate) fn file_of(Description { task, environment, .. }: Description) -> Result<String> {
     // A lane ends an iteration with a whole episode, so in the next one it owes up to an episode less.
     let horizon = u64::from(task.horizon_steps);
     let lane_steps = LANE_STEPS.max(horizon + horizon.div_ceil(4));
@@ -100,6 +108,18 @@ pub(crate) fn file_of_python(task: &str, settings: &[String]) -> Result<String> 
     let (reward, log) = (Reward { delta: delta(task.horizon_steps) }, log(&task));
     toml::to_string(&File { task, rollout, reward, log, environment })
         .map_err(|error| anyhow!("the file of a task: {error}"))
+}
+
+/// Prints a remark if no success signal of a Python environment was found, and `settings` do not name one either.
+pub(crate) fn remark_without_success(task: &Task, settings: &[String]) {
+    let is_chosen =
+        settings.iter().any(|setting| setting.starts_with(&format!("environment.{SUCCESS}=")));
+    if !task.tells_success && !is_chosen {
+        print_remark(&format!(
+            "{task}: found no success signal, so its runs have no success rate; environment.{SUCCESS} \
+             names one, or `none`"
+        ));
+    }
 }
 
 /// Returns the base of exponential labels that gives [`FARTHEST_LABEL`] after the longest episode, to four decimals.

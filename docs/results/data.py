@@ -16,7 +16,8 @@ from estimates import standing
 from settings import REPOSITORY, Settings, resolved
 
 HERE = Path(__file__).resolve().parent
-PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", REPOSITORY / "docs/guide/src/methods.md"]
+GUIDE = REPOSITORY / "docs/guide/src"
+PAGES = [*sorted(HERE.glob("*.md")), REPOSITORY / "README.md", *sorted(GUIDE.glob("*.md"))]
 # Panels of the table and the picture with which the results begin.
 OPENING = [
     ("figure3", "navigation-50"),

@@ -44,6 +44,7 @@ pub(crate) fn config() -> RewardConfig {
         samples: 11,
         experience: 100,
         experience_after_goal: false,
+        arrival: 0.0,
         order: UpdateOrder::ScoreFirst,
     }
 }
@@ -180,6 +181,18 @@ fn what_the_agent_saw_after_the_goal_is_experience_only_where_it_is_asked_for() 
         let mut model: Learned<GoalProximity> =
             learned(&RewardConfig { experience_after_goal, ..config() }, 1);
         assert_eq!(model.improve(0, &batch).unwrap().experience, expected);
+    }
+}
+
+#[test]
+fn what_the_agent_saw_after_its_estimated_arrival_is_no_experience() {
+    // The model estimates 0, 0.1, ..., 1 along this walk, and keeps it up to the share of the highest.
+    let batch = [Encoded::encode(walk(0.0, Source::Training))];
+    for (arrival, expected) in [(0.0, 11), (0.45, 6), (0.75, 9), (1.0, 11)] {
+        let mut model: Learned<GoalProximity> =
+            learned(&RewardConfig { arrival, experience_after_goal: true, ..config() }, 2);
+        pretrained(&mut model);
+        assert_eq!(model.improve(0, &batch).unwrap().experience, expected, "{arrival}");
     }
 }
 

@@ -78,6 +78,13 @@ def test_parts_that_match_the_labels_pass() -> None:
     assert lengths(Selection(LABELED, ["goal", "speed"], "all"), recording()) == [5]
 
 
+def test_columns_that_are_named_like_the_labels_pass() -> None:
+    columns = Recording("7", {label: np.zeros((6, 1)) for label in LABELED.labels})
+    assert lengths(Selection(LABELED, None, "all"), columns) == [5]
+    turned = Recording("7", dict(reversed(columns.observations.items())))
+    assert refusal(Selection(LABELED, None, "all"), turned).startswith("labels: part 1: expected goal (2)")
+
+
 def test_the_first_part_that_differs_from_the_labels_is_named() -> None:
     words = refusal(Selection(LABELED, ["speed", "goal"], "all"), recording())
     assert words.startswith("labels: part 1: expected goal (2), found speed (1)")

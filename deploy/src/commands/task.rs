@@ -39,7 +39,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         return Err(wrong_usage(format!("--set: expected environment.KEY=VALUE, found {found}")));
     }
     destination::file(out, *force)?;
-    let text = tasks::file_of_python(task, settings)?;
+    let description = tasks::of_python(task, settings)?;
+    tasks::remark_without_success(&description.task, settings);
+    let text = tasks::file_of(description)?;
     durable::write(out, text).with_context(|| out.display().to_string())?;
     print_line(&format!("{}", out.display()));
     Ok(())

@@ -35,10 +35,11 @@ const DISK_BYTES: u64 = 500 << 20;
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Task: navigation (the default), fetch-pick, fetch-push, ant-reach, or the path of your own task's file.
+    /// Task: navigation (the default), fetch-pick, fetch-push, ant-reach; the path of your own task's file; or a
+    /// Python environment: gym:ID, gym:module:ID or python:module:function.
     task: Option<String>,
-    /// Preset to start from: goalward (our best values, the default), paper (the paper's tables) or authors (the
-    /// settings behind the authors' published curves).
+    /// Preset to start from: goalward (the default, on the paper's tasks our best values) or, on these tasks only,
+    /// paper (the paper's tables) or authors (the settings behind the authors' published curves).
     #[arg(long, value_parser = choices::presets())]
     preset: Option<String>,
     /// Method: goal-proximity (the default), a baseline such as gail, gaifo, gaifo-s, bc, bco or sqil,

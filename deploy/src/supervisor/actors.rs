@@ -8,7 +8,6 @@ use anyhow::Result;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::hosts::Hosts;
-use run::process::FINAL_CODE;
 
 use super::process::Process;
 use super::restart::{DEATH_WINDOW, Deaths, MOST_DEATHS};
@@ -173,8 +172,7 @@ impl Actors {
     /// Starts actors that were added or have ended; returns whether one has reached the end of its log.
     ///
     /// # Errors
-    /// When all actors die too often and no other machine has any, or when one ends with [`FINAL_CODE`], since every
-    /// other would fail the same way.
+    /// When all actors die too often and no other machine has any, or when one fails as every other would.
     pub(super) fn look_after(&mut self, view: &ProgressView) -> Result<bool> {
         for process in &mut self.leaving {
             process.reap()?;
@@ -188,10 +186,10 @@ impl Actors {
                 Some(status) if status.success() => {
                     (actor.ended_well, actor.start_at) = (true, Some(Instant::now() + COMEBACK));
                 }
-                Some(status) if status.code() == Some(i32::from(FINAL_CODE)) => {
-                    return Err(actor.process.give_up(status, "and would fail the same way again"));
-                }
-                Some(status) => failure = Some(status.to_string()),
+                Some(status) => match actor.process.final_error(status) {
+                    Some(error) => return Err(error),
+                    None => failure = Some(status.to_string()),
+                },
                 None => {}
             }
             if actor.start_at.is_some_and(|at| at <= Instant::now()) {

@@ -24,7 +24,6 @@ use run::actors_wanted::ActorsWanted;
 use run::checkpoint;
 use run::folder::{Place, RunFolder};
 use run::hosts::Hosts;
-use run::process::FINAL_CODE;
 
 use crate::progress::ProgressView;
 use crate::progress_file;
@@ -247,15 +246,14 @@ impl Supervision<'_> {
         status: ExitStatus,
     ) -> Result<Option<Outcome>> {
         let Fleet { learner, service, .. } = &mut self.fleet;
-        if status.code() == Some(i32::from(FINAL_CODE)) {
-            let dead = if let CoreProcess::Learner = dead { learner } else { service };
-            return Err(dead.give_up(status, "and would fail the same way again"));
-        }
         let (dead, survivor, patience) = match dead {
             CoreProcess::Learner => (learner, service, SURVIVOR_PATIENCE),
             // The learner waits for an answer that does not come, and repeats what it has not recorded.
             CoreProcess::Service => (service, learner, Duration::ZERO),
         };
+        if let Some(error) = dead.final_error(status) {
+            return Err(error);
+        }
         survivor.ask_to_stop();
         if survivor.is_running()
             && survivor.ended(&mut self.signals.child, patience).await?.is_none()

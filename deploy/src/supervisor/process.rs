@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use run::folder::RunFolder;
+use run::process::FINAL_CODE;
 use tokio::time::Instant;
 
 use super::signals::ChildSignals;
@@ -103,6 +104,12 @@ impl Process {
             self.name,
             self.output.last_lines()
         )
+    }
+
+    /// Returns the error that ends the whole run if the process has ended with [`FINAL_CODE`].
+    pub(super) fn final_error(&self, status: ExitStatus) -> Option<anyhow::Error> {
+        let is_final = status.code() == Some(i32::from(FINAL_CODE));
+        is_final.then(|| self.give_up(status, "and would fail the same way again"))
     }
 
     /// Returns the error that ends the whole run: why this process cannot go on.

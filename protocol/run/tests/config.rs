@@ -244,3 +244,16 @@ fn demonstrations_come_from_a_file_where_the_task_has_no_expert() {
         assert!(described(settings, has_expert).is_ok(), "{settings:?}");
     }
 }
+
+#[test]
+fn arrival_is_estimated_only_from_single_states_and_where_nobody_tells_of_it() {
+    let hidden = ["reward.experience_after_goal=true", "reward.arrival=0.8"];
+    assert_eq!(assemble("goalward", &hidden).unwrap().reward.arrival, 0.8);
+    let refused = |settings: &[&str], words: &str| {
+        let said = refusal("goalward", settings);
+        assert!(said.contains("`reward.arrival`") && said.contains(words), "{said}");
+    };
+    refused(&hidden[1..], "the environment tells when the agent arrives");
+    refused(&[hidden[0], hidden[1], "method=gaifo"], "not one of single states");
+    refused(&[hidden[0], "reward.arrival=1.5"], "between 0e0 and 1e0");
+}

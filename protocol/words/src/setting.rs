@@ -23,6 +23,9 @@ pub const VERSIONS: &str = "versions";
 /// The key that says how to make a Python environment. Rust environments have none.
 pub const MAKE: &str = "make";
 
+/// The key that says how a Python environment tells success.
+pub const SUCCESS: &str = "success";
+
 /// The key of the hashes of the user's own Python modules.
 pub const SOURCES: &str = "sources";
 
@@ -115,6 +118,8 @@ mod tests {
     fn one_setting_lies_over_another() {
         let both = setting("a = 1\nb = 2").with(&setting("b = 3"));
         assert_eq!(both, setting("a = 1\nb = 3"));
+        let both = setting("noise = 1.0").with(&setting("noise = 2"));
+        assert_eq!(both, setting("noise = 2.0"));
         assert!(is_same(&Value::Integer(1), &Value::Float(1.0)));
         assert!(!is_same(&Value::Integer(1), &Value::String("1".to_owned())));
     }

@@ -139,12 +139,31 @@ impl<O: Objective> Learned<O> {
                 true => trajectory.observations(),
                 false => trajectory.observations_to_goal(),
             };
+            let observations = self.up_to_arrival(observations);
             let actions = trajectory.actions();
             let mut rows = Vec::new();
             let seen = EpisodeView { observations, actions };
             self.objective.append_training_rows(&self.input, seen, &mut rows);
             self.replay_buffer.push(&rows);
         }
+    }
+
+    /// Returns an episode's observations up to and including the one at which the agent arrived, as the ensemble
+    /// estimates it: the first whose proximity is at least the configured share of the episode's highest. An agent
+    /// that stays at the goal would otherwise fill the experience, whose label is 0, with states at the goal.
+    fn up_to_arrival<'a>(&self, observations: &'a [u8]) -> &'a [u8] {
+        let share = self.config.arrival as f32;
+        if share <= 0.0 {
+            return observations;
+        }
+        let scores = self.ensemble.scores(observations);
+        let proximity: Vec<f32> =
+            scores.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect();
+        let highest = proximity.iter().copied().fold(0.0, f32::max);
+        let is_there = |&proximity: &f32| proximity > 0.0 && proximity >= share * highest;
+        let arrival = proximity.iter().position(is_there);
+        let kept = arrival.map_or(proximity.len(), |at| at + 1);
+        &observations[..kept * self.input.row_bytes()]
     }
 
     /// Trains on the demonstrations and the replay buffer.

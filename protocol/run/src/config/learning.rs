@@ -31,6 +31,7 @@ impl RunConfig {
         const NORM: [f64; 2] = [1e-9, 1e9];
         const SOME: [f64; 2] = [1e-6, 1e6];
         const ANY: [f64; 2] = [0.0, 1e6];
+        const SHARE: [f64; 2] = [0.0, 1.0];
         let (ppo, reward) = (&self.ppo, &self.reward);
         let mut numbers = vec![
             ("ppo.learning_rate", ppo.learning_rate, RATE),
@@ -44,6 +45,7 @@ impl RunConfig {
             ("reward.uncertainty", reward.uncertainty, ANY),
             ("reward.gradient_penalty", reward.gradient_penalty, ANY),
             ("reward.agent_weight", reward.agent_weight, ANY),
+            ("reward.arrival", reward.arrival, SHARE),
             ("reward.weight_decay", reward.weight_decay, ANY),
             ("reward.prior", reward.prior, ANY),
         ];

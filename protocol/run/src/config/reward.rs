@@ -76,6 +76,9 @@ pub struct RewardConfig {
     /// Whether these include what the agent saw after reaching the goal. If not, the environment tells
     /// the reward model of success.
     pub experience_after_goal: bool,
+    /// Share of an episode's highest estimated proximity from which on the agent counts as having arrived: what it saw
+    /// afterwards is not kept. For models of single states; 0 switches it off.
+    pub arrival: f64,
     /// Order of scoring and updates within an iteration.
     pub order: UpdateOrder,
 }
@@ -118,15 +121,22 @@ impl RewardConfig {
 
     /// Returns why a run does not read this key of the table `reward`; `None` if it does.
     pub(super) fn unread(&self, key: &str) -> Option<String> {
-        let why = "with reward.samples = 0 nothing is learned while the agent acts";
-        let idle = || (READ_ONLINE.contains(&key) && !self.trains_online()).then(|| why.to_owned());
-        self.model.unread(key).or_else(idle)
+        let idle = "with reward.samples = 0 nothing is learned while the agent acts";
+        let why = match key {
+            key if READ_ONLINE.contains(&key) && !self.trains_online() => Some(idle),
+            "arrival" if self.input != RewardInput::State => {
+                Some("the model is not one of single states")
+            }
+            _ => None,
+        };
+        self.model.unread(key).or_else(|| why.map(str::to_owned))
     }
 }
 
 /// Keys that only affect how an ensemble learns while the agent acts.
-const READ_ONLINE: [&str; 6] = [
+const READ_ONLINE: [&str; 7] = [
     "agent_weight",
+    "arrival",
     "experience",
     "experience_after_goal",
     "order",

@@ -15,6 +15,8 @@ const NO_GRID: &str = "the task's observations are not a grid";
 const DISCRETE: &str = "the task's actions are discrete";
 const NO_DECAY: &str = "the learning rate does not decay";
 const NO_STEPS: &str = "the learner takes no environment steps";
+const TOLD: &str =
+    "the environment tells when the agent arrives, unless reward.experience_after_goal = true";
 const NO_GOAL: &str = "the task's episodes do not say when they reached the goal";
 
 /// Returns whether a key belongs to the encoder of grids.
@@ -85,10 +87,16 @@ impl RunConfig {
             ("rollout", "lag" | "lane_steps") if !self.learner.acts() => NO_STEPS,
             ("demonstrations", "file") if !self.imitates() => "the method uses no demonstrations",
             ("reward", "experience_after_goal") if !self.task.tells_success => NO_GOAL,
+            ("reward", "arrival") if self.is_told_of_arrival() => TOLD,
             ("reward", name) => return self.reward.unread(name),
             (table, name) => return self.unread_of_learner(table, name),
         };
         Some(why.to_owned())
+    }
+
+    /// Returns whether the reward model gets the agent's states up to the goal only.
+    fn is_told_of_arrival(&self) -> bool {
+        self.task.tells_success && !self.reward.experience_after_goal
     }
 
     /// Returns why no demonstrations are held out from cloning; `None` if some are, or if the learner holds none out.

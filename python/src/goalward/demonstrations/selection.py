@@ -123,7 +123,12 @@ def _reached(recording: Recording, key: str, observations: int) -> Array:
 
 
 def _require_labels(labels: Sequence[str], parts: Sequence[tuple[str, int]]) -> None:
-    """Refuse parts whose name, length or order differs from those that the task's labels name."""
+    """Refuse parts whose name, length or order differs from those that the task's labels name.
+
+    Single numbers with the names of the labels fit, too, such as the columns `place[0]` and `place[1]` of a table.
+    """
+    if parts == [(label, 1) for label in labels]:
+        return
     names = (re.sub(r"\[\d+\]$", "", label) for label in labels)
     expected = [(name, len(list(group))) for name, group in groupby(names)]
     for number, (wanted, found) in enumerate(zip_longest(expected, parts), 1):
