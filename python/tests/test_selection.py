@@ -81,7 +81,7 @@ def test_parts_that_match_the_labels_pass() -> None:
 def test_columns_that_are_named_like_the_labels_pass() -> None:
     columns = Recording("7", {label: np.zeros((6, 1)) for label in LABELED.labels})
     assert lengths(Selection(LABELED, None, "all"), columns) == [5]
-    turned = Recording("7", dict(reversed(columns.observations.items())))
+    turned = Recording("7", {label: np.zeros((6, 1)) for label in reversed(LABELED.labels)})
     assert refusal(Selection(LABELED, None, "all"), turned).startswith("labels: part 1: expected goal (2)")
 
 

@@ -125,7 +125,7 @@ def _reached(recording: Recording, key: str, observations: int) -> Array:
 def _require_labels(labels: Sequence[str], parts: Sequence[tuple[str, int]]) -> None:
     """Refuse parts whose name, length or order differs from those that the task's labels name.
 
-    Single numbers with the names of the labels fit, too, such as the columns `place[0]` and `place[1]` of a table.
+    Single numbers with the names of the labels fit, too: columns `place[0]` and `place[1]` of a table.
     """
     if parts == [(label, 1) for label in labels]:
         return
