@@ -8,7 +8,7 @@ use protocol::setting::{MAKE, SUCCESS, Setting};
 use protocol::table::{merge, parse_setting};
 use protocol::task::Task;
 use protocol::trajectory::Trajectory;
-use run::config::RunConfig;
+use run::config::{RunConfig, set_by_user};
 use run::tasks;
 use serde::Serialize;
 use terminal::print::print_remark;
@@ -112,8 +112,8 @@ pub(crate) fn file_of(Description { task, environment, .. }: Description) -> Res
 
 /// Prints a remark if no success signal of a Python environment was found, and `settings` do not name one either.
 pub(crate) fn remark_without_success(task: &Task, settings: &[String]) {
-    let is_chosen =
-        settings.iter().any(|setting| setting.starts_with(&format!("environment.{SUCCESS}=")));
+    let key = format!("environment.{SUCCESS}");
+    let is_chosen = set_by_user(settings).is_ok_and(|set| set.contains_key(&key));
     if !task.tells_success && !is_chosen {
         print_remark(&format!(
             "{task}: found no success signal, so its runs have no success rate; environment.{SUCCESS} \

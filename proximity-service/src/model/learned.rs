@@ -156,9 +156,7 @@ impl<O: Objective> Learned<O> {
         if share <= 0.0 {
             return observations;
         }
-        let scores = self.ensemble.scores(observations);
-        let proximity: Vec<f32> =
-            scores.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect();
+        let proximity = O::proximity(&self.ensemble.scores(observations));
         let highest = proximity.iter().copied().fold(0.0, f32::max);
         let is_there = |&proximity: &f32| proximity > 0.0 && proximity >= share * highest;
         let arrival = proximity.iter().position(is_there);
@@ -299,7 +297,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 episode: encoded.key.episode,
                 model_version: self.version,
                 rewards: self.objective.rewards(own, steps, &self.config),
-                proximity: own.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect(),
+                proximity: O::proximity(own),
                 uncertainty: own.iter().map(|row| row.standard_deviation).collect(),
             }
         };
@@ -312,7 +310,7 @@ impl<O: Objective> RewardModel for Learned<O> {
                 let rows = self.ensemble.scores(observations);
                 return Ok(Estimates {
                     model_version: self.version,
-                    proximity: rows.iter().map(|row| O::SQUASHING.proximity(row.mean)).collect(),
+                    proximity: O::proximity(&rows),
                     uncertainty: rows.iter().map(|row| row.standard_deviation).collect(),
                 });
             }

@@ -50,10 +50,14 @@ pub trait Objective: Sync {
     /// Returns the losses of one member's outputs on a minibatch and writes the gradients of their sum.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses;
 
+    /// Returns the proximity of scored rows.
+    fn proximity(rows: &[RowScore]) -> Vec<f32> {
+        rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect()
+    }
+
     /// Returns the rewards of an episode with `steps` steps, by default those of its proximity (Eq. 5).
     fn rewards(&self, rows: &[RowScore], _steps: usize, config: &RewardConfig) -> Vec<f32> {
-        let proximity: Vec<f32> =
-            rows.iter().map(|row| Self::SQUASHING.proximity(row.mean)).collect();
+        let proximity = Self::proximity(rows);
         let uncertainty: Vec<f32> = rows.iter().map(|row| row.standard_deviation).collect();
         rewards(&proximity, &uncertainty, config)
     }
