@@ -39,7 +39,12 @@ def trajectory(iteration: int, lane: int, episode: int, steps: int, **changes: A
 
 
 def write(
-    path: Path, messages: Iterable[tuple[str, Any]], task: Task = REACH, seed: int = 3, since: int = 0
+    path: Path,
+    messages: Iterable[tuple[str, Any]],
+    task: Task = REACH,
+    seed: int = 3,
+    since: int = 0,
+    config: str = CONFIG,
 ) -> None:
     """Write a log file with these topics and messages, a nanosecond apart from `since` on."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -47,7 +52,7 @@ def write(
         writer = Writer(file, chunk_size=2048)
         writer.start(library="goalward/0.1.0")
         metadata = {"format_version": "1", "task": task.name, "seed": str(seed), "spec": task.to_json()}
-        writer.add_metadata(recorded.RUN, {**metadata, "config": CONFIG})
+        writer.add_metadata(recorded.RUN, {**metadata, "config": config})
         channels = {}
         for topic, name in TOPICS.items():
             kind = writer.register_schema(f"{schema.PACKAGE}.{name}", "protobuf", schema.DESCRIPTORS)

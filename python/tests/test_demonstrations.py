@@ -31,6 +31,48 @@ def test_numbers_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert second.rewards is None
 
 
+def recorded_by_goalward(file: Path, actions: list[float], setting: str) -> None:
+    """Write a file as Goalward does: with the numbers before they were scaled, and with the setting."""
+    plain = file.with_suffix(".plain")
+    write(plain, [Episode(walk(2, 0), np.zeros((2, 2)))], REACH)
+    opened = recorded.RecordedFile(plain)
+    message = schema.Trajectory.FromString(next(opened.messages()).data)
+    message.continuous_actions[:] = actions
+    with file.open("wb") as target:
+        metadata = {**opened.metadata, "setting": setting}
+        file_of_demonstrations._write(target, metadata, [message.SerializeToString()])
+
+
+@pytest.mark.parametrize(
+    ("scale", "acted"),
+    [("[0.5, 2.0]", [[0.5, 0.5], [1, -1]]), ("[]", [[1, 0.25], [1, -1]])],
+)
+def test_actions_that_are_read_and_written_still_act_alike(
+    tmp_path: Path, scale: str, acted: list[list[float]]
+) -> None:
+    file, again = tmp_path / "reach.mcap", tmp_path / "again.mcap"
+    recorded_by_goalward(file, [1.0, 0.25, 4.0, -3.0], f'{{"noise": 1.0, "action_scale": {scale}}}')
+    found = read(file)
+    np.testing.assert_array_equal(found.episodes[0].actions, acted)
+    write(again, found.episodes, found.task)
+    np.testing.assert_array_equal(read(again).episodes[0].actions, acted)
+    assert "setting" not in read(again).metadata
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("{", "reach.mcap: expected metadata `setting` in JSON, found "),
+        ("[]", "reach.mcap: setting: expected a JSON object, found list"),
+        ('{"action_scale": [0.5]}', "action_scale: expected 2 factors, found 1"),
+    ],
+)
+def test_a_setting_that_does_not_fit_is_refused(tmp_path: Path, setting: str, expected: str) -> None:
+    recorded_by_goalward(tmp_path / "reach.mcap", [0.0] * 4, setting)
+    with pytest.raises(Error, match=expected):
+        read(tmp_path / "reach.mcap")
+
+
 def test_grids_are_read_as_they_were_written(tmp_path: Path) -> None:
     file = tmp_path / "rooms.mcap"
     choices = np.array([0, 3, 1], np.uint8)
@@ -137,6 +179,11 @@ def changed(rows: Any, place: tuple[int, ...], value: Any) -> Any:
             REACH,
             Episode(walk(5, 0), rewards=[1.0]),
             "episode 1: rewards: expected shape (5,), found (1,)",
+        ),
+        (
+            REACH,
+            Episode(walk(5, 0), actions=changed(np.zeros((5, 2)), (2, 1), -1.5)),
+            "episode 1: actions[2, 1]: expected a number in [-1, 1], found -1.5",
         ),
         (
             REACH,

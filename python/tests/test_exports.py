@@ -10,7 +10,7 @@ import numpy as np
 import pandas
 import pyarrow.parquet
 import pytest
-from logs import trajectory, write
+from logs import CONFIG, trajectory, write
 from walks import REACH, ROOMS, rooms, walk
 
 from goalward import Cells, Discrete, Error, Task, schema
@@ -19,6 +19,7 @@ from goalward.log import Log, lerobot, write_lerobot, write_minari
 
 GOAL = {"ending": schema.GOAL_REACHED, "success": True}
 FILE = "log/trajectories-00000.mcap"
+SCALE = [0.5, 2.0]
 
 
 @pytest.fixture
@@ -29,7 +30,8 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Log:
         trajectory(0, 1, 1, steps=6),
         trajectory(1, 0, 2, steps=5, **GOAL, steps_to_goal=3),
     ]
-    write(tmp_path / FILE, [("/trajectory", episode) for episode in episodes])
+    messages = [("/trajectory", episode) for episode in episodes]
+    write(tmp_path / FILE, messages, config=f"{CONFIG}[environment]\naction_scale = {SCALE}\n")
     return Log(tmp_path)
 
 
@@ -48,7 +50,7 @@ def test_minari_loads_the_episodes(log: Log) -> None:
     assert (data.total_episodes, data.total_steps) == (3, 15)
     for episode, recorded in zip(data.iterate_episodes(), log.trajectories(), strict=True):
         np.testing.assert_array_equal(episode.observations, recorded.observations)
-        np.testing.assert_array_equal(episode.actions, np.clip(recorded.actions, -1, 1))
+        np.testing.assert_array_equal(episode.actions, np.clip(SCALE * recorded.actions, -1, 1))
         np.testing.assert_array_equal(episode.rewards, recorded.rewards)
     endings = [(one.terminations[-1], one.truncations[-1]) for one in data.iterate_episodes()]
     assert endings == [(True, False), (False, True), (True, False)]
@@ -106,6 +108,8 @@ def test_lerobot_has_a_frame_for_each_step(log: Log, tmp_path: Path) -> None:
     table = pyarrow.parquet.read_table(tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet")
     states = np.array(table["observation.state"].to_pylist(), np.float32)
     np.testing.assert_array_equal(states, np.concatenate([walk(4, 0)[:-1], walk(6, 1)[:-1], walk(5, 2)[:-1]]))
+    chosen = np.concatenate([recorded.actions for recorded in log.trajectories()])
+    np.testing.assert_array_equal(table["action"].to_pylist(), np.clip(SCALE * chosen, -1, 1))
     assert table["next.done"].to_pylist() == [False] * 3 + [True] + [False] * 5 + [True] + [False] * 4 + [
         True
     ]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs import trajectory, write
+from logs import CONFIG, trajectory, write
 from walks import REACH, ROOMS, rooms, walk
 
 from goalward import Error, schema
@@ -78,6 +78,29 @@ def test_trajectories_have_the_shapes_of_their_task(run: Path) -> None:
     np.testing.assert_array_equal(first.log_probs, [-0.5] * 3)
     assert (first.iteration, first.lane, first.episode, first.policy_version) == (0, 0, 0, 0)
     assert (first.steps, first.ending, first.success, first.steps_to_goal) == (3, "truncated", False, 0)
+
+
+@pytest.mark.parametrize(
+    ("setting", "acted"),
+    [("", [[0, 0.25], [0.5, 0.75], [1, 1]]), ("action_scale = [0.5, 2]", [[0, 0.5], [0.25, 1], [0.5, 1]])],
+)
+def test_actions_are_scaled_before_they_are_clipped(
+    tmp_path: Path, setting: str, acted: list[list[float]]
+) -> None:
+    messages = [("/trajectory", trajectory(0, 0, 0, steps=3))]
+    write(tmp_path / FIRST, messages, config=f"{CONFIG}[environment]\n{setting}\n")
+    log = Log(tmp_path)
+    [found] = log.acted(log.trajectories())
+    np.testing.assert_array_equal(found.actions, acted)
+    np.testing.assert_array_equal(found.observations, walk(3, 0))
+
+
+def test_a_scale_for_other_actions_is_refused(tmp_path: Path) -> None:
+    messages = [("/trajectory", trajectory(0, 0, 0, steps=3))]
+    write(tmp_path / FIRST, messages, config=f"{CONFIG}[environment]\naction_scale = [0.5]\n")
+    log = Log(tmp_path)
+    with pytest.raises(Error, match="action_scale: expected 2 factors, found 1"):
+        next(log.acted(log.trajectories()))
 
 
 def test_a_grid_has_the_shape_of_its_task(tmp_path: Path) -> None:

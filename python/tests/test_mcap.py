@@ -105,11 +105,116 @@ def test_a_message_stands_for_all_its_numbers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(episode.observations)[:, 3], [9, 9, 9])
 
 
-def test_without_keys_the_numbers_that_there_are_get_listed(tmp_path: Path) -> None:
-    write_ros(tmp_path / "one.mcap", moments(0))
-    listed = r"/goal.pose.x \(1\), /goal.pose.y \(1\), /joints.position \(2\)"
-    with pytest.raises(Error, match=rf"expected 3 numbers, the observation of reach, found {listed}"):
+@pytest.mark.parametrize("first", [0, 1])
+def test_several_topics_need_keys_whichever_speaks_first(tmp_path: Path, first: int) -> None:
+    write_ros(tmp_path / "one.mcap", moments(0)[first:])
+    listed = r"/done.data \(1\), /goal.pose.x \(1\), /goal.pose.y \(1\), /joints.position \(2\)"
+    with pytest.raises(
+        Error, match=rf"keys: expected some, the first of which sets the rate.* found {listed}$"
+    ):
         load(tmp_path / "one.mcap", REACH, success="all")
+
+
+def state(seed: int, *, fields: str = "xyz") -> list[Moment]:
+    """Make three messages with the numbers of a walk, in this order of fields, and success after them."""
+    rows = [dict(zip("xyz", numbers, strict=True)) for numbers in walk(2, seed).tolist()]
+    heard: list[Moment] = [
+        ("/state", time, {field: row[field] for field in fields}) for time, row in enumerate(rows)
+    ]
+    return [*heard, (DONE, 3, {"data": True})]
+
+
+def test_a_topic_that_is_alone_but_for_the_signal_needs_no_keys(tmp_path: Path) -> None:
+    write_json(tmp_path / "one.mcap", state(0))
+    [episode] = load(tmp_path / "one.mcap", REACH, success="/done.data").episodes
+    np.testing.assert_array_equal(episode.observations, walk(2, 0))
+
+
+@pytest.mark.parametrize("keys", [None, ["/state"]])
+def test_the_order_of_fields_is_that_of_the_first_bag(tmp_path: Path, keys: list[str] | None) -> None:
+    write_json(tmp_path / "run_1.mcap", state(1))
+    write_json(tmp_path / "run_2.mcap", state(2, fields="zxy"))
+    for number, episode in enumerate(load(tmp_path, REACH, keys=keys, success="/done.data").episodes, 1):
+        np.testing.assert_array_equal(episode.observations, walk(2, number))
+
+
+def test_bags_of_other_keys_are_refused(tmp_path: Path) -> None:
+    for name, topic in (("run_1", "/here"), ("run_2", "/there")):
+        write_json(tmp_path / f"{name}.mcap", [(topic, time, {"at": [1.0, 2.0, time]}) for time in range(3)])
+    expected = "episode run_2: keys: expected /here.at as before, found /there.at"
+    with pytest.raises(Error, match=f"^{expected}$"):
+        load(tmp_path, REACH, success="all")
+
+
+def test_bags_whose_keys_have_other_lengths_are_refused(tmp_path: Path) -> None:
+    for name, lengths in (("run_1", (1, 2)), ("run_2", (2, 1))):
+        parts = dict(zip("ab", ([0.5] * length for length in lengths), strict=True))
+        write_json(tmp_path / f"{name}.mcap", [("/state", time, parts) for time in range(3)])
+    with pytest.raises(Error, match=r"run_2.mcap: message 1 of /state: expected /state.a \(1\) as before, "):
+        load(tmp_path, REACH, keys=["/state.a", "/state.b"], success="all")
+
+
+TAGS, TAG_KEYS = "/tags", ["/joints.position", "/tags.detections.0.x"]
+
+
+def tagged(xs: list[float | None]) -> list[Moment]:
+    """Make for each x a message with the tag that is seen, or with none, and one of joints."""
+    heard: list[Moment] = []
+    for time, x in enumerate(xs):
+        heard.append((TAGS, 10 * time, {"detections": [] if x is None else [{"x": x}]}))
+        heard.append((JOINTS, 10 * time + 5, {"position": [time, -time]}))
+    return heard
+
+
+def test_a_tag_that_is_lost_is_not_joined_with_another_moment(tmp_path: Path) -> None:
+    write_json(tmp_path / "one.mcap", tagged([0.0, 1.0, None, None, 4.0, 5.0]))
+    expected = r"one.mcap: message 3 of /tags: expected /tags.detections.0.x \(1\) as before, found none$"
+    with pytest.raises(Error, match=expected):
+        load(tmp_path / "one.mcap", REACH, keys=TAG_KEYS, success="all")
+
+
+def test_a_number_that_is_null_is_not_joined_with_another_moment(tmp_path: Path) -> None:
+    heard: list[Moment] = []
+    for time, x in enumerate([0.0, 1.0, None, 3.0]):
+        heard += [(GOAL, time, {"x": x}), (JOINTS, time, {"position": [0.0, 1.0]})]
+    write_json(tmp_path / "one.mcap", heard)
+    with pytest.raises(Error, match=r"message 3 of /goal: expected /goal.x \(1\) as before, found none$"):
+        load(tmp_path / "one.mcap", REACH, keys=["/joints.position", "/goal.x"], success="all")
+
+
+def test_observations_begin_once_every_key_has_numbers(tmp_path: Path) -> None:
+    write_json(tmp_path / "one.mcap", tagged([None, 1.0, 2.0, 3.0]))
+    [episode] = load(tmp_path / "one.mcap", REACH, keys=TAG_KEYS, success="all").episodes
+    assert np.asarray(episode.observations).tolist() == [[1, -1, 1], [2, -2, 2], [3, -3, 3]]
+
+
+def test_a_silent_topic_keeps_its_newest_numbers(tmp_path: Path) -> None:
+    heard = [moment for moment in tagged([1.0, 2.0, 3.0, 4.0]) if moment[:2] not in ((TAGS, 10), (TAGS, 20))]
+    write_json(tmp_path / "one.mcap", heard)
+    [episode] = load(tmp_path / "one.mcap", REACH, keys=TAG_KEYS, success="all").episodes
+    assert np.asarray(episode.observations)[:, 2].tolist() == [1, 1, 1, 4]
+
+
+def test_a_bag_without_an_observation_is_refused(tmp_path: Path) -> None:
+    write_json(tmp_path / "one.mcap", tagged([None, None, None, 4.0])[:-1])
+    expected = "episode one: expected a message of /joints once all keys have numbers, found none"
+    with pytest.raises(Error, match=expected):
+        load(tmp_path / "one.mcap", REACH, keys=TAG_KEYS, success="all")
+
+
+def test_a_bag_that_never_tells_success_failed(tmp_path: Path) -> None:
+    write_json(tmp_path / "run_1.mcap", moments(1)[:-1])
+    write_json(tmp_path / "run_2.mcap", moments(2))
+    loaded = load(tmp_path, REACH, keys=KEYS, success="/done.data")
+    assert [episode.name for episode in loaded.episodes] == ["run_2"]
+    assert loaded.left_out == 1
+
+
+def test_a_signal_that_no_bag_has_is_refused(tmp_path: Path) -> None:
+    for number in (1, 2):
+        write_json(tmp_path / f"run_{number}.mcap", moments(number))
+    with pytest.raises(Error, match="success: expected `/done.won`, found /goal.pose.x, .*, /done.data$"):
+        load(tmp_path, REACH, keys=KEYS, success="/done.won")
 
 
 def test_a_missing_key_is_refused_with_those_there_are(tmp_path: Path) -> None:
@@ -121,7 +226,10 @@ def test_a_missing_key_is_refused_with_those_there_are(tmp_path: Path) -> None:
 def test_a_list_that_changes_its_length_is_refused(tmp_path: Path) -> None:
     heard: list[Moment] = [(JOINTS, time, {"position": [0.0] * (3 - time % 2)}) for time in range(4)]
     write_json(tmp_path / "one.mcap", heard)
-    with pytest.raises(Error, match=r"/joints.position: expected as many numbers each time, found 2 to 3"):
+    expected = (
+        r"message 2 of /joints: expected /joints.position \(3\) as before, found /joints.position \(2\)"
+    )
+    with pytest.raises(Error, match=expected):
         load(tmp_path / "one.mcap", REACH, keys=["/joints.position"], success="all")
 
 

@@ -38,6 +38,27 @@ def test_padding_behind_an_episode_is_left_out(tmp_path: Path) -> None:
     np.testing.assert_array_equal(second, walk(8, 1)[:7])
 
 
+@pytest.mark.parametrize("keys", [None, ["states"]])
+def test_a_goal_of_each_episode_is_no_observation(tmp_path: Path, keys: list[str] | None) -> None:
+    source = saved(tmp_path, states=np.stack([walk(4, 0), walk(4, 1)]), goal=np.zeros((2, 7)))
+    first, second = states(load(source, REACH, keys=keys, success="all"))
+    np.testing.assert_array_equal(first, walk(4, 0))
+    np.testing.assert_array_equal(second, walk(4, 1))
+
+
+def test_the_arrays_of_the_keys_have_a_row_for_each_observation(tmp_path: Path) -> None:
+    arrays = {"states": np.stack([walk(4, 0), walk(4, 1)]), "images": np.zeros((2, 9, 4, 4))}
+    found = states(load(saved(tmp_path, **arrays), REACH, keys=["states"], success="all"))
+    np.testing.assert_array_equal(found, [walk(4, 0), walk(4, 1)])
+
+
+def test_single_numbers_are_no_goal_beside_the_actions_between_them(tmp_path: Path) -> None:
+    stack = np.stack([walk(6, number) for number in range(3)])
+    columns = dict(zip("xyz", np.moveaxis(stack, 2, 0), strict=True))
+    source = saved(tmp_path, actions=np.zeros((3, 6, 2)), **columns)
+    np.testing.assert_array_equal(states(load(source, REACH, success="all")), stack)
+
+
 def test_arrays_with_one_episode_behind_another_are_cut_at_their_ends(tmp_path: Path) -> None:
     rows = np.concatenate([walk(4, 0), walk(7, 1), walk(5, 2)])
     source = saved(tmp_path, states=rows, episode_ends=[5, 13, 19], success=[True, False, True])

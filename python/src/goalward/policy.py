@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from goalward.error import Error, expecting
 from goalward.packages import optional
+from goalward.scale import scaled
 from goalward.task import Discrete, Task, Vector
 
 if sys.version_info >= (3, 11):
@@ -128,5 +129,4 @@ class Policy:
         numbers = outputs["mean"] + np.exp(outputs["log_standard_deviation"]) * noise
         if self.config["policy"]["distribution"] == "squashed-gaussian":
             numbers = np.tanh(numbers)
-        scale = self.config["environment"].get("action_scale") or 1.0
-        return np.asarray(np.clip(numbers * np.asarray(scale), -1.0, 1.0), dtype=np.float32)
+        return scaled(numbers, self.config["environment"])

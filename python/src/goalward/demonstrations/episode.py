@@ -20,7 +20,8 @@ class Episode:
 
     Attributes:
         observations: (T + 1, len) numbers, or (T + 1, height, width) cell classes.
-        actions: (T, len) numbers on the scale [-1, 1], or (T,) choices; None for states only.
+        actions: (T, len) numbers in [-1, 1], on which the environment acted, or (T,) choices; None for states
+            only.
         rewards: (T,) rewards of the environment; None if they were not recorded.
         steps_to_goal: number of steps after which the goal was first reached, 1 to T; None for T.
         name: the episode's name in the data set, for error messages.
@@ -78,16 +79,16 @@ def checked_observations(found: ArrayLike, task: Task, where: str) -> NDArray[An
 def _actions(found: ArrayLike, task: Task, steps: int, where: str) -> NDArray[Any]:
     if isinstance(task.action, Discrete):
         return _choices(found, (steps,), task.action.count, where, "actions")
-    return _numbers(found, (steps, task.action.len), where, "actions")
+    numbers = _numbers(found, (steps, task.action.len), where, "actions")
+    _require_all(np.abs(numbers) <= 1, numbers, where, "actions", "a number in [-1, 1]")
+    return numbers
 
 
 def _numbers(found: ArrayLike, shape: tuple[int, ...], where: str, what: str) -> NDArray[np.float32]:
     array = _array(found, where, what)
     _require(array.shape == shape, where, what, f"shape {shape}", array.shape)
     finite = np.isfinite(array) & (np.abs(array) <= LARGEST_NUMBER)
-    if not finite.all():
-        place = tuple(int(index) for index in np.argwhere(~finite)[0])
-        _require(False, where, f"{what}{list(place)}", "a finite float32", array[place])
+    _require_all(finite, array, where, what, "a finite float32")
     return array.astype(np.float32)
 
 
@@ -97,9 +98,7 @@ def _choices(
     array = _array(found, where, what)
     _require(array.shape == shape, where, what, f"shape {shape}", array.shape)
     whole = (array >= 0) & (array < count) & (array == np.floor(array))
-    if not whole.all():
-        place = tuple(int(index) for index in np.argwhere(~whole)[0])
-        _require(False, where, f"{what}{list(place)}", f"a whole number below {count}", array[place])
+    _require_all(whole, array, where, what, f"a whole number below {count}")
     return array.astype(np.uint8)
 
 
@@ -110,6 +109,13 @@ def _array(found: ArrayLike, where: str, what: str) -> NDArray[Any]:
         raise Error(f"{where}: {what}: expected one array, found rows of differing lengths") from cause
     _require(array.dtype.kind in "biuf", where, what, "numbers", f"values of type {array.dtype}")
     return array
+
+
+def _require_all(holds: NDArray[np.bool_], array: NDArray[Any], where: str, what: str, expected: str) -> None:
+    """Refuse an array that does not hold everywhere; name the first place where it does not."""
+    if not holds.all():
+        place = tuple(int(index) for index in np.argwhere(~holds)[0])
+        _require(False, where, f"{what}{list(place)}", expected, array[place])
 
 
 def _require(holds: object, where: str, what: str, expected: str, found: object) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +18,7 @@ from goalward.demonstrations.episode import Episode
 from goalward.error import Error, expecting
 from goalward.recorded import RecordedFile
 from goalward.replacing import new_file, require_absent
+from goalward.scale import scaled
 from goalward.task import Cells, Discrete, Task
 from goalward.version import __version__
 
@@ -48,6 +50,9 @@ def write(
     path: str | Path, episodes: Iterable[Episode], task: Task, seed: int = 0, *, overwrite: bool = False
 ) -> None:
     """Write demonstrations to an MCAP file, completely or not at all.
+
+    The file does not say in which setting of the environment they were recorded, such as `coverage`. A run
+    takes them as recorded in the agent's, with actions that are not scaled.
 
     Args:
         path: the path of the file.
@@ -83,7 +88,8 @@ def read(path: str | Path) -> Demonstrations:
     """Read a demonstration file.
 
     Returns:
-        The task and the episodes, with observations as float32 numbers or uint8 classes.
+        The task and the episodes, with observations as float32 numbers or uint8 classes, and with continuous
+        actions as the environment acted on them: scaled by the file's setting, and clipped to [-1, 1].
 
     Raises:
         Error: if the file cannot be read, is damaged, or is not a demonstration file.
@@ -91,13 +97,22 @@ def read(path: str | Path) -> Demonstrations:
     file = RecordedFile(Path(path))
     if file.kind != recorded.DEMONSTRATIONS:
         raise Error(f"{path}: expected demonstrations, found the log of a run")
-    task = file.task()
+    task, setting = file.task(), _setting(file)
     data = [message.data for message in file.messages() if message.topic == TOPIC]
     if not file.ending.complete:
         raise Error(f"{path}: expected a whole file, found it {file.ending.words}")
     with expecting(f"{path}: expected trajectories", DecodeError):
-        episodes = [_decoded(one, task, number) for number, one in enumerate(data)]
+        episodes = [_decoded(one, task, number, setting) for number, one in enumerate(data)]
     return Demonstrations(task, episodes, dict(file.metadata))
+
+
+def _setting(file: RecordedFile) -> Mapping[str, Any]:
+    """Return the setting of the environment that the file was recorded in; empty if it does not say."""
+    with expecting(f"{file.path}: expected metadata `setting` in JSON", ValueError):
+        setting = json.loads(file.metadata.get("setting", "{}"))
+    if not isinstance(setting, dict):
+        raise Error(f"{file.path}: setting: expected a JSON object, found {type(setting).__name__}")
+    return setting
 
 
 def _encoded(episodes: Iterable[Episode], task: Task, seed: int) -> Iterator[bytes]:
@@ -170,7 +185,7 @@ def _write(file: BinaryIO, metadata: dict[str, str], messages: list[bytes]) -> N
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _decoded(data: bytes, task: Task, number: int) -> Episode:
+def _decoded(data: bytes, task: Task, number: int, setting: Mapping[str, Any]) -> Episode:
     message = schema.Trajectory.FromString(data)
     if isinstance(task.observation, Cells):
         observations = np.frombuffer(message.cells, np.uint8)
@@ -178,19 +193,19 @@ def _decoded(data: bytes, task: Task, number: int) -> Episode:
         observations = np.array(message.values, np.float32)
     episode = Episode(
         observations=_rows(observations, task.observation.shape, message.steps + 1, number),
-        actions=_actions(message, task, number),
+        actions=_actions(message, task, number, setting),
         rewards=np.array(message.environment_rewards, np.float32) if message.environment_rewards else None,
         steps_to_goal=message.steps_to_goal or None,
     )
     return episode.checked(task, number)
 
 
-def _actions(message: Any, task: Task, number: int) -> NDArray[Any] | None:
+def _actions(message: Any, task: Task, number: int, setting: Mapping[str, Any]) -> NDArray[Any] | None:
     if message.discrete_actions:
         return np.frombuffer(message.discrete_actions, np.uint8)
     if message.continuous_actions and not isinstance(task.action, Discrete):
         numbers = np.array(message.continuous_actions, np.float32)
-        return _rows(numbers, (task.action.len,), message.steps, number)
+        return scaled(_rows(numbers, (task.action.len,), message.steps, number), setting)
     return None
 
 

@@ -2,18 +2,21 @@
 
 One bag is one episode. A key is a topic and a field path, such as `/joint_states.position`; a field that is
 a message stands for all its numbers. Messages are encoded as CDR of ROS 2, protobuf or JSON. Each message of
-the first key's topic gives one observation, which has the newest values of the other topics. Observations
-begin once every topic has had a message.
+the first key's topic gives one observation, which has the newest values of the other topics: those of a
+silent topic stay as they are. Observations begin once every key has numbers. From then on, it is an error if
+the newest message of a topic lacks those of a key, because older ones would belong to another moment.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
@@ -31,19 +34,55 @@ _DECODERS = {"cdr": "mcap_ros2.decoder", "protobuf": "mcap_protobuf.decoder"}
 Numbers = dict[str, list[float]]
 
 
+class _Message(NamedTuple):
+    """The numbers of a message by field; its file, and its number among those of its topic there, from 1."""
+
+    topic: str
+    numbers: Numbers
+    path: Path
+    number: int
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The parts that every bag of a data set has.
+
+    Attributes:
+        keys: the observation keys, the first of which sets the rate.
+        signal: the key that indicates success; None if none was named.
+        lengths: for each key, its fields and how many numbers each has, as in the first observation of all.
+    """
+
+    keys: Sequence[str]
+    signal: str | None
+    lengths: dict[str, dict[str, int]]
+
+
 def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     """Read bags, each as one episode.
 
     Args:
         source: an MCAP file; a bag's folder, which has `metadata.yaml`; or a folder of either.
-        wanted: the keys, the first of which sets the rate of observations; without keys, every number of
-            every message. A signal is 0 before its first message.
+        wanted: the keys, the first of which sets the rate of observations; without keys, every number of the
+            only topic that has numbers besides the signal. A signal is 0 before its first message.
 
     Raises:
-        Error: if a file is damaged, lacks a key, or its messages cannot be decoded.
+        Error: if a file is damaged, its messages cannot be decoded, a bag lacks a key, the numbers of a key
+            change, or no bag has the signal.
     """
+    parts: _Parts | None = None
+    heard: dict[str, None] = {}
     for name, files in _bags(source):
-        yield _recording(name, files, wanted)
+        keys = wanted.keys or _only_keys(name, files, wanted.signal)
+        parts = parts or _Parts(keys, wanted.signal, {})
+        if set(keys) != set(parts.keys):
+            expected, found = ", ".join(parts.keys), ", ".join(keys)
+            raise Error(f"episode {name}: keys: expected {expected} as before, found {found}")
+        recording, fields = _recording(name, files, parts)
+        heard |= fields
+        yield recording
+    if wanted.signal and not any(_is_of(field, wanted.signal) for field in heard):
+        raise Error(f"{source}: success: expected `{wanted.signal}`, found {', '.join(heard) or 'none'}")
 
 
 def _bags(source: Path) -> list[tuple[str, list[Path]]]:
@@ -71,50 +110,76 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
-def _recording(name: str, files: Sequence[Path], wanted: Wanted) -> Recording:
-    rows: dict[str, list[list[float]]] = {}
+def _only_keys(name: str, files: Sequence[Path], signal: str | None) -> list[str]:
+    """Return the fields of the only topic that has numbers, in the order of its messages.
+
+    Several topics need keys: otherwise the rate and the order would depend on which of them spoke first.
+    """
+    topics: dict[str, dict[str, int]] = {}
+    for message in chain.from_iterable(_messages(path, None) for path in files):
+        fields = {field: len(values) for field, values in message.numbers.items() if values}
+        observed = {field: fields[field] for field in fields if not (signal and _is_of(field, signal))}
+        if observed:
+            topics.setdefault(message.topic, {}).update(observed)
+    if len(topics) != 1:
+        found = ", ".join(_listed(topics[topic]) for topic in sorted(topics)) or "none"
+        expected = "some, the first of which sets the rate, unless one topic alone has numbers"
+        raise Error(f"episode {name}: keys: expected {expected}, found {found}")
+    return [field for fields in topics.values() for field in fields]
+
+
+def _recording(name: str, files: Sequence[Path], parts: _Parts) -> tuple[Recording, dict[str, None]]:
+    """Return the episode of a bag, and the fields that were found in it."""
+    keys, signal = parts.keys, parts.signal
+    asked = [*keys, signal] if signal else keys
+    newest: dict[str, _Message] = {}
+    rows: list[list[list[float]]] = []
     told: list[float] = []
-    newest: dict[str, Numbers] = {}
-    pace: str | None = None
-    for topic, numbers in chain.from_iterable(_messages(path, wanted) for path in files):
-        newest[topic] = numbers
-        pace = pace or (_topic(wanted.keys[0], newest) if wanted.keys else topic)
-        if topic == pace:
-            told.append(_told(newest, wanted))
-            for key, values in _taken(newest, wanted).items():
-                rows.setdefault(key, []).append(values)
-    missing = next((key for key in wanted.keys or () if key not in rows), None)
-    if missing is not None:
-        heard = ", ".join(key for numbers in newest.values() for key in numbers) or "none"
-        raise Error(f"episode {name}: keys: expected `{missing}`, found {heard}")
-    shortest = min(map(len, rows.values()), default=0)
-    arrays = {key: _array(name, key, values[-shortest:]) for key, values in rows.items()}
+    fields: dict[str, None] = {}
+    for message in chain.from_iterable(_messages(path, asked) for path in files):
+        fields |= dict.fromkeys(message.numbers)
+        newest |= {key: message for key in asked if _is_newest(message, key, newest)}
+        if newest.get(keys[0]) is message and (rows or all(_has(newest, key) for key in keys)):
+            rows.append([_values(newest[key], key, parts.lengths) for key in keys])
+            told.append(_told(newest, signal))
+    if not rows:
+        raise _without_observations(name, keys, newest, fields)
+    columns = zip(keys, zip(*rows, strict=True), strict=True)
+    arrays = {key: np.array(column, np.float64) for key, column in columns}
     signals = {key: array[:, 0] for key, array in arrays.items() if array.shape[1] == 1}
-    if wanted.signal and _values(newest, wanted.signal):
+    if signal:
         # A signal after the last observation counts for that observation.
-        signals[wanted.signal] = np.array([*told[-shortest:-1], _told(newest, wanted)])
-    return Recording(name, arrays, signals)
+        signals[signal] = np.array([*told[:-1], _told(newest, signal)])
+    return Recording(name, arrays, signals), fields
 
 
-def _messages(path: Path, wanted: Wanted) -> Iterator[tuple[str, Numbers]]:
+def _without_observations(
+    name: str, keys: Sequence[str], newest: Mapping[str, _Message], fields: Iterable[str]
+) -> Error:
+    missing = next((key for key in keys if key not in newest), None)
+    if missing is not None:
+        return Error(f"episode {name}: keys: expected `{missing}`, found {', '.join(fields) or 'none'}")
+    pace = newest[keys[0]].topic
+    return Error(f"episode {name}: expected a message of {pace} once all keys have numbers, found none")
+
+
+def _messages(path: Path, asked: Sequence[str] | None) -> Iterator[_Message]:
+    """Yield the messages that may have numbers of the keys asked for; of all topics without keys."""
     decoders: dict[int, Callable[[bytes], Any]] = {}
+    counts: Counter[str] = Counter()
     damage = expecting(f"{path}: expected a whole MCAP file", OSError, KeyError, *DAMAGE)
     with damage, path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            if not _is_wanted(channel.topic, wanted):
+            topic = channel.topic
+            if asked is not None and not any(_is_of(key, topic) for key in asked):
                 continue
             # A decoder may raise anything for a damaged schema or message.
-            with expecting(f"{path}: expected messages of {channel.topic} that can be decoded", Exception):
+            with expecting(f"{path}: expected messages of {topic} that can be decoded", Exception):
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(path, channel, schema)
                 decoded = decoders[channel.id](message.data)
-            yield channel.topic, dict(_leaves(decoded, channel.topic))
-
-
-def _is_wanted(topic: str, wanted: Wanted) -> bool:
-    if wanted.keys is None:
-        return True
-    return any(_is_of(key, topic) for key in (*wanted.keys, wanted.signal or ""))
+            counts[topic] += 1
+            yield _Message(topic, dict(_leaves(decoded, topic)), path, counts[topic])
 
 
 def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
@@ -164,37 +229,41 @@ def _is_of(key: str, whole: str) -> bool:
     return key == whole or key.startswith(f"{whole}.")
 
 
-def _topic(key: str, newest: Mapping[str, Numbers]) -> str | None:
-    return next((topic for topic in newest if _is_of(key, topic)), None)
+def _is_newest(message: _Message, key: str, newest: Mapping[str, _Message]) -> bool:
+    """Return whether a message is of the key's topic: the first that had numbers of the key."""
+    return message.topic == newest[key].topic if key in newest else bool(_part(message, key))
 
 
-def _values(newest: Mapping[str, Numbers], key: str) -> list[float] | None:
-    """Return the newest numbers of a key: those of its field, or of all fields within it."""
-    topic = _topic(key, newest)
-    if topic is None:
-        return None
-    fields = [values for field, values in newest[topic].items() if _is_of(field, key)]
-    return [number for values in fields for number in values] if fields else None
+def _has(newest: Mapping[str, _Message], key: str) -> bool:
+    return key in newest and bool(_part(newest[key], key))
 
 
-def _taken(newest: Mapping[str, Numbers], wanted: Wanted) -> Numbers:
-    """Return the newest numbers of every key that has had a message."""
-    if wanted.keys is None:
-        every = (item for numbers in newest.values() for item in numbers.items())
-        return {field: values for field, values in every if field != wanted.signal}
-    taken = {key: _values(newest, key) for key in wanted.keys}
-    return {key: values for key, values in taken.items() if values is not None}
+def _part(message: _Message, key: str) -> Numbers:
+    """Return a key's numbers in a message: those of its field, or of all fields within it."""
+    fields = [key] if key in message.numbers else [field for field in message.numbers if _is_of(field, key)]
+    return {field: message.numbers[field] for field in fields if message.numbers[field]}
 
 
-def _told(newest: Mapping[str, Numbers], wanted: Wanted) -> float:
+def _values(message: _Message, key: str, lengths: dict[str, dict[str, int]]) -> list[float]:
+    """Return a key's numbers in the order of its fields in the first observation.
+
+    Raises:
+        Error: if they are not as many as there.
+    """
+    part = _part(message, key)
+    found = {field: len(values) for field, values in part.items()}
+    expected = lengths.setdefault(key, found)
+    if found != expected:
+        where = f"{message.path}: message {message.number} of {message.topic}"
+        raise Error(f"{where}: expected {_listed(expected)} as before, found {_listed(found)}")
+    return [number for field in expected for number in part[field]]
+
+
+def _told(newest: Mapping[str, _Message], signal: str | None) -> float:
     """Return the newest number of the signal; 0 before its first message."""
-    values = _values(newest, wanted.signal) if wanted.signal else None
-    return values[0] if values else 0.0
+    part = _part(newest[signal], signal) if signal and signal in newest else {}
+    return next(iter(part.values()))[0] if part else 0.0
 
 
-def _array(name: str, key: str, rows: list[list[float]]) -> Any:
-    lengths = sorted({len(row) for row in rows})
-    if len(lengths) > 1:
-        found = f"{lengths[0]} to {lengths[-1]}"
-        raise Error(f"episode {name}: {key}: expected as many numbers each time, found {found}")
-    return np.array(rows, np.float64)
+def _listed(lengths: Mapping[str, int]) -> str:
+    return ", ".join(f"{field} ({length})" for field, length in lengths.items()) or "none"

@@ -1,14 +1,16 @@
 """NumPy archives: arrays with all episodes, stacked or concatenated.
 
-Stacked arrays have the shape (episodes, N, ...). Episodes of different lengths are padded at the end, and
-`lengths` has the number of observations of each. Concatenated arrays have the shape (rows, ...), and
-`episode_ends` has the row after the last one of each episode, as in replay buffers of diffusion policies.
+Stacked arrays have the shape (episodes, N, ...). The arrays of the keys determine N; without keys, those of
+three or more dimensions, because one of two dimensions may be a goal of each episode. Episodes of different
+lengths are padded at the end, and `lengths` has the number of observations of each. Concatenated arrays have
+the shape (rows, ...), and `episode_ends` has the row after the last one of each episode, as in replay buffers
+of diffusion policies.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -26,7 +28,8 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the `.npz` file.
-        wanted: not used, because the shapes show which arrays are observations.
+        wanted: the keys, whose arrays have a row for each observation; without keys, the shapes show which
+            arrays have.
 
     Raises:
         Error: if the file is damaged, or its arrays do not fit together.
@@ -34,7 +37,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     arrays = _arrays(source)
     if not arrays:
         raise Error(f"{source}: expected arrays of numbers, found none")
-    yield from _joined(source, arrays) if ENDS in arrays else _stacked(source, arrays)
+    yield from _joined(source, arrays) if ENDS in arrays else _stacked(source, arrays, wanted.keys)
 
 
 def _arrays(source: Path) -> dict[str, Array]:
@@ -64,11 +67,11 @@ def _joined(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
         yield Recording(str(number), own, _flat(own) | ended)
 
 
-def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
+def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | None) -> Iterator[Recording]:
     stacks = {name: array for name, array in arrays.items() if array.ndim > 1}
     if not stacks:
         raise Error(f"{source}: expected arrays (episodes, observations, ...) or `{ENDS}`, found neither")
-    episodes, rows = max((array.shape[:2] for array in stacks.values()), key=lambda shape: shape[1])
+    episodes, rows = _size(stacks, keys)
     lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
     if len(lengths) != episodes or (lengths > rows).any() or (lengths < 0).any():
         found = lengths.tolist()[:10]
@@ -81,6 +84,17 @@ def _stacked(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
         steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
         ended = {name: array[number] for name, array in of_episodes.items()}
         yield Recording(str(number), observed, _flat(observed) | _flat(steps) | ended)
+
+
+def _size(stacks: Mapping[str, Array], keys: Sequence[str] | None) -> tuple[int, int]:
+    """Return the number of episodes, and of rows for the observations of one."""
+    asked = [stacks[key] for key in keys or () if key in stacks]
+    deep = [array for array in stacks.values() if array.ndim > 2]
+    shapes = [array.shape[:2] for array in asked or deep or stacks.values()]
+    episodes, rows = max(shapes, key=lambda shape: shape[1])
+    # The deep ones may be the actions of observations that are single numbers.
+    has_more = not asked and any(array.shape[1] == rows + 1 for array in stacks.values())
+    return episodes, rows + has_more
 
 
 def _signals_of_episodes(arrays: Mapping[str, Array], episodes: int) -> dict[str, Array]:

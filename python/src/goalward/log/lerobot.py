@@ -31,7 +31,7 @@ def write_lerobot(
     """Write trajectories to a folder, completely or not at all.
 
     A trajectory of T steps becomes T frames, because LeRobot has no place for the observation after the last
-    step. Grids become rows of numbers.
+    step. Grids become rows of numbers. Actions are those of `Log.acted`.
 
     Args:
         log: the log of the run, which has the task.
@@ -44,7 +44,7 @@ def write_lerobot(
     """
     if fps < 1:
         raise Error(f"fps: expected a number from 1, found {fps}")
-    chosen = log.trajectories() if trajectories is None else trajectories
+    chosen = log.acted(log.trajectories() if trajectories is None else trajectories)
     with new_folder(Path(folder)) as root:
         episodes = list(_write_data(root, chosen, fps))
         if not episodes:

@@ -19,8 +19,8 @@ def write_minari(
 ) -> Any:
     """Store trajectories as a data set in Minari's folder.
 
-    The observation space is a Box, of int16 for grids. The action space is Discrete, or a Box of [-1, 1], the
-    scale of the recorded actions. `infos["success"]` says for each observation whether the goal has been
+    The observation space is a Box, of int16 for grids. The action space is Discrete, or a Box of [-1, 1].
+    Actions are those of `Log.acted`. `infos["success"]` says for each observation whether the goal has been
     reached.
 
     Args:
@@ -36,7 +36,7 @@ def write_minari(
         Error: if there is no trajectory, the data set exists, or minari is not installed.
     """
     minari, buffers = optional("minari", "minari"), optional("minari.data_collector", "minari")
-    chosen = log.trajectories() if trajectories is None else trajectories
+    chosen = log.acted(log.trajectories() if trajectories is None else trajectories)
     observation_space, action_space = _spaces(log.task)
     dtype = observation_space.dtype
     stored = [_buffer(buffers, number, trajectory, dtype) for number, trajectory in enumerate(chosen)]
@@ -73,8 +73,7 @@ def _buffer(buffers: Any, number: int, trajectory: Trajectory, dtype: Any) -> An
     return buffers.EpisodeBuffer(
         id=number,
         observations=trajectory.observations.astype(dtype),
-        # The environment clipped the actions, too.
-        actions=trajectory.actions.astype(np.int64) if discrete else np.clip(trajectory.actions, -1, 1),
+        actions=trajectory.actions.astype(np.int64 if discrete else np.float32),
         rewards=list(trajectory.rewards),
         terminations=list(at_end & (not truncated)),
         truncations=list(at_end & truncated),

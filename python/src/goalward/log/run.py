@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import sys
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -19,7 +19,8 @@ from goalward.log.tables import Columns
 from goalward.log.trajectory import Trajectory, decoded
 from goalward.log.undone import Mark, returns
 from goalward.recorded import ACTIVE, Ending, RecordedFile
-from goalward.task import Task
+from goalward.scale import scaled
+from goalward.task import Discrete, Task
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -128,6 +129,25 @@ class Log:
         """
         return (decoded(message, self.task) for message in self._messages(_topic(source)))
 
+    def acted(self, trajectories: Iterable[Trajectory]) -> Iterator[Trajectory]:
+        """Replace continuous actions by those that the environment acted on.
+
+        The environment multiplies a recorded action by `environment.action_scale` and clips it to [-1, 1]. In
+        a Gymnasium environment, -1 and 1 stand for the bounds of its action space.
+
+        Args:
+            trajectories: trajectories of this run.
+
+        Raises:
+            Error: if the log does not have the configuration.
+        """
+        if isinstance(self.task.action, Discrete):
+            yield from trajectories
+            return
+        setting = self.config.get("environment", {})
+        for trajectory in trajectories:
+            yield replace(trajectory, actions=scaled(trajectory.actions, setting))
+
     def episodes(self, source: Source = "training") -> Columns:
         """Return a table with a row for each episode.
 
@@ -145,7 +165,7 @@ class Log:
 
         Returns:
             Columns `iteration`, `lane`, `episode`; `step`, from 1 in each episode; `action`, or `action[0]`
-            and so on; the environment's `reward`; and `log_prob`.
+            and so on, as the policy chose it; the environment's `reward`; and `log_prob`.
 
         Raises:
             Error: if a message is damaged.

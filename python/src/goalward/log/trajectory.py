@@ -22,7 +22,8 @@ class Trajectory:
 
     Attributes:
         observations: (T + 1, len) float32 numbers, or (T + 1, height, width) uint8 cell classes.
-        actions: (T, len) float32 numbers, which the environment clipped to [-1, 1], or (T,) uint8 choices.
+        actions: (T, len) float32 numbers as the policy chose them, before the environment scaled and clipped
+            them (see `Log.acted`), or (T,) uint8 choices.
         rewards: (T,) float32 rewards of the environment.
         log_probs: (T,) float32 log-probabilities of the actions under the acting policy.
         ending: `goal_reached` if the task ended the episode at the goal, `truncated` if the horizon ended it,
