@@ -17,6 +17,7 @@ fn main() {
         .method(method("hello", "Hello", "Hello", "Welcome"))
         .method(method("beat", "Beat", "Beat", "BeatReply"))
         .method(method("exchange", "Exchange", "Exchange", "Answer"))
+        .method(method("goodbye", "Goodbye", "Goodbye", "Farewell"))
         .method(method("weights", "Weights", "WeightsRequest", "WeightsReply"))
         .build();
     Builder::new().compile(&[service]);

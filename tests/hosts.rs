@@ -218,6 +218,9 @@ fn a_host_that_acts_otherwise_is_expelled_and_named() {
         "{said}"
     );
     assert!(said.contains("step 0: another observation"), "{said}");
+    let again = joining(&other, &run, "dishonest", &address).output().unwrap();
+    let said = String::from_utf8_lossy(&again.stderr);
+    assert!(!again.status.success() && said.contains("dishonest has been expelled"), "{said}");
     assert_eq!(training.finish().hashes(), *alone());
     assert!(honest.wait().unwrap().success());
     let said = fs::read_to_string(run.folder().output().join("gateway.log")).unwrap();

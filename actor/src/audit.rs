@@ -43,6 +43,18 @@ pub(crate) fn audit(
     Ok(())
 }
 
+/// Describes the first difference between two encoded episodes.
+fn difference(expected: &Encoded, found: &Encoded) -> String {
+    let Trajectory { lane, episode, .. } = expected.trajectory;
+    let what = if expected.trajectory == found.trajectory {
+        let (expected, found) = (expected.bytes.len(), found.bytes.len());
+        format!("another encoding: expected its {expected} bytes, found {found}")
+    } else {
+        first_difference(&expected.trajectory, &found.trajectory)
+    };
+    format!("lane {lane} episode {episode}, {what}")
+}
+
 /// Reads the next request; returns `None` at the end of the input.
 fn next(input: &mut impl BufRead) -> Result<Option<AuditRequest>> {
     if input.fill_buf()?.is_empty() {
@@ -71,12 +83,9 @@ impl Auditor {
         if let Some(weights) = request.weights {
             self.version = Some(self.policy.version(&Weights::decode(weights)?)?);
         }
-        let found = Encoded::decode(request.trajectory, &self.config.task.spec())?.trajectory;
-        let expected = self.act(&found)?;
-        let Trajectory { lane, episode, .. } = found;
-        let place =
-            || format!("lane {lane} episode {episode}, {}", first_difference(&expected, &found));
-        Ok((expected != found).then(place))
+        let found = Encoded::decode(request.trajectory, &self.config.task.spec())?;
+        let expected = Encoded::encode(self.act(&found.trajectory)?);
+        Ok((expected.bytes != found.bytes).then(|| difference(&expected, &found)))
     }
 
     /// Runs the episode that `named` identifies, on this machine.
@@ -101,5 +110,49 @@ impl Auditor {
                 return Ok(trajectory);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use environments::BUILT_IN;
+
+    use super::*;
+    use crate::evaluate::act;
+
+    #[test]
+    fn only_the_same_bytes_pass() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let config = run::tasks::configuration("navigation", None, &[]).unwrap();
+        fs::write(folder.config_file(), config.to_text()).unwrap();
+        let factory = Factory::of_run(BUILT_IN, &config).unwrap();
+        let weights = Policy::new(&config).initial_weights(config.seed);
+        let acted = act(&factory, &config, &weights, 1, config.seed).unwrap().remove(0);
+        let (lane, episode) = (acted.lane, acted.episode);
+        let honest = Encoded::encode(acted.clone()).bytes;
+        // A field of number 100, which decoding passes over.
+        let padded = Bytes::from([&honest[..], &[0xa0, 0x06, 1]].concat());
+        let otherwise =
+            Encoded::encode(Trajectory { state_hash: !acted.state_hash, ..acted }).bytes;
+        let mut input = Vec::new();
+        for trajectory in [honest.clone(), padded, otherwise] {
+            let weights = Some(Bytes::from(weights.encode_to_vec()));
+            let request = AuditRequest { weights, trajectory }.encode_to_vec();
+            input.extend((request.len() as u64).to_le_bytes());
+            input.extend(request);
+        }
+        let mut output = Vec::new();
+        audit(BUILT_IN, &folder, &mut &input[..], &mut output).unwrap();
+        let output = String::from_utf8(output).unwrap();
+        let said: Vec<&str> = output.lines().collect();
+        let [same, padded, otherwise] = said[..] else { panic!("found {said:?}") };
+        assert_eq!(same, "null");
+        let bytes = honest.len();
+        let words = format!("another encoding: expected its {bytes} bytes, found {}", bytes + 3);
+        assert_eq!(padded, format!("\"lane {lane} episode {episode}, {words}\""));
+        assert!(otherwise.contains("expected the state"), "{otherwise}");
     }
 }

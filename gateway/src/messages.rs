@@ -1,17 +1,31 @@
 //! The messages between gateways. Every call is a request of the host and a reply of the hub.
 
+use anyhow::{Result, ensure};
 use bytes::Bytes;
 use prost::Message;
+use protocol::MAX_ACTORS;
 use protocol::messages::{LeaseReply, LeaseRequest};
 
 /// Version of this protocol; gateways with different versions refuse each other.
-pub const PROTOCOL: u32 = 3;
+pub const PROTOCOL: u32 = 4;
 
 /// Largest message, bytes. A host whose trajectory is larger can take no further part.
 pub const MOST_BYTES: usize = 32 << 20;
 
 /// Most bytes of trajectories in one message, unless a single trajectory is larger.
 pub const TOGETHER_BYTES: usize = 1 << 20;
+
+/// Most trajectories in one message.
+pub const TOGETHER: usize = 1024;
+
+/// Longest lease request, bytes: half of what fits into its slot on the learner's bus.
+pub const REQUEST_BYTES: usize = 16 << 10;
+
+/// Most leases that one request hands back; an actor holds 16 at a time.
+pub const FINISHED: usize = 256;
+
+/// Most actors that a beat names: those of a run, and as many that have just been replaced.
+pub const ACTORS: usize = 2 * MAX_ACTORS;
 
 /// Requests the run's configuration.
 #[derive(Clone, PartialEq, Message)]
@@ -77,6 +91,15 @@ pub struct Beat {
     pub distance_ms: Option<f64>,
 }
 
+impl Beat {
+    /// Checks the length of the list.
+    pub(crate) fn check(&self) -> Result<()> {
+        let found = self.actors.len();
+        ensure!(found <= ACTORS, "expected at most {ACTORS} actors of a host, found {found}");
+        Ok(())
+    }
+}
+
 /// The state of the run.
 #[derive(Clone, PartialEq, Message)]
 pub struct BeatReply {
@@ -101,9 +124,31 @@ pub struct Exchange {
     /// Number of the request among those of its actor, from 1. A repeated request gets the same reply.
     #[prost(uint64, tag = "3")]
     pub number: u64,
-    /// The actor's request.
-    #[prost(message, optional, tag = "4")]
-    pub request: Option<LeaseRequest>,
+    /// The actor's [`LeaseRequest`], encoded: the decoded one of a liar would take 28 times the memory.
+    #[prost(bytes = "bytes", optional, tag = "4")]
+    pub request: Option<Bytes>,
+}
+
+impl Exchange {
+    /// Checks how much the host sends at once.
+    pub(crate) fn check(&self) -> Result<()> {
+        let found = self.trajectories.len();
+        ensure!(found <= TOGETHER, "expected at most {TOGETHER} trajectories, found {found}");
+        let found = self.request.as_ref().map_or(0, Bytes::len);
+        ensure!(
+            found <= REQUEST_BYTES,
+            "expected a lease request of at most {REQUEST_BYTES} bytes, found {found}"
+        );
+        Ok(())
+    }
+
+    /// Decodes the actor's request, if there is one.
+    pub(crate) fn asked(&self) -> Result<Option<LeaseRequest>> {
+        let asked = self.request.clone().map(LeaseRequest::decode).transpose()?;
+        let found = asked.as_ref().map_or(0, |asked| asked.finished.len());
+        ensure!(found <= FINISHED, "expected at most {FINISHED} finished leases, found {found}");
+        Ok(asked)
+    }
 }
 
 /// The acknowledgement that the trajectories are on the learner's bus, or that nobody waits for them, and the
@@ -114,6 +159,18 @@ pub struct Answer {
     #[prost(message, optional, tag = "1")]
     pub reply: Option<LeaseReply>,
 }
+
+/// A host leaves.
+#[derive(Clone, PartialEq, Message)]
+pub struct Goodbye {
+    /// The session.
+    #[prost(fixed64, tag = "1")]
+    pub session: u64,
+}
+
+/// The host has left.
+#[derive(Clone, PartialEq, Message)]
+pub struct Farewell {}
 
 /// Requests weights.
 #[derive(Clone, PartialEq, Message)]

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use protocol::messages::{LeaseReply, LeaseRequest};
 
 use super::Outgoing;
-use crate::messages::TOGETHER_BYTES;
+use crate::messages::{TOGETHER, TOGETHER_BYTES};
 
 /// An actor of this host.
 #[derive(Default)]
@@ -65,7 +65,8 @@ impl LocalActor {
             room = room.saturating_sub(bytes.len());
             fits
         };
-        let count = self.trajectories.iter().take_while(|bytes| fits(bytes)).count();
+        let oldest = self.trajectories.iter().take(TOGETHER);
+        let count = oldest.take_while(|bytes| fits(bytes)).count();
         let count = count.max(1).min(self.trajectories.len());
         self.trajectories.drain(..count).collect()
     }
@@ -131,5 +132,8 @@ mod tests {
         };
         assert_eq!((name.as_str(), trajectories), ("actor-0", vec![of(7)]));
         assert!(sizes(&mut actor).is_empty());
+        actor.trajectories.extend(vec![of(7); TOGETHER + 1]);
+        assert_eq!(sizes(&mut actor).len(), TOGETHER);
+        assert_eq!(sizes(&mut actor), [7]);
     }
 }

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use bus::{Bus, BusAddress, POLICY_VERSIONS, Ringer, Role};
 use bytes::Bytes;
+use prost::Message;
 use protocol::messages::LeaseReply;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
@@ -21,7 +22,9 @@ use tokio::task::LocalSet;
 use super::session::{Identity, Session};
 use super::{Incoming, Outgoing};
 use crate::key::JoinKey;
-use crate::messages::{Answer, Beat, BeatReply, Exchange, WeightsReply, WeightsRequest};
+use crate::messages::{
+    Answer, Beat, BeatReply, Exchange, MOST_BYTES, WeightsReply, WeightsRequest,
+};
 
 /// Largest number of deliveries under way at once.
 const WINDOW: usize = 8;
@@ -76,10 +79,14 @@ fn work(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) ->
             alive: RefCell::default(),
             versions: Mutex::default(),
         });
-        tokio::select! {
+        let ended = tokio::select! {
             ended = link.beat(&stop) => ended,
             ended = link.follow(orders) => ended,
+        };
+        if ended.is_ok() {
+            link.session.leave().await;
         }
+        ended
     })
 }
 
@@ -99,7 +106,7 @@ impl Link {
             let alive = || self.alive.borrow().iter().cloned().collect();
             let beat = || Beat { session, actors: alive(), distance_ms };
             let begun = Instant::now();
-            let told = self.session.call(|mut hub| {
+            let told = self.session.call(0, |mut hub| {
                 let beat = beat();
                 async move { hub.beat(beat).await }
             });
@@ -139,7 +146,7 @@ impl Link {
                     let session = self.session.number;
                     let actor = request.actor.clone();
                     self.alive.borrow_mut().insert(actor.clone());
-                    let request = Some(request);
+                    let request = Some(request.encode_to_vec().into());
                     let question = Exchange { session, trajectories, number, request };
                     self.spawn(async move |link| link.ask(actor, question).await);
                 }
@@ -188,7 +195,9 @@ impl Link {
     }
 
     async fn exchange(&self, exchange: &Exchange) -> Result<Answer> {
-        let call = self.session.call(|mut hub| {
+        // As many may be under way, and each gets its share of the link.
+        let bytes = WINDOW * exchange.trajectories.iter().map(Bytes::len).sum::<usize>();
+        let call = self.session.call(bytes, |mut hub| {
             let exchange = exchange.clone();
             async move { hub.exchange(exchange).await }
         });
@@ -202,9 +211,10 @@ impl Link {
             return Ok(());
         }
         let session = self.session.number;
-        let call = self
-            .session
-            .call(|mut hub| async move { hub.weights(WeightsRequest { session, version }).await });
+        // Their size is not known before they are here.
+        let call = self.session.call(MOST_BYTES, |mut hub| async move {
+            hub.weights(WeightsRequest { session, version }).await
+        });
         // The hub does not have a version that has been replaced; the actor hands such a lease back.
         let WeightsReply { weights: Some(weights) } = call.await? else { return Ok(()) };
         self.tell(Incoming::Weights(weights))?;

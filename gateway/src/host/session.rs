@@ -12,14 +12,24 @@ use tonic::{Code, Response, Status};
 
 use crate::calls::gateway_client::GatewayClient;
 use crate::key::JoinKey;
-use crate::messages::{ConfigurationRequest, Hello, MOST_BYTES, PROTOCOL};
+use crate::messages::{ConfigurationRequest, Goodbye, Hello, MOST_BYTES, PROTOCOL};
 use crate::{KEEPALIVE, KEEPALIVE_PATIENCE, WINDOWS};
 
 /// How long connecting to the hub may take.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long an answer may take; the hub holds lease requests for two seconds.
+/// How long an answer may take, besides the time that the link needs for large messages. The hub holds lease requests
+/// for two seconds.
 const CALL_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Slowest link that messages are given time for, bytes per second: 1 Mbit/s.
+const SLOWEST_LINK: f64 = 125e3;
+
+/// Number of times that a call goes without an answer before the user is told.
+const LATE: u32 = 3;
+
+/// How long a host that leaves waits for the hub to note it.
+const GOODBYE_PATIENCE: Duration = Duration::from_secs(1);
 
 /// The first and the longest pause before a call is repeated.
 const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(1)];
@@ -62,6 +72,8 @@ pub(super) struct Session {
     actors: Cell<u64>,
     /// Number of hellos so far. It makes only one of several calls say hello when the hub does not know the session.
     hellos: tokio::sync::Mutex<u64>,
+    /// Whether the user was told that calls go without an answer.
+    has_told: Cell<bool>,
 }
 
 /// Makes a client of the hub, which connects when it is first used.
@@ -96,7 +108,8 @@ pub(super) async fn configuration(key: &JoinKey) -> Result<String> {
     let mut client = connect(key)?;
     let asked = client.configuration(ConfigurationRequest { protocol: PROTOCOL });
     let answer = tokio::time::timeout(CALL_PATIENCE, asked).await;
-    let answer = answer.unwrap_or_else(|_| Err(late())).map_err(|status| anyhow!(words(&status)));
+    let answer = answer.unwrap_or_else(|_| Err(late(CALL_PATIENCE)));
+    let answer = answer.map_err(|status| anyhow!(words(&status)));
     let answer = answer.with_context(|| format!("the hub at {}", key.address))?;
     Ok(answer.into_inner().text)
 }
@@ -112,6 +125,7 @@ impl Session {
             heard: Cell::new(Instant::now()),
             host: RefCell::new(None),
             hellos: tokio::sync::Mutex::new(0),
+            has_told: Cell::new(false),
         })
     }
 
@@ -120,37 +134,71 @@ impl Session {
         self.actors.replace(actors) != actors
     }
 
-    /// Repeats a call until the hub answers it.
+    /// Repeats a call until the hub answers it. The link may have to carry `bytes` before the answer.
     ///
     /// # Errors
     /// When the hub refuses this host, or has not answered for [`HUB_PATIENCE`].
-    pub(super) async fn call<T, F>(&self, make: impl Fn(GatewayClient<Channel>) -> F) -> Result<T>
+    pub(super) async fn call<T, F>(
+        &self,
+        bytes: usize,
+        make: impl Fn(GatewayClient<Channel>) -> F,
+    ) -> Result<T>
     where
         F: Future<Output = Result<Response<T>, Status>>,
     {
-        let mut pause = PAUSES[0];
+        let (mut pause, patience, mut late) = (PAUSES[0], patience(bytes), 0);
         loop {
             let hellos = *self.hellos.lock().await;
-            match self.once(&make).await {
+            match self.once(patience, &make).await {
                 Ok(answer) => return Ok(answer),
                 Err(status) if status.code() == Code::Unauthenticated => {
                     self.hello_after(hellos).await?;
                 }
-                Err(status) => self.bear(&status)?,
+                Err(status) => {
+                    late += u32::from(status.code() == Code::DeadlineExceeded);
+                    self.tell_if_late(late, patience);
+                    self.bear(&status)?;
+                }
             }
             tokio::time::sleep(pause).await;
             pause = (pause * 2).min(PAUSES[1]);
         }
     }
 
-    async fn once<T, F>(&self, make: impl Fn(GatewayClient<Channel>) -> F) -> Result<T, Status>
+    async fn once<T, F>(
+        &self,
+        patience: Duration,
+        make: impl Fn(GatewayClient<Channel>) -> F,
+    ) -> Result<T, Status>
     where
         F: Future<Output = Result<Response<T>, Status>>,
     {
-        let answer = tokio::time::timeout(CALL_PATIENCE, make(self.client.clone())).await;
-        let answer = answer.unwrap_or_else(|_| Err(late()))?;
+        let answer = tokio::time::timeout(patience, make(self.client.clone())).await;
+        let answer = answer.unwrap_or_else(|_| Err(late(patience)))?;
         self.heard.set(Instant::now());
         Ok(answer.into_inner())
+    }
+
+    /// Tells the user once that a call has gone without an answer too often, although others may be answered.
+    fn tell_if_late(&self, late: u32, patience: Duration) {
+        if late >= LATE && !self.has_told.replace(true) {
+            tracing::warn!(
+                "the hub at {} has not answered a message {late} times within {patience:?}, and gets it \
+                 again: the link is slow, or the hub is busy",
+                self.address
+            );
+        }
+    }
+
+    /// Tells the hub that this host leaves, so that its places are free at once. Otherwise the hub finds out by itself
+    /// within seconds.
+    pub(super) async fn leave(&self) {
+        let mut hub = self.client.clone();
+        let goodbye = hub.goodbye(Goodbye { session: self.number });
+        let answer = tokio::time::timeout(GOODBYE_PATIENCE, goodbye).await;
+        if let Err(status) = answer.unwrap_or_else(|_| Err(late(GOODBYE_PATIENCE))) {
+            tracing::debug!("the hub at {}: {}", self.address, words(&status));
+        }
     }
 
     /// Says hello, unless another call has done so since the count was `hellos`.
@@ -168,8 +216,8 @@ impl Session {
             other_build: self.identity.other_build,
             actors: self.actors.get(),
         };
-        let answer = self.once(|mut client| async move { client.hello(hello()).await }).await;
-        match answer {
+        let say = |mut client: GatewayClient<Channel>| async move { client.hello(hello()).await };
+        match self.once(CALL_PATIENCE, say).await {
             Ok(welcome) => {
                 *said += 1;
                 let known = self.host.replace(Some(welcome.host.clone()));
@@ -203,8 +251,13 @@ impl Session {
     }
 }
 
-fn late() -> Status {
-    Status::deadline_exceeded(format!("no answer within {CALL_PATIENCE:?}"))
+/// Returns how long an answer may take if the link has to carry `bytes` before.
+fn patience(bytes: usize) -> Duration {
+    CALL_PATIENCE + Duration::from_secs_f64(bytes as f64 / SLOWEST_LINK)
+}
+
+fn late(patience: Duration) -> Status {
+    Status::deadline_exceeded(format!("no answer within {patience:?}"))
 }
 
 /// Returns a status message with its causes, in one line.
@@ -229,18 +282,49 @@ mod tests {
     use crate::key;
 
     #[test]
-    fn a_message_that_is_too_long_is_not_sent_again() {
+    fn a_large_message_may_take_as_long_as_a_slow_link_needs() {
+        assert_eq!(patience(0), CALL_PATIENCE);
+        assert_eq!(patience(1_250_000), CALL_PATIENCE + Duration::from_secs(10));
+    }
+
+    fn block_on<T>(work: impl Future<Output = T>) -> T {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(work)
+    }
+
+    /// Returns a session with a hub that is not there, inside a Tokio runtime.
+    fn session() -> Session {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
         key::of_run(&folder, "127.0.0.1:9").unwrap();
         let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
         let (host, golden) = ("node-7".to_owned(), String::new());
         let identity = Identity { host, golden, other_build: false, actors: 1 };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let _entered = runtime.enter();
-        let session = Session::new(&key, identity).unwrap();
-        session.bear(&Status::unavailable("for a moment")).unwrap();
-        let refused = session.bear(&Status::out_of_range("too long")).unwrap_err();
-        assert_eq!(refused.to_string(), "the hub at 127.0.0.1:9 refuses this host: too long");
+        Session::new(&key, identity).unwrap()
+    }
+
+    #[test]
+    fn the_user_is_told_when_a_call_is_late_again_and_again() {
+        block_on(async {
+            let (session, tries) = (session(), Cell::new(0));
+            let answer = |_| {
+                let earlier = tries.replace(tries.get() + 1);
+                let is_late = earlier < LATE;
+                let told = session.has_told.get();
+                async move { if is_late { Err(late(CALL_PATIENCE)) } else { Ok(Response::new(told)) } }
+            };
+            assert!(session.call(0, answer).await.unwrap());
+            assert_eq!(tries.get(), LATE + 1);
+        });
+    }
+
+    #[test]
+    fn a_message_that_is_too_long_is_not_sent_again() {
+        block_on(async {
+            let session = session();
+            session.bear(&Status::unavailable("for a moment")).unwrap();
+            let refused = session.bear(&Status::out_of_range("too long")).unwrap_err();
+            assert_eq!(refused.to_string(), "the hub at 127.0.0.1:9 refuses this host: too long");
+        });
     }
 }

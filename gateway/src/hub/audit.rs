@@ -1,4 +1,5 @@
-//! The audit: some episodes of hosts are re-simulated on this machine before they are published.
+//! The audit: some episodes of hosts are re-simulated on this machine before they are published. What is sampled and
+//! cannot be re-simulated is not published, so a failing auditor admits nothing; the learner grants the lease again.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::{BuildHasher, RandomState};
@@ -6,13 +7,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Mutex, MutexGuard};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
 use prost::Message;
+use protocol::dropped::Dropped;
 use protocol::messages::AuditRequest;
 use protocol::task::Spec;
-use protocol::trajectory::Encoded;
+use protocol::trajectory::{Encoded, Trajectory};
 use run::folder::RunFolder;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
@@ -25,6 +28,13 @@ const WAITING: usize = 16;
 
 /// Number of verdicts kept for hosts that send an episode again: a call may time out before its audit ends.
 const KEPT: usize = 1024;
+
+/// How long the auditor may take to start and to answer, and how much longer for each step of the episode. Then it is
+/// killed. This is ample, as only an auditor that hangs should meet it.
+const PATIENCE: [Duration; 2] = [Duration::from_secs(60), Duration::from_secs(1)];
+
+/// Pause before an auditor that has failed is started again.
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// The share of episodes that is audited, and the program that audits them.
 #[derive(Clone, Debug)]
@@ -45,18 +55,40 @@ pub(super) struct Auditor {
     judged: Mutex<Judged>,
 }
 
-/// How an episode differs, or `Some(None)` if it does not; `None` until it is judged.
-type Verdict = Option<Option<String>>;
+/// What the audit of an episode found.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Verdict {
+    /// It comes out the same here.
+    Same,
+    /// How it comes out otherwise.
+    Differs(String),
+    /// It could not be re-simulated.
+    Unknown,
+}
 
-/// The verdicts of the latest episodes given to the auditor, by hash.
-#[derive(Default)]
+/// The verdicts of the latest episodes given to the auditor, by hash; `None` until there is one.
 struct Judged {
-    verdicts: BTreeMap<u64, watch::Receiver<Verdict>>,
+    verdicts: BTreeMap<u64, watch::Receiver<Option<Verdict>>>,
     order: VecDeque<u64>,
+    /// Episodes of policies that are not, or no longer, among the newest.
+    late: Dropped,
 }
 
 impl Judged {
-    fn keep(&mut self, hash: u64, verdict: watch::Receiver<Verdict>) {
+    fn new() -> Judged {
+        let late = Dropped::new("episodes of hosts whose policy is not here for their audit");
+        Judged { verdicts: BTreeMap::new(), order: VecDeque::new(), late }
+    }
+
+    /// Returns the verdict on an episode, or the place where it will be. An episode that could not be judged is judged
+    /// anew.
+    fn of(&self, hash: u64) -> Option<watch::Receiver<Option<Verdict>>> {
+        let found = self.verdicts.get(&hash)?;
+        let is_unknown = *found.borrow() == Some(Verdict::Unknown);
+        (!is_unknown).then(|| found.clone())
+    }
+
+    fn keep(&mut self, hash: u64, verdict: watch::Receiver<Option<Verdict>>) {
         self.verdicts.insert(hash, verdict);
         self.order.push_back(hash);
         if self.order.len() > KEPT
@@ -67,13 +99,17 @@ impl Judged {
     }
 }
 
-/// An episode that has been or will be judged.
-pub(super) struct Trial(watch::Receiver<Verdict>);
+/// A sampled episode; `None` if it cannot be judged here.
+pub(super) struct Trial(Option<watch::Receiver<Option<Verdict>>>);
 
 impl Trial {
-    /// Waits for the verdict; returns how the episode differs from its re-simulation, if it does.
-    pub(super) async fn difference(mut self) -> Option<String> {
-        self.0.wait_for(Option::is_some).await.ok()?.clone().flatten()
+    /// Waits for the verdict.
+    pub(super) async fn verdict(self) -> Verdict {
+        let Some(mut judged) = self.0 else { return Verdict::Unknown };
+        match judged.wait_for(Option::is_some).await {
+            Ok(verdict) => verdict.clone().unwrap_or(Verdict::Unknown),
+            Err(_) => Verdict::Unknown,
+        }
     }
 }
 
@@ -82,7 +118,9 @@ struct Case {
     version: u64,
     weights: Bytes,
     trajectory: Bytes,
-    verdict: watch::Sender<Verdict>,
+    /// How long the auditor may take.
+    patience: Duration,
+    verdict: watch::Sender<Option<Verdict>>,
 }
 
 impl Auditor {
@@ -95,32 +133,42 @@ impl Auditor {
     ) -> Auditor {
         let (cases, waiting) = mpsc::channel(WAITING);
         tokio::spawn(work(audit.program.clone(), folder.clone(), waiting));
-        let (random, judged) = (RandomState::new(), Mutex::default());
+        let (random, judged) = (RandomState::new(), Mutex::new(Judged::new()));
         Auditor { share: audit.share, random, spec, weights, cases, judged }
     }
 
-    /// Has an episode judged if it is sampled. An episode that cannot be re-simulated here passes.
+    /// Has an episode judged if it is sampled. Bytes that are not a trajectory are not: they are refused later.
     pub(super) async fn trial(&self, trajectory: &Bytes) -> Option<Trial> {
         // No host can know which episodes are sampled, and the decision is the same each time an episode is sent.
         let hash = self.random.hash_one(&trajectory[..]);
         if hash as f64 / u64::MAX as f64 >= self.share {
             return None;
         }
-        let known = self.judged().verdicts.get(&hash).cloned();
-        match known {
-            Some(verdict) => Some(Trial(verdict)),
-            None => self.give(hash, trajectory).await.map(Trial),
+        let known = self.judged().of(hash);
+        if known.is_some() {
+            return Some(Trial(known));
         }
+        let decoded = Encoded::decode(trajectory.clone(), &self.spec).ok()?.trajectory;
+        Some(Trial(self.give(hash, trajectory, &decoded).await))
     }
 
-    /// Gives an episode to the auditor; returns `None` if it cannot be re-simulated here.
-    async fn give(&self, hash: u64, trajectory: &Bytes) -> Option<watch::Receiver<Verdict>> {
-        // Bytes that are not a trajectory are refused later, before they would be published.
-        let decoded = Encoded::decode(trajectory.clone(), &self.spec).ok()?.trajectory;
+    /// Gives an episode to the auditor; returns `None` if the hub lacks the policy that acted. It has those of all open
+    /// leases.
+    async fn give(
+        &self,
+        hash: u64,
+        trajectory: &Bytes,
+        decoded: &Trajectory,
+    ) -> Option<watch::Receiver<Option<Verdict>>> {
         let version = decoded.policy_version;
-        let weights = self.weights.borrow().of_version(version)?;
+        let weights = self.weights.borrow().of_version(version);
+        let Some(weights) = weights else {
+            self.judged().late.note(format!("lane {}, version {version}", decoded.lane));
+            return None;
+        };
         let (verdict, judged) = watch::channel(None);
-        let case = Case { version, weights, trajectory: trajectory.clone(), verdict };
+        let patience = PATIENCE[0] + decoded.steps * PATIENCE[1];
+        let case = Case { version, weights, trajectory: trajectory.clone(), patience, verdict };
         self.cases.send(case).await.ok()?;
         self.judged().keep(hash, judged.clone());
         Some(judged)
@@ -135,35 +183,39 @@ impl Auditor {
 async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Case>) {
     let mut actor = None;
     let mut audited: u64 = 0;
+    let mut failed = Dropped::new("episodes of hosts that could not be audited");
     while let Some(case) = cases.recv().await {
         let mut judged = judge(&case, &mut actor, &program, &folder).await;
         if let Err(error) = &judged {
             tracing::warn!("restarting the auditor: {error:#}");
+            tokio::time::sleep(PAUSE).await;
             judged = judge(&case, &mut actor, &program, &folder).await;
         }
         audited += u64::from(judged.is_ok());
         if judged.is_ok() && audited.is_power_of_two() {
             tracing::info!("episodes of hosts re-simulated: {audited}");
         }
-        let difference = judged.unwrap_or_else(|error| {
-            tracing::error!("an episode could not be audited: {error:#}");
-            None
+        let verdict = judged.unwrap_or_else(|error| {
+            failed.note_loudly(format!("{error:#}"));
+            Verdict::Unknown
         });
-        case.verdict.send_replace(Some(difference));
+        case.verdict.send_replace(Some(verdict));
     }
 }
 
-/// Has the program judge a case. The program is started if it is not running, and dropped if it fails.
+/// Has the program judge a case. The program is started if it is not running, and killed if it fails or takes too long.
 async fn judge(
     case: &Case,
     actor: &mut Option<Actor>,
     program: &Path,
     folder: &RunFolder,
-) -> Result<Option<String>> {
+) -> Result<Verdict> {
     let mut running = actor.take().map_or_else(|| Actor::start(program, folder), Ok)?;
-    let difference = running.judge(case).await?;
+    let difference = tokio::time::timeout(case.patience, running.judge(case)).await;
+    let difference =
+        difference.with_context(|| format!("no verdict within {:?}", case.patience))??;
     *actor = Some(running);
-    Ok(difference)
+    Ok(difference.map_or(Verdict::Same, Verdict::Differs))
 }
 
 /// The program that re-simulates episodes.
@@ -207,7 +259,6 @@ impl Actor {
 mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::PermissionsExt;
-    use std::time::Duration;
 
     use actor::factory::Factory;
     use actor::lane::Lane;
@@ -231,18 +282,34 @@ exec sleep 60
         program
     }
 
-    #[test]
-    fn an_auditor_that_dies_is_started_again_for_the_same_episode() {
-        let directory = tempfile::tempdir().unwrap();
-        let program = auditor(directory.path(), PROGRAM);
-        let (verdict, judged) = watch::channel(None);
-        let (weights, trajectory) = (Bytes::from_static(b"w"), Bytes::from_static(b"t"));
-        let (cases, waiting) = mpsc::channel(1);
-        cases.try_send(Case { version: 3, weights, trajectory, verdict }).ok().unwrap();
-        drop(cases);
+    /// Hangs at its first start, and reports a difference at the second.
+    const HANGING: &str = r#"#!/bin/sh
+[ -e "$0.hung" ] || { touch "$0.hung"; exec sleep 60; }
+echo '"another observation"'
+exec sleep 60
+"#;
+
+    fn block_on<T>(work: impl Future<Output = T>) -> T {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        runtime.block_on(work(program, RunFolder::new(directory.path()), waiting));
-        assert_eq!(*judged.borrow(), Some(Some("another observation".to_owned())));
+        runtime.block_on(work)
+    }
+
+    #[test]
+    fn an_auditor_that_dies_or_hangs_is_started_again_for_the_same_episode() {
+        for text in [PROGRAM, HANGING] {
+            let directory = tempfile::tempdir().unwrap();
+            let program = auditor(directory.path(), text);
+            let (verdict, judged) = watch::channel(None);
+            let (weights, trajectory) = (Bytes::from_static(b"w"), Bytes::from_static(b"t"));
+            let (cases, waiting) = mpsc::channel(1);
+            let patience = Duration::from_secs(2);
+            let case = Case { version: 3, weights, trajectory, patience, verdict };
+            cases.try_send(case).ok().unwrap();
+            drop(cases);
+            block_on(work(program, RunFolder::new(directory.path()), waiting));
+            let difference = Verdict::Differs("another observation".to_owned());
+            assert_eq!(*judged.borrow(), Some(difference));
+        }
     }
 
     fn episode(config: &RunConfig) -> Bytes {
@@ -264,8 +331,25 @@ echo null
 exec sleep 60
 "#;
 
-    async fn difference(auditor: &Auditor, trajectory: &Bytes) -> Option<String> {
-        auditor.trial(trajectory).await?.difference().await
+    /// Dies at its first two starts, and reports no difference at the third.
+    const DYING: &str = r#"#!/bin/sh
+echo >> "$0.starts"
+[ "$(wc -l < "$0.starts")" -gt 2 ] || exit 1
+echo null
+exec sleep 60
+"#;
+
+    /// Starts an auditor of all episodes at a hub that has the weights of version 0.
+    fn of_all(program: PathBuf, directory: &Path, config: &RunConfig) -> Auditor {
+        let mut newest = Newest::default();
+        newest.take(0, Bytes::from_static(b"w"));
+        let (_, weights) = watch::channel(newest);
+        let audit = Audit { share: 1.0, program };
+        Auditor::start(&audit, &RunFolder::new(directory), config.task.spec(), weights)
+    }
+
+    async fn verdict(auditor: &Auditor, trajectory: &Bytes) -> Verdict {
+        auditor.trial(trajectory).await.unwrap().verdict().await
     }
 
     /// The host's call ends before the verdict; when the episode is sent again, the auditor is still at work on it.
@@ -275,21 +359,33 @@ exec sleep 60
         let program = auditor(directory.path(), SLOW);
         let config = run::tasks::configuration("navigation", None, &[]).unwrap();
         let trajectory = episode(&config);
-        let mut newest = Newest::default();
-        newest.take(0, Bytes::from_static(b"w"));
-        let (_newest, weights) = watch::channel(newest);
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        runtime.block_on(async {
-            let audit = Audit { share: 1.0, program: program.clone() };
-            let folder = RunFolder::new(directory.path());
-            let auditor = Auditor::start(&audit, &folder, config.task.spec(), weights);
+        block_on(async {
+            let auditor = of_all(program, directory.path(), &config);
             let impatient = Duration::from_millis(100);
-            let first = timeout(impatient, difference(&auditor, &trajectory)).await;
+            let first = timeout(impatient, verdict(&auditor, &trajectory)).await;
             assert!(first.is_err(), "the call ended first");
-            assert_eq!(difference(&auditor, &trajectory).await, None);
-            assert_eq!(difference(&auditor, &trajectory).await, None);
+            assert_eq!(verdict(&auditor, &trajectory).await, Verdict::Same);
+            assert_eq!(verdict(&auditor, &trajectory).await, Verdict::Same);
         });
         let judged = fs::read_to_string(directory.path().join("auditor.judged")).unwrap();
         assert_eq!(judged.lines().count(), 1);
+    }
+
+    #[test]
+    fn what_cannot_be_audited_does_not_count_as_the_same() {
+        let directory = tempfile::tempdir().unwrap();
+        let program = auditor(directory.path(), DYING);
+        let config = run::tasks::configuration("navigation", None, &[]).unwrap();
+        let trajectory = episode(&config);
+        let decoded = Encoded::decode(trajectory.clone(), &config.task.spec()).unwrap().trajectory;
+        let of_no_policy = Trajectory { policy_version: 7, ..decoded };
+        block_on(async {
+            let auditor = of_all(program, directory.path(), &config);
+            let unknown = verdict(&auditor, &Encoded::encode(of_no_policy).bytes).await;
+            assert_eq!(unknown, Verdict::Unknown);
+            assert_eq!(verdict(&auditor, &trajectory).await, Verdict::Unknown);
+            // The next host that runs the same lease sends the same bytes.
+            assert_eq!(verdict(&auditor, &trajectory).await, Verdict::Same);
+        });
     }
 }

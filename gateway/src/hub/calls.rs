@@ -11,20 +11,23 @@ use run::hosts::{Expelled, NAME_CHARS};
 use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
-use super::audit::Trial;
-use super::guest::{Guest, Order, places};
+use super::audit::{Trial, Verdict};
+use super::guest::{Guest, Opened, Order, places};
 use super::stand_in::Refusal;
 use super::{Hub, is_name};
 use crate::calls::gateway_server::Gateway;
 use crate::messages::{
-    Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Exchange, Hello, PROTOCOL,
-    WeightsReply, WeightsRequest, Welcome,
+    Answer, Beat, BeatReply, Configuration, ConfigurationRequest, Exchange, Farewell, Goodbye,
+    Hello, PROTOCOL, WeightsReply, WeightsRequest, Welcome,
 };
 
 /// How long to wait for weights that the learner has not published yet.
 const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
 
-/// Number of expelled sessions to remember; it is bounded because whoever has the key can cause any number of them.
+/// How long a host's thread may take to open the bus. A host waits a little longer for its welcome, and asks again.
+const OPEN_PATIENCE: Duration = Duration::from_secs(4);
+
+/// Number of expelled hosts to remember; it is bounded because whoever has the key can cause any number of them.
 const EXPELLED: usize = 1024;
 
 /// The gRPC service of the hub.
@@ -63,44 +66,67 @@ impl Calls {
         }
     }
 
-    /// Expels a host that broke the rules. If another of its calls has expelled it already, the first reason stands.
+    /// Returns the name of the host of a session.
+    fn name_of(&self, session: u64) -> Result<String, Status> {
+        let name = self.hub.guests().get(&session).map(|guest| guest.host().to_owned());
+        name.ok_or_else(|| self.stranger(session))
+    }
+
+    /// Expels a host that broke the rules.
     fn expel(&self, session: u64, why: &str) -> Status {
-        let Some(guest) = self.hub.guests().remove(&session) else {
-            return self.stranger(session);
-        };
-        let name = guest.host().to_owned();
+        match self.name_of(session) {
+            Ok(name) => self.expel_as(name, session, why),
+            Err(stranger) => stranger,
+        }
+    }
+
+    /// Expels a host by its name and session, even if it has left in the meantime. If another of its calls has expelled
+    /// it already, the first reason stands.
+    fn expel_as(&self, name: String, session: u64, why: &str) -> Status {
+        self.hub.guests().retain(|other, guest| *other != session && guest.host() != name);
+        if let Some(first) = self.hub.offence(session) {
+            return Status::permission_denied(first);
+        }
         tracing::error!("host {name} is expelled: {why}");
         let mut expelled = self.hub.expelled();
-        expelled.push_back((session, Expelled { name, why: why.to_owned() }));
+        expelled.push_back((Some(session), Expelled { name, why: why.to_owned() }));
         if expelled.len() > EXPELLED {
             expelled.pop_front();
         }
         Status::permission_denied(why)
     }
 
-    /// Has the sampled episodes of an exchange judged. Each trial runs in a task of its own, so that a host cannot
-    /// stop it by ending the call.
-    async fn judge(&self, exchange: &Exchange) -> Result<(), Status> {
+    /// Has the sampled episodes of an exchange judged, and takes out those without a verdict. Each trial runs in a task
+    /// of its own, so that a host cannot stop it by ending the call.
+    async fn judge(&self, exchange: &mut Exchange) -> Result<(), Status> {
         let session = exchange.session;
         let Some(auditor) = &self.hub.auditor else { return Ok(()) };
-        if !self.hub.guests().contains_key(&session) {
-            return Err(self.stranger(session));
+        let host = self.name_of(session)?;
+        let mut passed = Vec::with_capacity(exchange.trajectories.len());
+        for trajectory in std::mem::take(&mut exchange.trajectories) {
+            if let Some(trial) = auditor.trial(&trajectory).await {
+                let (calls, host) = (self.clone(), host.clone());
+                let tried = tokio::spawn(async move { calls.passes(host, session, trial).await });
+                if !tried.await.map_err(internal)?? {
+                    continue;
+                }
+            }
+            passed.push(trajectory);
         }
-        for trajectory in &exchange.trajectories {
-            let Some(trial) = auditor.trial(trajectory).await else { continue };
-            let calls = self.clone();
-            let tried = tokio::spawn(async move { calls.end_trial(session, trial).await });
-            tried.await.map_err(internal)??;
-        }
+        exchange.trajectories = passed;
         Ok(())
     }
 
-    /// Waits for the verdict of a trial, and expels the host if its episode differs.
-    async fn end_trial(&self, session: u64, trial: Trial) -> Result<(), Status> {
-        match trial.difference().await {
-            None => Ok(()),
-            Some(difference) => Err(self
-                .expel(session, &format!("its episode differs when re-simulated: {difference}"))),
+    /// Waits for the verdict of a trial, and expels the host if its episode differs. Returns whether the episode may be
+    /// published.
+    async fn passes(&self, host: String, session: u64, trial: Trial) -> Result<bool, Status> {
+        match trial.verdict().await {
+            Verdict::Same => Ok(true),
+            Verdict::Unknown => Ok(false),
+            Verdict::Differs(difference) => {
+                let why = format!("its episode differs when re-simulated: {difference}");
+                Err(self.expel_as(host, session, &why))
+            }
         }
     }
 
@@ -145,8 +171,9 @@ impl Calls {
         Err(Status::failed_precondition(words))
     }
 
-    /// Admits a host and returns its name in the run.
-    fn admit(&self, hello: &Hello) -> Result<String, Status> {
+    /// Admits a host and returns its name in the run. A name stays expelled, because a machine that acts otherwise does
+    /// so again when it comes back.
+    fn admit(&self, hello: &Hello) -> Result<(String, Opened), Status> {
         self.check(hello)?;
         let mut guests = self.hub.guests();
         // A host that comes back starts afresh: its earlier leases are granted to others.
@@ -157,10 +184,17 @@ impl Calls {
         let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
         let mut names = std::iter::once(hello.host.clone()).chain(numbered);
         let host = names.find(|name| !is_taken(name)).unwrap_or_default();
-        let guest = Guest::start(&self.hub.setup, &host, hello).map_err(internal)?;
+        if let Some(why) = self.hub.offence_of(&host) {
+            let words = format!(
+                "{host} has been expelled and stays so until the run is stopped and resumed; a machine \
+                 that has been repaired can join with another --name ({why})"
+            );
+            return Err(Status::permission_denied(words));
+        }
+        let (guest, opened) = Guest::start(&self.hub.setup, &host, hello).map_err(internal)?;
         tracing::info!("host {host} joins, build {}", hello.build);
         guests.insert(hello.session, guest);
-        Ok(host)
+        Ok((host, opened))
     }
 
     /// Returns how many actors a host is to run, according to the user's latest request.
@@ -193,6 +227,15 @@ fn internal(error: impl Into<anyhow::Error>) -> Status {
     Status::internal(format!("{:#}", error.into()))
 }
 
+/// Waits until a host's thread has opened the bus.
+async fn is_open(opened: Opened) -> Result<(), Status> {
+    match tokio::time::timeout(OPEN_PATIENCE, opened).await {
+        Ok(Ok(opened)) => opened.map_err(internal),
+        Ok(Err(gone)) => Err(internal(gone)),
+        Err(_) => Err(Status::unavailable("the bus of the run does not open")),
+    }
+}
+
 fn check_protocol(found: u32) -> Result<(), Status> {
     if found == PROTOCOL {
         return Ok(());
@@ -216,15 +259,18 @@ impl Gateway for Calls {
         if let Some(why) = self.hub.offence(hello.session) {
             return Err(Status::permission_denied(why));
         }
-        let host = self.admit(&hello).inspect_err(|why| {
+        let (host, opened) = self.admit(&hello).inspect_err(|why| {
             let name = shortened(&hello.host, NAME_CHARS);
             tracing::warn!("host {name:?} is refused: {}", why.message());
         })?;
+        is_open(opened).await?;
         Ok(Response::new(Welcome { host }))
     }
 
     async fn beat(&self, request: Request<Beat>) -> Result<Response<BeatReply>, Status> {
-        let Beat { session, actors, distance_ms } = request.into_inner();
+        let beat = request.into_inner();
+        beat.check().map_err(|why| self.expel(beat.session, &why.to_string()))?;
+        let Beat { session, actors, distance_ms } = beat;
         if let Some(guest) = self.hub.guests().get_mut(&session) {
             guest.about.actors = actors.len() as u64;
             guest.about.distance_ms = distance_ms.filter(|distance| distance.is_finite());
@@ -235,14 +281,20 @@ impl Gateway for Calls {
     }
 
     async fn exchange(&self, request: Request<Exchange>) -> Result<Response<Answer>, Status> {
-        let exchange = request.into_inner();
+        let mut exchange = request.into_inner();
         let session = exchange.session;
-        self.judge(&exchange).await?;
+        exchange.check().map_err(|why| self.expel(session, &why.to_string()))?;
+        self.judge(&mut exchange).await?;
         match self.done(session, |done| Order::Exchange { exchange, done }).await? {
             Ok(answer) => Ok(Response::new(answer)),
             Err(Refusal::Wrong(why)) => Err(self.expel(session, &format!("{why:#}"))),
             Err(Refusal::NoRoom(why)) => Err(Status::resource_exhausted(format!("{why:#}"))),
         }
+    }
+
+    async fn goodbye(&self, request: Request<Goodbye>) -> Result<Response<Farewell>, Status> {
+        self.hub.guests().remove(&request.get_ref().session);
+        Ok(Response::new(Farewell {}))
     }
 
     async fn weights(

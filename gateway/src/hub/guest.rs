@@ -2,15 +2,17 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use bus::{Bus, BusAddress, Doorbell, Role, Sleeper, TrajectoryHeader, TrajectoryPublisher};
 use bytes::Bytes;
+use prost::Message;
 use protocol::MAX_ACTORS;
 use protocol::dropped::{Dropped, shortened};
-use protocol::messages::LeaseReply;
+use protocol::messages::{LeaseReply, LeaseRequest};
 use protocol::task::Spec;
 use protocol::trajectory::Encoded;
 use run::folder::RunFolder;
@@ -36,6 +38,9 @@ const NAME_BYTES: usize = 80;
 /// Longest build name that is kept, characters.
 const BUILD_CHARS: usize = 200;
 
+/// Longest part of a host's text in a message, characters.
+const SHOWN_CHARS: usize = 40;
+
 /// How long to wait for the full queue of the learner or the proximity service.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -43,6 +48,8 @@ const READER_PATIENCE: Duration = Duration::from_secs(2);
 #[derive(Clone, Debug)]
 pub(super) struct GuestSetup {
     pub(super) folder: RunFolder,
+    /// Name of the run's task.
+    pub(super) task: String,
     pub(super) spec: Spec,
     pub(super) run_seed: u64,
     /// Takes the threads that are to be woken.
@@ -57,6 +64,9 @@ pub(super) enum Order {
     Exchange { exchange: Exchange, done: oneshot::Sender<Result<Answer, Refusal>> },
 }
 
+/// Tells when a host's thread has opened the bus, or why it cannot.
+pub(super) type Opened = oneshot::Receiver<Result<()>>;
+
 /// A host that has joined.
 pub(super) struct Guest {
     /// What the run's folder says about the host.
@@ -65,38 +75,41 @@ pub(super) struct Guest {
     pub(super) actors: u64,
     orders: SyncSender<Order>,
     thread: JoinHandle<()>,
-    sleeper: Sleeper,
+    /// The thread, once it has opened the bus.
+    sleeper: Arc<OnceLock<Sleeper>>,
     wake: mpsc::Sender<Sleeper>,
 }
 
 impl Guest {
-    /// Starts the host's thread.
+    /// Starts the host's thread, which opens the bus by itself: that may take seconds.
     ///
     /// # Errors
-    /// When the run's bus is not there, or the thread cannot start.
-    pub(super) fn start(setup: &GuestSetup, host: &str, hello: &Hello) -> Result<Guest> {
+    /// When the thread cannot start.
+    pub(super) fn start(setup: &GuestSetup, host: &str, hello: &Hello) -> Result<(Guest, Opened)> {
         let (orders, incoming) = sync_channel(ORDERS);
-        let (opened, sleeper) = sync_channel(1);
-        let (work, name) = (setup.clone(), host.to_owned());
+        let (told, opened) = oneshot::channel();
+        let sleeper = Arc::new(OnceLock::new());
+        let (work, name, own) = (setup.clone(), host.to_owned(), Arc::clone(&sleeper));
         let body = move || match Work::open(work, &name) {
             Ok(mut work) => {
-                opened.send(Ok(work.doorbell.sleeper())).ok();
+                own.set(work.doorbell.sleeper()).ok();
+                told.send(Ok(())).ok();
                 match work.run(&incoming) {
                     Ok(()) => tracing::info!("host {name} has left"),
                     Err(error) => tracing::error!("host {name} is given up: {error:#}"),
                 }
             }
             Err(error) => {
-                opened.send(Err(error)).ok();
+                told.send(Err(error)).ok();
             }
         };
         let thread = std::thread::Builder::new().name("host".to_owned()).spawn(body);
         let thread = thread.context("starting a thread")?;
-        let sleeper = sleeper.recv().context("opening the bus")??;
         let wake = setup.wake.clone();
         let build = shortened(&hello.build, BUILD_CHARS);
         let about = Host { name: host.to_owned(), build, actors: 0, distance_ms: None };
-        Ok(Guest { about, actors: hello.actors, orders, thread, sleeper, wake })
+        let guest = Guest { about, actors: hello.actors, orders, thread, sleeper, wake };
+        Ok((guest, opened))
     }
 
     /// Returns whether the host has not left.
@@ -116,8 +129,10 @@ impl Guest {
     /// Gives an order; returns whether there was room for it. Orders to a host that has left have no outcome.
     pub(super) fn order(&self, order: Order) -> bool {
         let has_room = !matches!(self.orders.try_send(order), Err(TrySendError::Full(_)));
-        // If the channel is full, the thread wakes soon by itself.
-        self.wake.try_send(self.sleeper).ok();
+        if let Some(sleeper) = self.sleeper.get() {
+            // If the channel is full, the thread wakes soon by itself.
+            self.wake.try_send(*sleeper).ok();
+        }
         has_room
     }
 }
@@ -197,15 +212,15 @@ impl Work {
         exchange: Exchange,
         done: oneshot::Sender<Result<Answer, Refusal>>,
     ) -> Result<()> {
-        let Exchange { trajectories, number, request, .. } = exchange;
-        let checked = trajectories.into_iter().map(|trajectory| self.checked(trajectory));
-        match checked.collect::<Result<Vec<Encoded>>>() {
-            Ok(checked) => self.publish(&checked)?,
+        let number = exchange.number;
+        let (checked, request) = match self.read(exchange) {
+            Ok(read) => read,
             Err(why) => {
                 done.send(Err(Refusal::Wrong(why))).ok();
                 return Ok(());
             }
-        }
+        };
+        self.publish(&checked)?;
         let Some(request) = request else {
             done.send(Ok(Answer::default())).ok();
             return Ok(());
@@ -226,7 +241,7 @@ impl Work {
             ensure!(
                 is_actor(actor),
                 "expected the name of an actor, found {}",
-                shortened(actor, 40)
+                shortened(actor, SHOWN_CHARS)
             );
             let actors = self.bus.alive()?.iter().filter(|name| name.starts_with("actor")).count();
             ensure!(
@@ -241,11 +256,32 @@ impl Work {
         self.stand_ins.get_mut(actor).context("an actor that was just taken on")
     }
 
-    /// Decodes a trajectory and checks that it is one of this run.
+    /// Decodes and checks what a host has sent.
+    fn read(&self, exchange: Exchange) -> Result<(Vec<Encoded>, Option<LeaseRequest>)> {
+        let request = exchange.asked()?;
+        let checked = exchange.trajectories.into_iter().map(|trajectory| self.checked(trajectory));
+        Ok((checked.collect::<Result<_>>()?, request))
+    }
+
+    /// Decodes a trajectory and checks that it is one of this run, encoded as an actor does.
     fn checked(&self, bytes: Bytes) -> Result<Encoded> {
         let encoded = Encoded::decode(bytes, &self.setup.spec)?;
-        let (expected, found) = (self.setup.run_seed, encoded.trajectory.run_seed);
+        let trajectory = &encoded.trajectory;
+        let (expected, found) = (self.setup.run_seed, trajectory.run_seed);
         ensure!(expected == found, "trajectory: expected run seed {expected}, found {found}");
+        let (expected, found) = (&self.setup.task, &trajectory.task);
+        ensure!(
+            expected == found,
+            "trajectory: expected task {expected}, found {}",
+            shortened(found, SHOWN_CHARS)
+        );
+        // Decoding passes over unknown fields, but the run's log would keep them.
+        ensure!(
+            trajectory.encode_to_vec() == encoded.bytes,
+            "trajectory: expected the {} bytes of its content, found {}",
+            trajectory.encoded_len(),
+            encoded.bytes.len()
+        );
         Ok(encoded)
     }
 

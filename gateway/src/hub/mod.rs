@@ -6,6 +6,7 @@
 
 mod audit;
 mod calls;
+mod connections;
 mod guest;
 mod newest;
 mod stand_in;
@@ -18,13 +19,12 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use bus::{Bus, BusAddress, Sleeper};
+use protocol::MAX_ACTORS;
 use run::folder::RunFolder;
 use run::hosts::{Expelled, Hosts};
 use run::process::Stop;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
-use tokio_stream::StreamExt;
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 
 use crate::calls::gateway_server::GatewayServer;
@@ -45,6 +45,9 @@ const FAREWELL: Duration = Duration::from_millis(1500);
 
 /// How long a TLS handshake may take.
 const HANDSHAKE: Duration = Duration::from_secs(5);
+
+/// Largest number of connections at once: one of every host, and as many of hosts that reconnect.
+const CONNECTIONS: usize = 2 * MAX_ACTORS;
 
 /// Largest number of concurrent calls of one connection.
 const CALLS_AT_ONCE: usize = 256;
@@ -74,8 +77,8 @@ struct Hub {
     configuration: String,
     golden: String,
     guests: Mutex<BTreeMap<u64, Guest>>,
-    /// Expelled sessions and the reasons, the oldest first.
-    expelled: Mutex<VecDeque<(u64, Expelled)>>,
+    /// Expelled hosts, the oldest first, with their sessions; those of an earlier gateway of the run have none.
+    expelled: Mutex<VecDeque<(Option<u64>, Expelled)>>,
     weights: watch::Receiver<Newest>,
     auditor: Option<Auditor>,
     is_ending: AtomicBool,
@@ -86,14 +89,21 @@ impl Hub {
         self.guests.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn expelled(&self) -> MutexGuard<'_, VecDeque<(u64, Expelled)>> {
+    fn expelled(&self) -> MutexGuard<'_, VecDeque<(Option<u64>, Expelled)>> {
         self.expelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns the reason why a session was expelled, if it was.
     fn offence(&self, session: u64) -> Option<String> {
         let expelled = self.expelled();
-        expelled.iter().find(|(known, _)| *known == session).map(|(_, who)| who.why.clone())
+        let found = expelled.iter().find(|(known, _)| *known == Some(session));
+        found.map(|(_, who)| who.why.clone())
+    }
+
+    /// Returns the reason why a host of this name was expelled, if one was.
+    fn offence_of(&self, host: &str) -> Option<String> {
+        let expelled = self.expelled();
+        expelled.iter().find(|(_, who)| who.name == host).map(|(_, who)| who.why.clone())
     }
 
     /// Returns the hosts that take part and those that were expelled.
@@ -135,12 +145,20 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
         let auditor = setup.audit.as_ref();
         let auditor = auditor.map(|audit| Auditor::start(audit, folder, spec, weights.clone()));
         let (wake, sleepers) = mpsc::channel(TO_BE_WOKEN);
+        // The list of an earlier gateway is there if that was killed. A run that starts removes it.
+        let expelled = Hosts::of_run(folder).expelled.into_iter();
         let hub = Arc::new(Hub {
-            setup: GuestSetup { folder: folder.clone(), spec, run_seed: config.seed, wake },
+            setup: GuestSetup {
+                folder: folder.clone(),
+                task: config.task.name.clone(),
+                spec,
+                run_seed: config.seed,
+                wake,
+            },
             configuration: config.to_text(),
             golden: setup.golden.clone(),
             guests: Mutex::default(),
-            expelled: Mutex::default(),
+            expelled: Mutex::new(expelled.map(|who| (None, who)).collect()),
             weights,
             auditor,
             is_ending: AtomicBool::new(false),
@@ -150,8 +168,8 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
             woken = wake_threads(folder, sleepers) => woken?,
             () = keep_hosts(&hub) => {}
         }
-        Hosts::clear(folder);
         ensure!(stop.is_requested(), "the bus of the run can no longer be read");
+        Hosts::clear(folder);
         Ok(())
     })
 }
@@ -165,12 +183,6 @@ async fn answer_calls(
     let calls = GatewayServer::new(Calls::of(Arc::clone(hub)))
         .max_decoding_message_size(MOST_BYTES)
         .max_encoding_message_size(MOST_BYTES);
-    // Small replies are sent at once.
-    let connections = TcpListenerStream::new(listener).map(|connection| {
-        connection.inspect(|stream| {
-            stream.set_nodelay(true).ok();
-        })
-    });
     Server::builder()
         .tls_config(key.tls().timeout(HANDSHAKE))
         .context("the keys of the run")?
@@ -180,7 +192,10 @@ async fn answer_calls(
         .initial_connection_window_size(WINDOWS[1])
         .concurrency_limit_per_connection(CALLS_AT_ONCE)
         .add_service(calls)
-        .serve_with_incoming_shutdown(connections, ended(hub, stop))
+        .serve_with_incoming_shutdown(
+            connections::accepted(listener, CONNECTIONS),
+            ended(hub, stop),
+        )
         .await
         .context("serving hosts")
 }

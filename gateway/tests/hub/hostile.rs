@@ -74,7 +74,8 @@ impl Liar {
         LeaseRequest { actor, capacity, finished, seconds: None }
     }
 
-    /// Sends a message in a session; any answer is accepted.
+    /// Sends a message in a session, any answer to which is accepted. Each session has a host name of its own, because
+    /// an expelled one is refused.
     async fn say(&mut self, session: u64, hub: &mut GatewayClient<Channel>) {
         match self.random.random_range(0..5) {
             0 => {
@@ -82,7 +83,8 @@ impl Liar {
                 hub.hello(Hello { build: self.name(), other_build: true, ..hello }).await.ok();
             }
             1 => {
-                hub.hello(Hello { session, actors: 1, ..self.hello.clone() }).await.ok();
+                let host = format!("liar-{session}");
+                hub.hello(Hello { session, host, actors: 1, ..self.hello.clone() }).await.ok();
             }
             2 => {
                 let actors = (0..self.random.random_range(0..5)).map(|_| self.name()).collect();
@@ -93,7 +95,7 @@ impl Liar {
                 let count = self.random.random_range(0..4);
                 let trajectories = (0..count).map(|_| self.trajectory()).collect();
                 let number = self.number();
-                let request = (number != 7).then(|| self.request());
+                let request = (number != 7).then(|| self.request().encode_to_vec().into());
                 hub.exchange(Exchange { session, trajectories, number, request }).await.ok();
             }
             _ => {

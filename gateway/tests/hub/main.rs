@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod audited;
+mod expelled;
 mod hostile;
 mod stage;
 
@@ -10,19 +12,20 @@ use std::io::Write;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use bus::{Bus, BusAddress};
+use bus::BusAddress;
 use bytes::Bytes;
+use gateway::calls::gateway_client::GatewayClient;
 use gateway::host::{self, connect};
 use gateway::key::{self, JoinKey};
-use gateway::messages::{Beat, Exchange, Hello, WeightsRequest};
+use gateway::messages::{Beat, Exchange, Goodbye, Hello};
 use prost::Message;
 use protocol::build;
 use protocol::messages::{ActorSeconds, LeaseReply, LeaseRequest};
-use protocol::weights::Weights;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
 use tonic::Code;
+use tonic::transport::Channel;
 
 use stage::{PATIENCE, Stage, block_on, free_address, lease};
 
@@ -30,8 +33,31 @@ use stage::{PATIENCE, Stage, block_on, free_address, lease};
 const STRANGERS: usize = 100;
 
 fn question(session: u64, number: u64) -> Exchange {
-    let request = LeaseRequest { actor: "actor-0-7".to_owned(), capacity: 4, ..Default::default() };
-    Exchange { session, number, request: Some(request), ..Exchange::default() }
+    question_after(session, number, None)
+}
+
+/// Returns a request for leases of an actor that has spent `seconds` since its last one.
+fn question_after(session: u64, number: u64, seconds: Option<ActorSeconds>) -> Exchange {
+    let actor = "actor-0-7".to_owned();
+    let request = LeaseRequest { actor, capacity: 4, finished: Vec::new(), seconds };
+    let request = Some(request.encode_to_vec().into());
+    Exchange { session, number, request, ..Exchange::default() }
+}
+
+/// Has an actor of the host node-7 ask the learner for leases, which grants lane 3.
+async fn granted(stage: &Stage, hub: &GatewayClient<Channel>, session: u64) -> LeaseReply {
+    let mut asker = hub.clone();
+    let asked = tokio::spawn(async move { asker.exchange(question(session, 1)).await });
+    while !asked.is_finished() {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+        if let Some(question) = stage.leases.receive().unwrap() {
+            let request = LeaseRequest::decode(question.bytes()).unwrap();
+            assert_eq!(request.actor, "actor-0-7@node-7");
+            let reply = LeaseReply { leases: vec![lease(3)], finished: false };
+            question.reply(&reply.encode_to_vec()).unwrap();
+        }
+    }
+    asked.await.unwrap().unwrap().into_inner().reply.unwrap()
 }
 
 #[test]
@@ -68,7 +94,7 @@ fn hosts_that_would_act_otherwise_are_refused_in_words() {
         for (hello, expected) in [
             (
                 Hello { protocol: 99, ..hello.clone() },
-                "expected a gateway of protocol 3, found one of 99",
+                "expected a gateway of protocol 4, found one of 99",
             ),
             (Hello { build: "0.0.9".to_owned(), ..hello.clone() }, "found 0.0.9"),
             (Hello { golden: "another".to_owned(), ..hello.clone() }, "golden episodes of hash"),
@@ -116,19 +142,8 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
     block_on(async {
         let mut hub = connect(&stage.key).unwrap();
         hub.hello(stage.hello(1)).await.unwrap();
-        let (seed, mut asker) = (stage.config.seed, hub.clone());
-        let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
-        while !asked.is_finished() {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-            if let Some(question) = stage.leases.receive().unwrap() {
-                let request = LeaseRequest::decode(question.bytes()).unwrap();
-                assert_eq!(request.actor, "actor-0-7@node-7");
-                let reply = LeaseReply { leases: vec![lease(3)], finished: false };
-                question.reply(&reply.encode_to_vec()).unwrap();
-            }
-        }
-        let answer = asked.await.unwrap().unwrap().into_inner();
-        assert_eq!(answer.reply.unwrap().leases, [lease(3)]);
+        let seed = stage.config.seed;
+        assert_eq!(granted(&stage, &hub, 1).await.leases, [lease(3)]);
         // A lost reply is asked for again; the learner does not notice.
         let granted = stage.episode(3, seed);
         let trajectories = vec![stage.episode(4, seed), granted.clone()];
@@ -156,7 +171,9 @@ fn only_episodes_of_granted_leases_reach_the_learner() {
             assert_eq!(back.code(), Code::PermissionDenied);
         }
         assert_eq!(stage.published(), Vec::<Bytes>::new());
-        hub.hello(stage.hello(3)).await.unwrap();
+        let back = hub.hello(stage.hello(3)).await.unwrap_err();
+        assert!(back.message().contains("node-7 has been expelled"), "{back}");
+        hub.hello(Hello { host: "node-8".to_owned(), ..stage.hello(3) }).await.unwrap();
         let Hosts { expelled, .. } = stage.await_hosts(|hosts| hosts.expelled.len() == 2).await;
         let names: Vec<String> = expelled.into_iter().map(|one| one.name).collect();
         assert_eq!(names, ["node-7-2", "node-7"], "in the order in which they were expelled");
@@ -171,8 +188,7 @@ fn what_an_actor_has_spent_counts_once_however_long_it_waits() {
         let mut hub = connect(&stage.key).unwrap();
         hub.hello(stage.hello(1)).await.unwrap();
         let spent = ActorSeconds { processor: 3.0, ..ActorSeconds::default() };
-        let mut asked = question(1, 1);
-        asked.request.as_mut().unwrap().seconds = Some(spent);
+        let asked = question_after(1, 1, Some(spent));
         let mut asker = hub.clone();
         let asker = tokio::spawn(async move { asker.exchange(asked).await });
         let (start, mut told) = (Instant::now(), Vec::new());
@@ -228,45 +244,18 @@ fn a_host_that_has_left_takes_no_place() {
     });
 }
 
-/// Reports a difference one second after it has started.
-const SLOW_AUDITOR: &str = r#"#!/bin/sh
-touch "$0.begun"
-sleep 1
-echo '"another observation"'
-exec sleep 60
-"#;
-
 #[test]
-fn a_host_that_hangs_up_before_the_verdict_is_expelled() {
-    let stage = Stage::with_auditor(SLOW_AUDITOR);
-    let bus = Bus::open(&BusAddress::of_run(stage.directory.path()).unwrap(), "weights").unwrap();
-    let weights = Weights::new(0, &[0.5], &[]).encode_to_vec();
-    let publisher = bus.weights_publisher(weights.len()).unwrap();
-    publisher.publish(&weights).unwrap();
-    let begun = stage.directory.path().join("auditor.begun");
+fn a_host_that_says_goodbye_can_come_back_at_once() {
+    let stage = Stage::new();
     block_on(async {
         let mut hub = connect(&stage.key).unwrap();
-        hub.hello(stage.hello(1)).await.unwrap();
-        let wanted = WeightsRequest { session: 1, version: 0 };
-        let start = Instant::now();
-        while hub.weights(wanted.clone()).await.unwrap().into_inner().weights.is_none() {
-            assert!(start.elapsed() < PATIENCE, "expected weights");
-            publisher.refresh().unwrap();
-        }
-        let trajectories = vec![stage.episode(3, stage.config.seed)];
-        let exchange = Exchange { session: 1, trajectories, ..Exchange::default() };
-        let mut asker = hub.clone();
-        let asked = tokio::spawn(async move { asker.exchange(exchange).await });
-        while !begun.exists() {
-            assert!(start.elapsed() < PATIENCE, "expected an audit");
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-        asked.abort();
-        stage.await_hosts(|hosts| hosts.expelled.len() == 1).await;
-        let back = hub.hello(stage.hello(1)).await.unwrap_err();
-        assert_eq!(back.message(), "its episode differs when re-simulated: another observation");
+        let with_all = |session| Hello { actors: 64, ..stage.hello(session) };
+        hub.hello(with_all(1)).await.unwrap();
+        hub.hello(with_all(2)).await.unwrap_err();
+        hub.goodbye(Goodbye { session: 1 }).await.unwrap();
+        let welcome = hub.hello(with_all(2)).await.unwrap().into_inner();
+        assert_eq!(welcome.host, "node-7");
     });
-    assert_eq!(stage.published(), Vec::<Bytes>::new());
 }
 
 #[test]

@@ -57,20 +57,26 @@ impl Drop for Left {
 
 impl Stage {
     pub(crate) fn new() -> Stage {
-        Stage::open(None)
+        Stage::open(None, &Hosts::default())
+    }
+
+    /// Opens a stage on which an earlier hub of the run was killed that had this list of hosts.
+    pub(crate) fn after(earlier: &Hosts) -> Stage {
+        Stage::open(None, earlier)
     }
 
     /// Opens a stage on which a program `auditor` with this text, in the run's folder, audits every episode.
     pub(crate) fn with_auditor(text: &str) -> Stage {
-        Stage::open(Some(text))
+        Stage::open(Some(text), &Hosts::default())
     }
 
-    fn open(auditor: Option<&str>) -> Stage {
+    fn open(auditor: Option<&str>, earlier: &Hosts) -> Stage {
         let directory = tempfile::tempdir().unwrap();
         let audit = auditor.map(|text| audit_by(text, directory.path()));
         let folder = RunFolder::new(directory.path());
         let config = run::tasks::configuration("navigation", None, &[]).unwrap();
         fs::create_dir(folder.output()).unwrap();
+        earlier.write(&folder).unwrap();
         fs::write(folder.config_file(), config.to_text()).unwrap();
         let address = BusAddress::for_start(folder.path()).unwrap();
         let bus = Bus::open(&address, "learner").unwrap();
