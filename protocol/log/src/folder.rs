@@ -61,6 +61,11 @@ pub fn is_active(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == ACTIVE)
 }
 
+/// Returns whether a file has the name of one in a run's log, maybe with an ending added to it.
+pub(super) fn is_of_run(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| parse(&name.to_string_lossy()).is_some())
+}
+
 /// Returns whether a living writer has the file that will be `path` when it is sealed.
 pub fn is_being_written(path: &Path) -> bool {
     durable::is_locked(&with_ending(path, ACTIVE))

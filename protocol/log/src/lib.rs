@@ -10,6 +10,8 @@
 //! | [`file`](mod@file) | [`FileWriter`]: one file, from creation to sealing |
 //! | [`writer`] | [`LogWriter`]: a run's folder; rotation and numbering |
 //! | [`folder`] | names of a folder's files, room on the disk |
+//! | `beginning` | the beginning of a file, which has no checksum of its own |
+//! | `siblings` | what the files of a run say of each other, for one whose own metadata is damaged |
 //! | `batches` | the batches a run learned from, while its log is read |
 //! | `chunk` | unpacks chunks, within limits |
 //! | `record` | parses records, after checking their lengths |
@@ -34,6 +36,7 @@
 //! holds one chunk: packed, unpacked, and as messages.
 
 mod batches;
+mod beginning;
 mod chunk;
 pub mod file;
 pub mod folder;
@@ -46,6 +49,7 @@ pub mod repair;
 pub mod rewrite;
 pub mod run;
 mod scan;
+mod siblings;
 mod source;
 mod summary;
 pub mod topic;

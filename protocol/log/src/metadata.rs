@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 use protocol::build::Build;
 
+use super::record::Trouble;
+
 /// The layout of topics and metadata that this build writes, and the newest one that it reads.
 pub const FORMAT_VERSION: u32 = 1;
 
@@ -73,20 +75,23 @@ impl Metadata {
     }
 
     /// Checks a metadata record of a file; the error says what was expected and found.
-    pub(super) fn check(name: &str, entries: BTreeMap<String, String>) -> Result<Self, String> {
+    pub(super) fn check(name: &str, entries: BTreeMap<String, String>) -> Result<Self, Trouble> {
         let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.name() == name) else {
-            return Err(not_ours(&format!("metadata `{name}`")));
+            return Err(Trouble::Damage(not_ours(&format!("metadata `{name}`"))));
         };
         let metadata = Metadata { kind, entries };
         let version = metadata.get("format_version").unwrap_or("none");
-        match version.parse::<u32>() {
-            Ok(number) if number <= FORMAT_VERSION => Ok(metadata),
-            _ => Err(format!(
-                "expected format version {FORMAT_VERSION} or older, found {version} (written by \
-                 goalward {})",
-                metadata.get("goalward_version").unwrap_or("of unknown version"),
-            )),
+        let number = version.parse::<u32>();
+        if number.as_ref().is_ok_and(|number| *number <= FORMAT_VERSION) {
+            return Ok(metadata);
         }
+        let message = format!(
+            "expected format version {FORMAT_VERSION} or older, found {version} (written by \
+             goalward {})",
+            metadata.get("goalward_version").unwrap_or("of unknown version"),
+        );
+        // Nothing is known of a newer format, not even whether its records may be read.
+        Err(if number.is_ok() { Trouble::Foreign(message) } else { Trouble::Damage(message) })
     }
 }
 

@@ -1,7 +1,8 @@
 //! [`FileReader`]: the records of one file, and how the file ends.
 //!
 //! Reads sealed files, files that are being written, and files that a crash or a bad disk left. The records returned
-//! are always those that were written, in order and without a gap: reading stops at the first damage and reports it.
+//! are always those that were written, in order and without a gap: reading stops at the first damage and reports it,
+//! unless the damage is before all records.
 //! [`repair`](super::repair()) continues after the damage.
 
 use std::collections::VecDeque;
@@ -18,7 +19,7 @@ use protocol::scene::{CompressedImage, SceneUpdate};
 use super::folder::{followed, is_active};
 use super::metadata::Metadata;
 use super::read_error;
-use super::scan::{Block, Message, Scanner};
+use super::scan::{Block, Message, Scanner, Unread};
 use super::source::{Damage, Tail};
 use super::topic::Topic;
 
@@ -97,7 +98,7 @@ pub enum Ending {
         offset: u64,
         /// What is wrong with it.
         reason: String,
-        /// Bytes from there to the end of the file.
+        /// Bytes that were not read: those from there to the end of the file, or those of a damaged beginning.
         lost_bytes: u64,
         /// Number of records not returned, if the file's summary says how many it has.
         lost_records: Option<u64>,
@@ -149,11 +150,12 @@ pub struct FileReader {
 }
 
 impl FileReader {
-    /// Opens a file recorded by goalward and reads its metadata.
+    /// Opens a file recorded by goalward and reads its metadata. A file in a run's log whose beginning is damaged is
+    /// read behind it, with the metadata that the run's other files agree on.
     ///
     /// # Errors
     /// [`Error::LogRead`] if the file is not an MCAP file, is not ours, has a newer format, or ends before its
-    /// metadata.
+    /// metadata. A damaged beginning can only be told from these if the file is in the log of a run.
     pub fn open(path: &Path) -> Result<Self, Error> {
         Self::open_begun(path)?.ok_or_else(|| {
             read_error(path, "expected metadata as the first record, found the end of the file")
@@ -214,6 +216,11 @@ impl FileReader {
         Ok(is_same)
     }
 
+    /// Returns whether the metadata may be other than what was written, once iteration has ended.
+    pub(super) fn doubts_metadata(&self) -> bool {
+        self.scanner.doubts_metadata()
+    }
+
     /// Returns the topics that the file has declared so far.
     pub(super) fn topics(&self) -> Vec<Topic> {
         self.scanner.topics()
@@ -224,7 +231,7 @@ impl FileReader {
         while self.messages.is_empty() && self.ending.is_none() {
             match self.scanner.next_block()? {
                 Some(Block::Messages(messages)) => self.messages = messages.into(),
-                Some(Block::Damage(damage)) => self.ending = Some(self.corrupt(damage)),
+                Some(Block::Damage(damage)) => self.ending = Some(self.corrupt_from(damage)),
                 None => self.ending = Some(self.tail()),
             }
         }
@@ -233,19 +240,29 @@ impl FileReader {
     }
 
     fn tail(&self) -> Ending {
-        match self.scanner.tail().cloned() {
+        let ending = match self.scanner.tail().cloned() {
             Some(Tail::Sealed) => Ending::Complete,
             None | Some(Tail::Unsealed | Tail::Cut { .. }) if self.scanner.is_being_written() => {
                 Ending::Unsealed
             }
             None | Some(Tail::Unsealed) => cut_off(&self.path, self.scanner.length(), 0),
             Some(Tail::Cut { offset, bytes }) => Ending::Truncated { offset, lost_bytes: bytes },
-            Some(Tail::Lost(damage)) => self.corrupt(damage),
+            Some(Tail::Lost(damage) | Tail::Altered(damage)) => self.corrupt_from(damage),
+        };
+        match self.scanner.unread() {
+            Some(Unread { damage, bytes }) if !ending.lost() => {
+                self.corrupt(damage.clone(), *bytes)
+            }
+            _ => ending,
         }
     }
 
-    fn corrupt(&self, Damage { offset, reason }: Damage) -> Ending {
-        let lost_bytes = self.scanner.length().saturating_sub(offset);
+    fn corrupt_from(&self, damage: Damage) -> Ending {
+        let lost_bytes = self.scanner.length().saturating_sub(damage.offset);
+        self.corrupt(damage, lost_bytes)
+    }
+
+    fn corrupt(&self, Damage { offset, reason }: Damage, lost_bytes: u64) -> Ending {
         let lost_records = self.scanner.recorded_messages();
         let lost_records = lost_records.map(|all| all.saturating_sub(self.given));
         Ending::Corrupt { offset, reason, lost_bytes, lost_records }

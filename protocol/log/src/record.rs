@@ -6,6 +6,10 @@ use mcap::records::{Record, op};
 /// Maximum length of a record, in bytes: the most that a damaged length can make a reader allocate.
 pub(super) const LONGEST_RECORD: usize = 64 << 20;
 
+/// Maximum length of a record that declares something, in bytes. Ours have some thousand; in memory they become
+/// several times as long.
+pub(super) const LONGEST_DECLARATION: usize = 1 << 20;
+
 /// The reason why a record is not accepted.
 pub(super) enum Trouble {
     /// It is damaged.

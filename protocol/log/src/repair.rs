@@ -1,20 +1,24 @@
 //! Seals a file that a crash or a bad disk left, for `goalward log repair` and for resuming.
 //!
-//! All messages in intact chunks go to a new file, including those after damage. The new file is read back before it
-//! gets the name. The original is kept if anything in it could not be copied.
+//! All messages in intact chunks go to a new file, including those after damage. If the metadata is damaged, the new
+//! file gets what the other files of the run agree on. The new file is read back before it gets the name. The original
+//! is kept if anything in it could not be copied.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::{fmt, io};
+use std::time::Duration;
+use std::{fmt, io, thread};
 
 use protocol::{Error, durable};
 
 use super::file::FileWriter;
 use super::folder::{ACTIVE, is_active, sync_folder_of, with_ending};
+use super::metadata::Metadata;
 use super::reader::{Ending, FileReader};
 use super::scan::{Block, Scanner};
+use super::siblings::settled;
 use super::source::{Damage, Tail};
 use super::topic::Topic;
 use super::{read_error, write_error};
@@ -23,6 +27,10 @@ use super::{read_error, write_error};
 const DAMAGED: &str = "damaged";
 /// Ending that is added to the new file's name until it has been read back.
 const REPAIRING: &str = "repairing";
+
+/// Readers take the lock for a moment to see whether the file is being written.
+const LOCK_ATTEMPTS: u32 = 3;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// What [`repair`] did.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,16 +99,21 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
         repair.sealed = Some(target);
         return Ok(repair);
     }
-    let Some(topics) = inspect(path, &mut repair)? else {
-        repair.damage.push("it ends before its metadata".to_owned());
-        repair.damaged = Some(set_aside(path)?);
-        return Ok(repair);
-    };
-    if !topics.is_empty() {
-        write_anew(path, &target, &topics, &mut repair)?;
-    } else if target != path {
-        durable::rename(path, &target)
-            .map_err(|cause| write_error(path, "rename the sealed file", &cause))?;
+    match inspect(path, &mut repair)? {
+        State::Begun => {
+            repair.damage.push("it ends before its metadata".to_owned());
+            repair.damaged = Some(set_aside(path)?);
+            return Ok(repair);
+        }
+        State::Sealed if target == path => {}
+        State::Sealed => durable::rename(path, &target)
+            .map_err(|cause| write_error(path, "rename the sealed file", &cause))?,
+        State::Open(metadata, topics) => {
+            let draft = with_ending(&target, REPAIRING);
+            write_anew(path, &draft, &metadata, &topics, &mut repair)?;
+            verify(&draft, &repair)?;
+            replace(path, &target, &draft, &mut repair)?;
+        }
     }
     repair.sealed = Some(target);
     Ok(repair)
@@ -116,58 +129,79 @@ fn hold(path: &Path) -> Result<File, Error> {
         _ => Err(cause),
     });
     let file = opened.map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => {
-            Err(read_error(path, "expected a file that no process writes, found one being written"))
+    for _ in 0..LOCK_ATTEMPTS {
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
+            // If the file system has no locks, the run's own lock must do.
+            Ok(()) | Err(TryLockError::Error(_)) => return Ok(file),
         }
-        // If the file system has no locks, the run's own lock must do.
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
     }
+    Err(read_error(path, "expected a file that no process writes, found one being written"))
 }
 
-/// Reads a file. Returns the topics to repair it with: an empty list if it is intact and sealed, `None` if it ends
-/// before its metadata.
-fn inspect(path: &Path, repair: &mut Repair) -> Result<Option<Vec<Topic>>, Error> {
-    let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(None) };
+/// What a file is, before it is repaired.
+enum State {
+    /// It ends before its metadata.
+    Begun,
+    /// It is sealed and intact.
+    Sealed,
+    /// Anything else: it is to be written anew, with this metadata, for messages of these topics.
+    Open(Metadata, Vec<Topic>),
+}
+
+/// Reads a file. Notes what an intact one holds.
+fn inspect(path: &Path, repair: &mut Repair) -> Result<State, Error> {
+    let Some(mut reader) = FileReader::open_begun(path)? else { return Ok(State::Begun) };
     let mut kept = BTreeMap::new();
     while let Some(message) = reader.next_message()? {
         *kept.entry(message.topic).or_insert(0) += 1;
     }
     if reader.ending() == Some(&Ending::Complete) {
         repair.kept = kept;
-        return Ok(Some(Vec::new()));
+        return Ok(State::Sealed);
+    }
+    let own = reader.metadata();
+    let metadata = match reader.doubts_metadata() {
+        // The new file has right checksums, so nobody could tell later that its metadata is damaged.
+        true => settled(path, own),
+        false => own.clone(),
+    };
+    if metadata != *own {
+        let replaced =
+            "its metadata, which no other file of the run has, is now what they agree on";
+        repair.damage.push(replaced.to_owned());
     }
     let declared = reader.topics();
-    Ok(Some(if declared.is_empty() { Topic::ALL.to_vec() } else { declared }))
+    let topics = if declared.is_empty() { Topic::ALL.to_vec() } else { declared };
+    Ok(State::Open(metadata, topics))
 }
 
-/// Writes everything that can be read to a new file and puts that in the original's place.
+/// Writes everything that can be read to a new file.
 fn write_anew(
     path: &Path,
-    target: &Path,
+    draft: &Path,
+    metadata: &Metadata,
     topics: &[Topic],
     repair: &mut Repair,
 ) -> Result<(), Error> {
-    let draft = with_ending(target, REPAIRING);
-    for stale in [draft.clone(), with_ending(&draft, ACTIVE)] {
+    for stale in [draft.to_owned(), with_ending(draft, ACTIVE)] {
         fs::remove_file(stale).ok();
     }
     let Some(mut scanner) = Scanner::open(path)? else {
         return Err(read_error(path, "expected the metadata that was there before, found none"));
     };
-    let mut writer = FileWriter::create(&draft, scanner.metadata(), topics)?;
+    let mut writer = FileWriter::create(draft, metadata, topics)?;
     let copied = copy(&mut scanner, &mut writer, repair).and_then(|()| writer.seal());
     if copied.is_err() {
         // The original has everything; the draft would only take room.
         writer.discard().ok();
     }
-    copied?;
-    verify(&draft, repair)?;
-    replace(path, target, &draft, repair)
+    copied
 }
 
 /// Copies what can be read, and notes what cannot.
 fn copy(scanner: &mut Scanner, writer: &mut FileWriter, repair: &mut Repair) -> Result<(), Error> {
+    note_beginning(scanner, repair);
     while let Some(block) = scanner.next_block()? {
         match block {
             Block::Damage(damage) => repair.note(damage),
@@ -183,6 +217,13 @@ fn copy(scanner: &mut Scanner, writer: &mut FileWriter, repair: &mut Repair) -> 
     Ok(())
 }
 
+/// Notes that the beginning cannot be read.
+fn note_beginning(scanner: &Scanner, repair: &mut Repair) {
+    if let Some(unread) = scanner.unread() {
+        repair.note(unread.damage.clone());
+    }
+}
+
 /// Notes what is missing at the end.
 fn note_tail(scanner: &Scanner, repair: &mut Repair) {
     repair.lost = scanner.missing();
@@ -190,7 +231,7 @@ fn note_tail(scanner: &Scanner, repair: &mut Repair) {
         Some(Tail::Cut { offset, bytes }) => {
             repair.damage.push(format!("byte {offset}: cut off, the last {bytes} bytes are lost"));
         }
-        Some(Tail::Lost(damage)) => {
+        Some(Tail::Lost(damage) | Tail::Altered(damage)) => {
             repair.note(damage.clone());
         }
         Some(Tail::Unsealed) if !is_active(&repair.original) => {
@@ -247,6 +288,7 @@ fn finish(path: &Path, target: &Path, repair: &mut Repair) -> Result<(), Error> 
     };
     let mut sealed = FileReader::open(target)?;
     if let Some(mut scanner) = Scanner::open(path)? {
+        note_beginning(&scanner, repair);
         while let Some(block) = scanner.next_block()? {
             match block {
                 Block::Damage(damage) => repair.note(damage),

@@ -18,12 +18,14 @@ use super::metadata::Metadata;
 use super::name::{Name, name_of};
 use super::reader::{Ending, Entry, FileReader, cut_off, decode};
 use super::scan::Message;
+use super::siblings::{credible, settled};
 use super::topic::Contents;
 use super::undone::{Mark, Return};
 use super::{Kind, read_error};
 
 /// Reads everything in a run's log folder: trajectories, scores, updates and checkpoints merged by log time. A policy
-/// update comes after the trajectories it learned from.
+/// update comes after the trajectories it learned from. Damage of a file, also of its beginning, is no error: see
+/// [`RunReader::endings`].
 ///
 /// # Errors
 /// [`Error::LogRead`] as [`FileReader::open`], or if the folder has no log or the logs of two runs.
@@ -52,6 +54,7 @@ pub struct RunReader {
 impl RunReader {
     fn open(folder: &Path, contents: &[Contents]) -> Result<Self, Error> {
         let mut metadata: Option<Metadata> = None;
+        let mut doubted: Option<Metadata> = None;
         let mut endings = Vec::new();
         let mut streams = Vec::new();
         let mut marks = Vec::new();
@@ -67,17 +70,24 @@ impl RunReader {
                     endings.push((path.clone(), cut_off(&path, bytes, bytes)));
                     continue;
                 };
-                let first = metadata.get_or_insert_with(|| reader.metadata().clone());
-                same_run(&path, first, reader.metadata())?;
                 recorded +=
                     last_of_each_name(&path, &mut reader, files.len(), &mut last, &mut marks)?;
+                let found = reader.metadata();
+                expect_run(&path, found)?;
+                // Damaged metadata is no reason to refuse the other files, and no measure of them.
+                if reader.doubts_metadata() {
+                    doubted = doubted.or_else(|| Some(settled(&path, found)));
+                } else {
+                    let first = metadata.get_or_insert_with(|| found.clone());
+                    same_run(&path, first, found)?;
+                }
                 let ending = reader.ending().cloned().unwrap_or(Ending::Unsealed);
                 endings.push((path.clone(), ending));
                 files.push_back(path);
             }
             streams.push(Stream { files, opened: 0, reader: None, read: 0, last, head: None });
         }
-        let metadata = metadata.ok_or_else(|| {
+        let metadata = metadata.or(doubted).ok_or_else(|| {
             read_error(folder, "expected files such as trajectories-00000.mcap, found none")
         })?;
         let returns = Return::all(marks);
@@ -94,7 +104,7 @@ impl RunReader {
         Ok(reader)
     }
 
-    /// Returns the metadata of the run's first file.
+    /// Returns the metadata of the run's first file whose metadata is not known to be damaged.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -209,11 +219,15 @@ fn last_of_each_name(
     Ok(record)
 }
 
-fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Error> {
-    if metadata.kind != Kind::Run {
-        let (expected, found) = (Kind::Run.name(), metadata.kind.name());
-        return Err(read_error(path, format!("expected metadata `{expected}`, found `{found}`")));
+fn expect_run(path: &Path, metadata: &Metadata) -> Result<(), Error> {
+    if metadata.kind == Kind::Run {
+        return Ok(());
     }
+    let (expected, found) = (Kind::Run.name(), metadata.kind.name());
+    Err(read_error(path, format!("expected metadata `{expected}`, found `{found}`")))
+}
+
+fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Error> {
     for name in ["task", "seed"] {
         let [expected, found] = [first, metadata].map(|file| file.get(name).unwrap_or("none"));
         if expected != found {
@@ -241,14 +255,13 @@ fn same_run(path: &Path, first: &Metadata, metadata: &Metadata) -> Result<(), Er
     Err(read_error(path, message))
 }
 
-/// Returns the metadata of the files of a run's log, by contents and number. Files whose metadata cannot be read are
-/// left out.
+/// Returns the metadata of the files of a run's log, by contents and number. Files whose metadata cannot be read, or is
+/// known to be damaged, are left out.
 ///
 /// # Errors
 /// [`Error::LogRead`] if the folder cannot be listed.
 pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
-    let metadata = |file: LogFile| Some(FileReader::open(&file.path).ok()?.metadata().clone());
-    Ok(log_files(folder)?.into_iter().filter_map(metadata).collect())
+    Ok(credible(folder)?.into_iter().map(|(_, metadata)| metadata).collect())
 }
 
 /// Returns the builds that a run was trained by, one after another, as far as the files of its log show.
@@ -258,10 +271,9 @@ pub fn recorded_metadata(folder: &Path) -> Result<Vec<Metadata>, Error> {
 pub fn recorded_builds(folder: &Path) -> Result<Vec<Build>, Error> {
     let mut builds = Vec::new();
     // Each writer of a log begins a file of each contents.
-    let is_of_updates = |file: &LogFile| file.contents == Contents::Updates;
-    for file in log_files(folder)?.into_iter().filter(is_of_updates) {
-        let Ok(Some(reader)) = FileReader::open_begun(&followed(file.path)) else { continue };
-        let build = reader.metadata().build();
+    let is_of_updates = |(file, _): &(LogFile, Metadata)| file.contents == Contents::Updates;
+    for (_, metadata) in credible(folder)?.into_iter().filter(is_of_updates) {
+        let build = metadata.build();
         if builds.last() != Some(&build) {
             builds.push(build);
         }

@@ -4,7 +4,7 @@
 //! checksum of their own. So damage costs only the damaged chunk: its length still says where the next record is.
 //! Memory is bounded by one chunk, whose limits are in `chunk`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
@@ -12,18 +12,16 @@ use bytes::Bytes;
 use mcap::records::{self, MessageHeader, op};
 use protocol::Error;
 
+use super::beginning::{self, Refusal};
 use super::chunk::{Chunks, each};
 use super::folder::followed;
-use super::metadata::{Metadata, not_ours};
+use super::metadata::Metadata;
 use super::read_error;
-use super::record::{self, Trouble};
+use super::record::{self, LONGEST_DECLARATION, Trouble};
+use super::siblings;
 use super::source::{Damage, Frame, Source, Tail, identity};
 use super::summary::Summary;
 use super::topic::Topic;
-
-/// Maximum length of a record that declares something, in bytes. Ours have some thousand; in memory they become
-/// several times as long.
-const LONGEST_DECLARATION: usize = 1 << 20;
 
 /// Number of characters kept of a foreign schema's name, for error messages.
 const LETTERS_KEPT: usize = 100;
@@ -44,6 +42,13 @@ pub(super) enum Block {
     Damage(Damage),
 }
 
+/// A beginning that cannot be read.
+pub(super) struct Unread {
+    pub(super) damage: Damage,
+    /// Bytes of the beginning.
+    pub(super) bytes: u64,
+}
+
 /// Reads a file block by block.
 pub(super) struct Scanner {
     path: PathBuf,
@@ -53,45 +58,82 @@ pub(super) struct Scanner {
     directory: Directory,
     /// Whether the summary has been read for channels that the beginning lacks.
     summary_read: bool,
-    /// A block found together with the damage before it.
-    held: Option<Block>,
+    /// Blocks that were found and not returned yet.
+    held: VecDeque<Block>,
+    /// The beginning, if it cannot be read.
+    unread: Option<Unread>,
     /// Where the last returned block begins.
     offset: u64,
     tail: Option<Tail>,
 }
 
 impl Scanner {
-    /// Opens a file and reads its metadata. Returns `None` if the file ends before that, as a crash can leave it.
+    /// Opens a file and reads its metadata. A file of a run whose beginning is damaged gets the metadata that the other
+    /// files of the run agree on. Returns `None` if the file ends before its metadata, as a crash can leave it.
     pub(super) fn open(path: &Path) -> Result<Option<Self>, Error> {
-        let mut source = Source::open(path)?;
-        let header = source.next(path)?;
-        if !matches!(header, Frame::Record { kind: op::HEADER, .. }) {
-            return match header {
-                Frame::End(Tail::Unsealed | Tail::Cut { .. }) => Ok(None),
-                _ => Err(read_error(path, "expected an MCAP header first, found something else")),
-            };
-        }
-        let metadata = match source.next(path)? {
-            Frame::Record { kind: op::METADATA, content, .. } => metadata(content),
-            Frame::Record { kind, .. } => Err(not_ours(&format!("a record of kind {kind:#04x}"))),
-            Frame::End(Tail::Unsealed | Tail::Cut { .. }) => return Ok(None),
-            Frame::End(_) => Err(not_ours("damage")),
+        let (reason, refused) = match beginning::read(path) {
+            Ok((source, metadata)) => return Ok(Some(Scanner::new(path, source, metadata))),
+            Err(Refusal::Foreign(error)) => return Err(error),
+            Err(Refusal::Cut) => ("a record of it is longer than the file".to_owned(), Ok(None)),
+            Err(Refusal::Damage(error)) => {
+                let reason = match &error {
+                    Error::LogRead { message, .. } => message.clone(),
+                    error => error.to_string(),
+                };
+                (reason, Err(error))
+            }
         };
-        Ok(Some(Scanner {
+        match Scanner::open_behind_beginning(path, &reason) {
+            Some(scanner) => Ok(Some(scanner)),
+            None => refused,
+        }
+    }
+
+    /// Opens a file of a run at its first chunk. Returns `None` if nothing shows that the file is one.
+    fn open_behind_beginning(path: &Path, reason: &str) -> Option<Self> {
+        let bytes = beginning::end(path)?;
+        let metadata = siblings::agreed(path)?;
+        let mut scanner = Scanner::new(path, Source::open_at(path, bytes).ok()?, metadata);
+        // If the chunk that declares the channels is damaged, too, the summary has them.
+        scanner.directory.adopt(Repeated::read(path), false);
+        if let Some(first) = scanner.next_block().ok()? {
+            scanner.held.push_front(first);
+        }
+        let reason = format!(
+            "its beginning cannot be read ({reason}); its metadata is that of the run's other files"
+        );
+        scanner.unread = Some(Unread { damage: Damage { offset: 0, reason }, bytes });
+        (!scanner.topics().is_empty()).then_some(scanner)
+    }
+
+    fn new(path: &Path, source: Source, metadata: Metadata) -> Self {
+        Scanner {
             path: path.to_owned(),
-            metadata: metadata.map_err(|message| read_error(path, message))?,
+            metadata,
             source,
             chunks: Chunks::default(),
-            summary_read: false,
             directory: Directory::default(),
-            held: None,
+            summary_read: false,
+            held: VecDeque::new(),
+            unread: None,
             offset: 0,
             tail: None,
-        }))
+        }
     }
 
     pub(super) fn metadata(&self) -> &Metadata {
         &self.metadata
+    }
+
+    /// Returns the beginning, if it cannot be read.
+    pub(super) fn unread(&self) -> Option<&Unread> {
+        self.unread.as_ref()
+    }
+
+    /// Returns whether the metadata may be other than what was written, once [`next_block`](Self::next_block) has
+    /// returned all of the file.
+    pub(super) fn doubts_metadata(&self) -> bool {
+        self.unread.is_some() || matches!(self.tail, Some(Tail::Altered(_)))
     }
 
     /// Returns how the file ends, once [`next_block`](Self::next_block) has returned all of it.
@@ -185,7 +227,7 @@ impl Scanner {
     /// [`Error::LogRead`] if the system cannot read the file, or if a topic of ours has messages
     /// that are not ours. Damage is no error here.
     pub(super) fn next_block(&mut self) -> Result<Option<Block>, Error> {
-        if let Some(block) = self.held.take() {
+        if let Some(block) = self.held.pop_front() {
             return Ok(Some(block));
         }
         while self.tail.is_none() {
@@ -214,14 +256,14 @@ impl Scanner {
                     directory.forgive();
                     if directory.channels.is_empty() && !self.summary_read {
                         self.summary_read = true;
-                        directory.adopt(Repeated::read(path));
+                        directory.adopt(Repeated::read(path), true);
                     }
                     return Ok(Some(Block::Damage(Damage { offset, reason })));
                 }
             }
             let messages = Block::Messages(found.messages);
             if found.gap > 0 {
-                self.held = Some(messages);
+                self.held.push_back(messages);
                 let reason = format!("{} messages before this byte are missing", found.gap);
                 return Ok(Some(Block::Damage(Damage { offset, reason })));
             }
@@ -328,9 +370,9 @@ impl Directory {
     }
 
     /// Takes the channels from the summary of a sealed file, for a file whose beginning is damaged.
-    fn adopt(&mut self, repeated: Option<Repeated>) {
+    fn adopt(&mut self, repeated: Option<Repeated>, forgiven: bool) {
         for (id, topic) in repeated.into_iter().flat_map(|repeated| repeated.directory.topics()) {
-            self.channels.insert(id, Channel { topic, next: 0, forgiven: true });
+            self.channels.insert(id, Channel { topic, next: 0, forgiven });
         }
     }
 
@@ -344,17 +386,6 @@ impl Directory {
         for channel in self.channels.values_mut() {
             channel.forgiven = true;
         }
-    }
-}
-
-fn metadata(content: &[u8]) -> Result<Metadata, String> {
-    if content.len() > LONGEST_DECLARATION {
-        return Err(not_ours(&format!("one of {} bytes", content.len())));
-    }
-    match record::parse(op::METADATA, content) {
-        Ok(records::Record::Metadata(record)) => Metadata::check(&record.name, record.metadata),
-        Ok(_) => Err(not_ours("another record")),
-        Err(cause) => Err(not_ours(&format!("damage: {cause}"))),
     }
 }
 

@@ -31,6 +31,8 @@ pub(super) enum Tail {
     Cut { offset: u64, bytes: u64 },
     /// In bytes from which the next record cannot be found.
     Lost(Damage),
+    /// At the checksum of all data, which is wrong. If each chunk is right, something between them is not.
+    Altered(Damage),
 }
 
 /// The top-level records of a file.
@@ -162,7 +164,13 @@ impl Source {
         match cause {
             McapError::UnexpectedEof if self.read <= self.end => Tail::Unsealed,
             McapError::UnexpectedEof => Tail::Cut { offset: self.end, bytes: self.read - self.end },
-            cause => Tail::Lost(Damage { offset: self.end, reason: cause.to_string() }),
+            cause => {
+                let damage = Damage { offset: self.end, reason: cause.to_string() };
+                match cause {
+                    McapError::BadDataCrc { .. } => Tail::Altered(damage),
+                    _ => Tail::Lost(damage),
+                }
+            }
         }
     }
 }

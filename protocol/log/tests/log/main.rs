@@ -1,9 +1,10 @@
 //! The log whatever happens to it: what was written is read, or the loss is reported; nothing else is returned. This
-//! file has round trips and foreign files. Crashes, cuts and flipped bits are in `damage.rs`, files that grow in
-//! `following.rs`, repairs that die in `repair.rs`, malicious files in `hostile.rs`, rotation and resumption in
-//! `run.rs`.
+//! file has round trips and foreign files. Crashes, cuts and flipped bits are in `damage.rs`, those before the first
+//! record in `beginning.rs`, files that grow in `following.rs`, repairs that die in `repair.rs`, malicious files in
+//! `hostile.rs`, rotation and resumption in `run.rs`.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod beginning;
 mod damage;
 mod following;
 mod hostile;

@@ -1,7 +1,9 @@
 //! Repairs that die, and repairs of files that are still being written.
 
-use std::fs;
+use std::fs::{self, File};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
 
 use mcap_log::{Contents, Ending, FileReader, FileWriter, info, is_being_written, repair};
 use protocol::Error;
@@ -43,10 +45,28 @@ fn a_file_that_is_written_is_not_repaired_and_has_lost_nothing() {
 }
 
 #[test]
+fn a_repair_waits_for_a_reader_that_asks_whether_the_file_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trajectories-00000.mcap");
+    let active = folder.path().join("trajectories-00000.mcap.active");
+    unsealed(&path, 2);
+    let reader = File::open(&active).unwrap();
+    reader.lock_shared().unwrap();
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            thread::sleep(Duration::from_millis(5));
+            drop(reader);
+        });
+        repair(&active).unwrap();
+    });
+    assert_eq!(read(&path).0.len(), 2);
+}
+
+#[test]
 fn a_file_is_locked_however_often_somebody_asks() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file.mcap");
-    std::thread::scope(|scope| {
+    thread::scope(|scope| {
         let asking = scope.spawn(|| (0..50_000).filter(|_| is_being_written(&path)).count());
         while !asking.is_finished() {
             let mut writer = FileWriter::create(&path, &metadata(), &[]).unwrap();
