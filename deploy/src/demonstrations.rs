@@ -7,8 +7,8 @@ use std::process::{Command, ExitStatus, Stdio};
 use anyhow::{Result, bail};
 use mcap_log::Kind;
 use protocol::setting::Setting;
-use protocol::task::Task;
-use run::config::RunConfig;
+use protocol::task::{ObservationSpec, Task, floats};
+use run::config::{LEAST_SCALED_DEVIATION, RunConfig};
 use run::folder::RunFolder;
 
 use crate::output::Output;
@@ -18,6 +18,9 @@ use terminal::status_line::StatusLine;
 
 /// Words of the status line while an expert records.
 pub(crate) const RECORDING: &str = "recording demonstrations";
+
+/// Most numbers of an observation that a remark names.
+const NAMED: usize = 8;
 
 /// Demonstrations to be recorded.
 pub(crate) struct Recording<'a> {
@@ -125,18 +128,99 @@ pub(crate) fn adopt(config: RunConfig, settings: &[String]) -> Result<RunConfig>
     Ok(run::demonstrations::adopt(config, settings).map_err(Refusal::usage)?)
 }
 
-/// Returns a remark about a file that does not say how its demonstrations were recorded.
+/// Returns a remark about a file that does not say how its demonstrations were recorded, or in which numbers vary too
+/// little to be scaled.
 ///
 /// # Errors
 /// As [`adopt`].
 pub(crate) fn remark(file: &Path, task: &Task) -> Result<Option<String>> {
-    let tells = run::demonstrations::tells_setting(file, task);
-    let remark = || {
+    let tells = run::demonstrations::tells_setting(file, task).map_err(Refusal::usage)?;
+    let unknown = || {
         format!(
             "{} does not say how it was recorded: assuming the agent's environment and unscaled \
              actions",
             file.display()
         )
     };
-    Ok((!tells.map_err(Refusal::usage)?).then(remark))
+    let remarks = [(!tells).then(unknown), remark_on_units(file, task)?];
+    let remarks: Vec<String> = remarks.into_iter().flatten().collect();
+    Ok((!remarks.is_empty()).then(|| remarks.join("; ")))
+}
+
+/// Returns a remark about the numbers that vary in a file, but too little to be scaled, as those of a large unit do.
+/// The units of the paper's tasks are given.
+fn remark_on_units(file: &Path, task: &Task) -> Result<Option<String>> {
+    let ObservationSpec::Vector { len } = task.observation else { return Ok(None) };
+    if run::tasks::names().any(|name| name == task.name) {
+        return Ok(None);
+    }
+    let shown = run::demonstrations::read(file, task, false).map_err(Refusal::usage)?;
+    let rows = shown.iter().flat_map(|one| one.observations().chunks_exact(4 * len));
+    let deviations = deviations(rows, len).into_iter().enumerate();
+    let small = deviations.filter(|(_, found)| *found > 0.0 && *found < LEAST_SCALED_DEVIATION);
+    let label = |number: usize| task.labels.get(number).cloned();
+    let name = |(number, _): (usize, f64)| label(number).unwrap_or_else(|| number.to_string());
+    let mut names: Vec<String> = small.map(name).collect();
+    if names.is_empty() {
+        return Ok(None);
+    }
+    let more = names.len().saturating_sub(NAMED);
+    names.truncate(NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Ok(Some(format!(
+        "these numbers of the observation have a standard deviation below {LEAST_SCALED_DEVIATION} in {}, so \
+         networks see them unscaled: {}{more}; in a smaller unit they would count more",
+        file.display(),
+        names.join(", ")
+    )))
+}
+
+/// Returns the standard deviation of each of the `len` numbers in some rows, exactly 0 for one that is constant.
+fn deviations<'a>(rows: impl Iterator<Item = &'a [u8]>, len: usize) -> Vec<f64> {
+    let (mut count, mut moments) = (0.0, vec![[0.0; 2]; len]);
+    for row in rows {
+        count += 1.0;
+        for ([mean, squares], number) in moments.iter_mut().zip(floats(row).map(f64::from)) {
+            let distance = number - *mean;
+            *mean += distance / count;
+            *squares += distance * (number - *mean);
+        }
+    }
+    moments.into_iter().map(|[_, squares]| (squares / count).sqrt()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use mcap_log::{FileWriter, Metadata, Topic};
+    use protocol::task::write_floats;
+    use protocol::trajectory::{Encoded, Source, Trajectory};
+
+    use super::*;
+
+    #[test]
+    fn numbers_in_a_unit_that_is_too_large_are_named() {
+        let text = "[task]\nname = \"road\"\nlabels = [\"km\", \"lane\", \"m\"]\nhorizon_steps = 10\n\
+                    observation.vector.len = 3\naction.discrete.count = 2\n";
+        let task = run::tasks::of_text(text, "road", None, &[]).unwrap().task;
+        let mut values = vec![0; 3 * 12];
+        write_floats((0..3_u8).map(f32::from).flat_map(|m| [m / 1e3, 5.0, m]), &mut values);
+        let driven = Trajectory {
+            task: "road".to_owned(),
+            source: Source::Demonstration as i32,
+            steps: 2,
+            observation_shape: vec![3],
+            values: values.into(),
+            success: true,
+            steps_to_goal: 2,
+            ..Trajectory::default()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("given.mcap");
+        let metadata = Metadata::new(Kind::Demonstrations, "road", 1).with("setting", "{}");
+        let mut writer = FileWriter::create(&file, &metadata, &[Topic::Trajectory]).unwrap();
+        writer.trajectory(&Encoded::encode(driven), 0).unwrap();
+        writer.seal().unwrap();
+        let said = remark(&file, &task).unwrap().unwrap();
+        assert!(said.starts_with("these numbers") && said.contains("unscaled: km; "), "{said}");
+    }
 }

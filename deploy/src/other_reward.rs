@@ -13,35 +13,36 @@ const MODEL: &str = "model=";
 
 /// A reward that the run was not trained with.
 pub(crate) struct OtherReward {
-    /// The run's configuration with this reward.
+    /// The configuration with this reward: that of the run whose trained model scores, else the run's own.
     pub(crate) config: RunConfig,
     /// Run whose trained model scores; if `None`, a model is trained as the run's own was.
     pub(crate) model: Option<RunFolder>,
 }
 
 impl OtherReward {
-    /// Returns the reward that results from `changes`, each `key=value`, where the key is of the reward or `model`.
+    /// Returns the reward that results from `changes`, each `key=value`, where the key is of the reward or `model`. With
+    /// a trained model, only what scoring reads can be changed, and nothing is asked of the run's own reward.
     ///
     /// # Errors
-    /// Wrong usage, when a key is another one, or several models are named.
+    /// Wrong usage, when a key is another one, or several models are named; when the reward is not valid.
     pub(crate) fn of(folder: &RunFolder, changes: &[String]) -> Result<OtherReward> {
         let (models, settings): (Vec<_>, Vec<_>) =
             changes.iter().partition(|change| change.starts_with(MODEL));
-        let model = match models[..] {
-            [] => None,
-            [one] => Some(RunFolder::new(&one[MODEL.len()..])),
-            _ => return Err(wrong_usage("expected one model=RUN, found several")),
-        };
-        let mut config = folder.config()?;
-        if let Some(model) = &model {
-            config.reward = model.config()?.reward;
-        }
+        let own = folder.config()?;
         let settings: Vec<String> = settings.into_iter().cloned().collect();
         if let Some(other) = settings.iter().find(|setting| !setting.starts_with("reward.")) {
             return Err(wrong_usage(format!(
                 "--with {other}: expected a key such as reward.uncertainty, or model=RUN"
             )));
         }
-        Ok(OtherReward { config: plan::changed(&config, &settings)?, model })
+        match models[..] {
+            [] => Ok(OtherReward { config: plan::changed(&own, &settings)?, model: None }),
+            [one] => {
+                let model = RunFolder::new(&one[MODEL.len()..]);
+                let config = model.config()?.for_scoring(&settings)?;
+                Ok(OtherReward { config, model: Some(model) })
+            }
+            _ => Err(wrong_usage("expected one model=RUN, found several")),
+        }
     }
 }

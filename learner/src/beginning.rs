@@ -57,8 +57,8 @@ impl Beginning {
     }
 }
 
-/// Gives a learner the batches of the iterations before `iteration`, from the log. A replay buffer is in no
-/// checkpoint, because the log has it already.
+/// Gives a learner the batches of the iterations before `iteration`, from the log. The replay buffer of a policy
+/// learner is in no checkpoint, because the log has it already.
 ///
 /// Fails with [`Final`] if the log lacks some of them: with other batches the run would have another result.
 fn remember(

@@ -12,7 +12,7 @@ use run::config::RolloutConfig;
 
 use crate::ledger::LanePlan;
 
-/// Number of training episodes that the success rate is taken over (paper, Section 4: the last 100).
+/// Number of training episodes that the success rate is taken over (`log_smooth_len` in the authors' code).
 const SUCCESS_WINDOW: usize = 100;
 
 /// An upper bound on counts, which no run reaches in a thousand years.

@@ -8,7 +8,7 @@ use protocol::task::floats;
 const EPSILON: f64 = 1e-8;
 
 /// Numbers with a smaller standard deviation in the demonstrations are not scaled. The unit is that of the number:
-/// meters, radians, or either per second.
+/// meters, radians, or either per second. Users of other units are told of it, see `networks/tests/scaling.rs`.
 const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 
 /// Mean and variance of a stream of numbers.

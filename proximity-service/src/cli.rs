@@ -38,7 +38,7 @@ enum Command {
         /// Folder of the log.
         #[arg(long)]
         log: PathBuf,
-        /// Configuration of the other model.
+        /// Configuration of the other model; that of the run whose model scores, if there is one.
         #[arg(long)]
         config: PathBuf,
         /// Run whose trained model scores, without learning further.
@@ -65,7 +65,7 @@ enum Command {
         /// Folder of the run that the episode is of.
         #[arg(long)]
         run: PathBuf,
-        /// Configuration of the reward.
+        /// Configuration of the run whose model scores, with another reward.
         #[arg(long)]
         config: PathBuf,
         /// Run whose trained model scores; the same where none is named.

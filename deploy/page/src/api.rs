@@ -164,16 +164,16 @@ async fn reward(
     Query(Otherwise { with, model }): Query<Otherwise>,
 ) -> Answer {
     let ask = move |runs: &Runs, asked: Asked| {
-        let mut changes: Vec<String> = with.split_whitespace().map(str::to_owned).collect();
+        let changes: Vec<String> = with.split_whitespace().map(str::to_owned).collect();
         if changes.iter().any(|change| change.starts_with("model=")) {
             return Err(Refused::unknown("expected the name of a run as `model`"));
         }
-        if let Some(name) = model {
+        let found = |name: String| {
             let unknown = || Refused::unknown(format!("no run is called {name}"));
-            let folder = runs.folder(&name).ok_or_else(unknown)?;
-            changes.push(format!("model={}", folder.path().display()));
-        }
-        json(&runs.shown.score(&asked, &changes)?)
+            runs.folder(&name).ok_or_else(unknown)
+        };
+        let model = model.map(found).transpose()?;
+        json(&runs.shown.score(&asked, model.as_ref(), changes)?)
     };
     of_episode(pages, id, collection, row, ask).await
 }

@@ -50,11 +50,13 @@ impl Shown {
         generation: u64,
         from: usize,
     ) -> Result<Option<String>> {
-        let Some(episodes) = self.collections.get(folder, &folder.config()?, collection) else {
+        let config = folder.config()?;
+        let Some(episodes) = self.collections.get(folder, &config, collection) else {
             return Ok(None);
         };
         let episodes = locked(&episodes);
-        Ok(Some(serde_json::to_string(&episodes.rows(generation, from))?))
+        let rows = episodes.rows(generation, from, config.task.tells_success);
+        Ok(Some(serde_json::to_string(&rows)?))
     }
 
     /// Returns an episode of a collection, re-simulated if its observations were not recorded; `None` if there is no
@@ -137,12 +139,19 @@ impl Shown {
         Ok(Grid { places: everywhere.places().to_vec(), estimates })
     }
 
-    /// Scores an episode under another reward.
+    /// Scores an episode under another reward, with the trained model of the run `model`, or of its own.
     ///
     /// # Errors
-    /// When a change is not to the reward, or there is no such model.
-    pub(crate) fn score(&self, asked: &Asked, changes: &[String]) -> Result<Score> {
-        self.programs.score(&asked.folder, changes, &asked.recorded.trajectory)
+    /// When a change is not to what scoring reads of the reward, or there is no such model.
+    pub(crate) fn score(
+        &self,
+        asked: &Asked,
+        model: Option<&RunFolder>,
+        mut changes: Vec<String>,
+    ) -> Result<Score> {
+        let model = model.unwrap_or(&asked.folder);
+        changes.push(format!("model={}", model.path().display()));
+        self.programs.score(&asked.folder, &changes, &asked.recorded.trajectory)
     }
 
     /// Returns the processes of a run; `None` if it is not being trained.
@@ -204,7 +213,8 @@ pub(crate) struct Episode<'a> {
     policy_version: u64,
     steps: u32,
     ending: i32,
-    success: bool,
+    /// `None` if the task does not tell success.
+    success: Option<bool>,
     steps_to_goal: u32,
     /// For a grid: the class of each cell, observation after observation.
     cells: &'a [u8],
@@ -243,7 +253,7 @@ impl Asked {
             policy_version: trajectory.policy_version,
             steps: trajectory.steps,
             ending: trajectory.ending,
-            success: trajectory.success,
+            success: task.tells_success.then_some(trajectory.success),
             steps_to_goal: trajectory.steps_to_goal,
             cells,
             values,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use protocol::Error;
 use protocol::description::Description;
 use protocol::trajectory::{Encoded, Trajectory};
-use run::config::{RewardModel, RunConfig, UpdateOrder};
+use run::config::{RewardForm, RewardModel, RunConfig, UpdateOrder};
 use run::tasks::{configuration, of_text};
 
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
@@ -255,5 +255,86 @@ fn arrival_is_estimated_only_from_single_states_and_where_nobody_tells_of_it() {
     };
     refused(&hidden[1..], "the environment tells when the agent arrives");
     refused(&[hidden[0], hidden[1], "method=gaifo"], "not one of single states");
+    for discriminator in ["method=gaifo-s", "method=proximity-discriminator"] {
+        refused(&[hidden[0], hidden[1], discriminator], "0 with a discriminator");
+    }
     refused(&[hidden[0], "reward.arrival=1.5"], "between 0e0 and 1e0");
+}
+
+/// Assembles the configuration of a task whose file has `more` lines and that does not tell success.
+fn untold(more: &str, settings: &[&str]) -> Result<RunConfig, Error> {
+    let own = "[task]\nname = \"robot\"\nobservation.vector.len = 2\naction.discrete.count = 2\n\
+               horizon_steps = 80\ntells_success = false\n";
+    let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+    of_text(&format!("{own}{more}"), "robot", None, &settings)
+}
+
+#[test]
+fn an_arrival_that_a_tasks_file_estimates_is_refused_for_models_that_cannot() {
+    let assembled = |settings: &[&str]| untold("[reward]\narrival = 0.8\n", settings);
+    assembled(&[]).unwrap();
+    for method in ["method=gaifo-s", "method=gaifo", "method=gail"] {
+        let said = assembled(&[method]).unwrap_err().to_string();
+        assert!(said.contains("`reward.arrival` must be 0 with a discriminator"), "{said}");
+        assembled(&[method, "reward.arrival=0"]).unwrap();
+    }
+    let said = assembled(&["reward.input=state-action"]).unwrap_err().to_string();
+    assert!(said.contains("`reward.arrival` must be 0 unless"), "{said}");
+}
+
+#[test]
+fn what_follows_the_goal_of_the_agent_is_refused_where_nobody_tells_of_it() {
+    let with = |setting| untold("", &["method=sqil", setting]);
+    with("sqil.expert_after_goal=terminal").unwrap();
+    let said = with("sqil.agent_after_goal=terminal").unwrap_err().to_string();
+    assert!(said.contains("`sqil.agent_after_goal` must be left out"), "{said}");
+}
+
+#[test]
+fn a_trained_model_takes_only_what_scoring_reads() {
+    let scoring = |method: &str, settings: &[&str]| {
+        let settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
+        assemble("goalward", &[method]).unwrap().for_scoring(&settings)
+    };
+    let other = [
+        "reward.form=absolute",
+        "reward.final_bonus=true",
+        "reward.uncertainty=0",
+        "reward.prior=0",
+    ];
+    let found = scoring("method=goal-proximity", &other).unwrap().reward;
+    assert_eq!(
+        (found.form, found.final_bonus, found.uncertainty),
+        (RewardForm::Absolute, true, 0.0)
+    );
+    for (method, setting, words) in [
+        (
+            "goal-proximity",
+            "reward.delta=0.9",
+            "`reward.delta` must be 0.95, with which the model is",
+        ),
+        ("goal-proximity", "reward.discounting=linear", "trained already"),
+        ("goal-proximity", "reward.agent_weight=0.5", "trained already"),
+        ("goal-proximity", "reward.pretraining_epochs=3", "trained already"),
+        ("goal-proximity", "reward.prior=1.0", "trained already"),
+        ("goal-proximity", "reward.model=ranking", "`reward.model` must be proximity or one that"),
+        ("goal-proximity", "reward.model=nearest", "unknown model"),
+        ("goal-proximity", "reward.form=gail", "`reward.form`"),
+        ("environment-reward", "reward.model=proximity", "no other is trained already"),
+        ("gaifo-s", "reward.final_bonus=true", "left out"),
+        ("segment-matching", "reward.delta=0.9", "left out"),
+    ] {
+        let said = scoring(&format!("method={method}"), &[setting]).unwrap_err().to_string();
+        assert!(said.contains(words), "{method} {setting}: expected {words} in: {said}");
+    }
+    // What learns nothing may change, also in runs that could not learn from it.
+    for (method, settings) in [
+        ("segment-matching", &["reward.segments=5"][..]),
+        ("goal-proximity", &["reward.model=nearest-state", "reward.segments=5"]),
+        ("goal-proximity", &["reward.model=environment"]),
+        ("bco", &["reward.model=nearest-state"]),
+        ("sqil", &["reward.model=environment"]),
+    ] {
+        scoring(&format!("method={method}"), settings).unwrap();
+    }
 }

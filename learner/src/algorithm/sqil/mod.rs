@@ -13,9 +13,9 @@ use protocol::messages::Score;
 use protocol::seed::{self, Purpose, Stream};
 use protocol::task::{ActionSpec, Spec};
 use protocol::tensors::Tensors;
-use protocol::trajectory::Encoded;
+use protocol::trajectory::{Encoded, Trajectory};
 use rand::RngExt;
-use run::config::SqilConfig;
+use run::config::{RunConfig, SqilConfig};
 
 use crate::algorithm::replay_buffer::ReplayBuffer;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
@@ -95,7 +95,7 @@ impl Sqil {
         Sqil {
             spec,
             normalizer: normalizer.clone(),
-            expert: ReplayBuffer::of_demonstrations(spec, demonstrations),
+            expert: of_expert(config, demonstrations),
             agent: ReplayBuffer::new(spec, own.experience),
             updates: 0,
             learner,
@@ -176,6 +176,16 @@ impl PolicyLearner for Sqil {
     }
 }
 
+/// Returns the transitions of demonstrations. If the task does not tell success, their endings do not either, but each
+/// was cut at the goal.
+fn of_expert(config: &RunConfig, demonstrations: &[Trajectory]) -> ReplayBuffer {
+    let mut demonstrations = demonstrations.to_vec();
+    if !config.task.tells_success {
+        demonstrations.iter_mut().for_each(|shown| shown.ending = Ending::GoalReached as i32);
+    }
+    ReplayBuffer::of_demonstrations(config.task.spec(), &demonstrations)
+}
+
 /// Moves target parameters towards the parameters that they follow.
 fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
     let rate = rate as f32;
@@ -186,9 +196,44 @@ fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
 
 #[cfg(test)]
 mod tests {
+    use networks::{ActorCritic, PolicyArchitecture};
     use run::config::AfterGoal;
 
     use super::*;
+
+    /// Returns the values that are known behind episodes of one step which end so: the expert's and the agent's.
+    fn end_values(tells_success: bool, ending: Ending) -> [Option<f32>; 2] {
+        let task = format!(
+            "[task]\nname = \"point\"\nobservation.vector.len = 1\naction.discrete.count = 2\n\
+             horizon_steps = 5\ntells_success = {tells_success}\n"
+        );
+        let settings = ["method=sqil", "sqil.batch=1", "sqil.gamma=0.75"].map(str::to_owned);
+        let config = run::tasks::of_text(&task, "point", None, &settings).unwrap();
+        let episode = Trajectory {
+            steps: 1,
+            values: vec![0; 8].into(),
+            discrete_actions: vec![0].into(),
+            ending: ending as i32,
+            ..Trajectory::default()
+        };
+        let (spec, architecture) = (config.task.spec(), PolicyArchitecture::from(&config.policy));
+        let mut sqil = Sqil::new(Setup {
+            config: &config,
+            network: ActorCritic::new(spec.observation, spec.action, &architecture),
+            normalizer: &RunningNormalizer::new(0),
+            demonstrations: std::slice::from_ref(&episode),
+        });
+        sqil.remember(&[Encoded::encode(episode.clone())]);
+        let minibatch = sqil.draw(&mut seed::stream(1, Purpose::Replay, 0, 0));
+        minibatch.end_values.try_into().unwrap()
+    }
+
+    #[test]
+    fn a_demonstration_ends_at_the_goal_also_where_nothing_tells_of_it() {
+        assert_eq!(end_values(true, Ending::GoalReached), [Some(4.0), None]);
+        assert_eq!(end_values(false, Ending::Failed), [Some(4.0), Some(0.0)]);
+        assert_eq!(end_values(false, Ending::Truncated), [Some(4.0), None]);
+    }
 
     #[test]
     fn only_what_is_known_of_the_goal_stands_for_the_value_behind_it() {

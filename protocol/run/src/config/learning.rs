@@ -6,7 +6,7 @@ use protocol::Error;
 use protocol::error::within;
 use protocol::trajectory::Trajectory;
 
-use super::{Discounting, RewardModel, RunConfig};
+use super::{Discounting, RewardConfig, RewardInput, RewardModel, RunConfig};
 
 /// Least label of a state two steps from the goal, and least decrease of labels over an episode.
 const LEAST_LABEL: f64 = 0.01;
@@ -18,6 +18,7 @@ impl RunConfig {
         self.check_policy_learner()?;
         self.check_segments()?;
         if self.reward.model.trains {
+            self.check_arrival()?;
             self.check_ensemble()?;
         }
         if self.reward.model.labels { self.check_labels() } else { Ok(()) }
@@ -101,6 +102,20 @@ impl RunConfig {
         let holds = segments <= states || !self.reward.model.reads_segments();
         let expected = format!("at most {states}, the states of the longest episode");
         within("reward.segments", holds, &expected, segments)
+    }
+
+    /// Requires an ensemble that can estimate an arrival. Before a discriminator is trained, its probability is about
+    /// the same in all states: the first would count as the arrival, and no step of the agent would ever be kept.
+    fn check_arrival(&self) -> Result<(), Error> {
+        let RewardConfig { model, input, arrival, .. } = self.reward;
+        let discriminates = model.has_discriminator();
+        let expected = match discriminates {
+            true => "0 with a discriminator, whose probability does not say how close the goal is",
+            false => "0 unless the reward model is one of single states",
+        };
+        let estimates = input == RewardInput::State && !discriminates;
+        let holds = arrival <= 0.0 || estimates || !self.reward.trains_online();
+        within("reward.arrival", holds, expected, arrival)
     }
 
     fn check_ensemble(&self) -> Result<(), Error> {

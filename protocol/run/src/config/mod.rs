@@ -14,6 +14,7 @@ mod method;
 mod parameters;
 mod remark;
 mod reward;
+mod scoring;
 mod settings;
 mod unread;
 
@@ -40,7 +41,8 @@ use mcap_log::Metadata;
 pub use parameters::NetworkSize;
 pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
 pub use reward::{
-    Discounting, REWARD_MODELS, RewardConfig, RewardForm, RewardInput, RewardModel, UpdateOrder,
+    Discounting, LEAST_SCALED_DEVIATION, REWARD_MODELS, RewardConfig, RewardForm, RewardInput,
+    RewardModel, UpdateOrder,
 };
 pub(crate) use settings::merged as merged_settings;
 pub use settings::set_by_user;
@@ -365,8 +367,7 @@ impl RunConfig {
 
     /// Returns whether the run needs the actions of the demonstrations, too.
     pub fn needs_expert_actions(&self) -> bool {
-        let sees_actions = self.reward.input == RewardInput::StateAction;
-        self.learner.needs_expert_actions() || (self.reward.model.trains && sees_actions)
+        self.learner.needs_expert_actions() || self.reward.sees_actions()
     }
 
     /// Returns whether observations are grids of cells.

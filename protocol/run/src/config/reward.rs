@@ -77,7 +77,7 @@ pub struct RewardConfig {
     /// the reward model of success.
     pub experience_after_goal: bool,
     /// Share of an episode's highest estimated proximity from which on the agent counts as having arrived: what it saw
-    /// afterwards is not kept. For models of single states; 0 switches it off.
+    /// afterwards is not kept. For models of single states without a discriminator; 0 switches it off.
     pub arrival: f64,
     /// Order of scoring and updates within an iteration.
     pub order: UpdateOrder,
@@ -119,12 +119,17 @@ impl RewardConfig {
         if self.trains_online() { self.experience } else { 0 }
     }
 
+    /// Returns whether the reward model sees actions.
+    pub fn sees_actions(&self) -> bool {
+        self.model.trains && self.input == RewardInput::StateAction
+    }
+
     /// Returns why a run does not read this key of the table `reward`; `None` if it does.
     pub(super) fn unread(&self, key: &str) -> Option<String> {
         let idle = "with reward.samples = 0 nothing is learned while the agent acts";
         let why = match key {
             key if READ_ONLINE.contains(&key) && !self.trains_online() => Some(idle),
-            "arrival" if self.input != RewardInput::State => {
+            "arrival" if self.arrival > 0.0 && self.input != RewardInput::State => {
                 Some("the model is not one of single states")
             }
             _ => None,
@@ -132,6 +137,10 @@ impl RewardConfig {
         self.model.unread(key).or_else(|| why.map(str::to_owned))
     }
 }
+
+/// Least standard deviation in the demonstrations of a number that networks see scaled, whatever its unit. A test of
+/// `networks`, which scales, holds it to this value.
+pub const LEAST_SCALED_DEVIATION: f64 = 0.01;
 
 /// Keys that only affect how an ensemble learns while the agent acts.
 const READ_ONLINE: [&str; 7] = [

@@ -87,7 +87,8 @@ impl RunConfig {
             ("rollout", "lag" | "lane_steps") if !self.learner.acts() => NO_STEPS,
             ("demonstrations", "file") if !self.imitates() => "the method uses no demonstrations",
             ("reward", "experience_after_goal") if !self.task.tells_success => NO_GOAL,
-            ("reward", "arrival") if self.is_told_of_arrival() => TOLD,
+            ("sqil", "agent_after_goal") if !self.task.tells_success => NO_GOAL,
+            ("reward", "arrival") if self.reward.arrival > 0.0 && self.is_told_of_arrival() => TOLD,
             ("reward", name) => return self.reward.unread(name),
             (table, name) => return self.unread_of_learner(table, name),
         };

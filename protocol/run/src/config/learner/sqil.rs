@@ -22,9 +22,10 @@ pub struct SqilConfig {
     pub learning_rate: f64,
     /// Discount factor.
     pub gamma: f64,
-    /// What follows the goal of a demonstration.
+    /// What follows the goal of a demonstration. If the task does not tell success, the goal is its last state.
     pub expert_after_goal: AfterGoal,
     /// What follows the goal if the agent's episode ends there. Anything but `continues` rewards or punishes success.
+    /// If the task does not tell success, an episode that the environment terminates has failed: a value of 0 follows.
     pub agent_after_goal: AfterGoal,
     /// Rate at which the target functions follow the Q-functions at each update (Polyak averaging).
     pub target_rate: f64,
