@@ -1,7 +1,8 @@
 """Drives Chromium over a live page, for `page_browser.rs`, and checks what people see and do there.
 
-With `--live` it needs a live run called run and five others. Without it, it needs finished runs called
-navigation, fetch-pick, fetch-push and ant-reach, and one called damaged. It prints what it measures.
+The part `live` needs a live run called run and six others, `cloning` a live run of behavioral cloning called
+run. The part `finished` needs finished runs called navigation, fetch-pick, fetch-push and ant-reach, one
+called damaged, and one called untold, whose task does not tell success. It prints what it measures.
 """
 
 import argparse
@@ -122,7 +123,7 @@ def browser(address: str, pictures: Path | None) -> Iterator[Browser]:
 def runs_are_listed(page: Browser) -> None:
     """The list shows all runs and marks the live one; the first paint is fast and the page small."""
     page.open("")
-    page.expect("six runs", lambda: len(page.all("tbody tr")) == 6)
+    page.expect("seven runs", lambda: len(page.all("tbody tr")) == 7)
     page.says("tbody", "live")
     loaded = page.script("""
         const kinds = ["navigation", "resource"];
@@ -173,11 +174,27 @@ def the_keyboard_stays_where_it_is(page: Browser) -> None:
 
 
 def the_authors_curve_is_marked(page: Browser) -> None:
-    """The chart of success says where the authors' published curve ends."""
+    """The chart of success has the rate that the authors published, and the facts say what it is."""
     page.open("run/run")
     mark = lambda: page.script("return document.querySelector('svg.chart .mark title')?.textContent;")
     assert "98" in page.expect("a mark", mark)
-    page.says("body", "the authors' published curve")
+    page.says(".facts", "98 %, the end of their curve after 4.9 million steps")
+    assert "MuJoCo" not in page.texts("body")[0], "NAVIGATION is a grid"
+
+
+def cloning_moves_over_its_iterations(page: Browser) -> None:
+    """The charts of a method without environment steps have iterations, and update by themselves, too."""
+    page.open("run/run")
+    page.expect("an axis of iterations", lambda: "iterations" in page.texts(".controls button"))
+    chart = page.find("svg.chart[aria-label^='Policy loss']")
+    page.expect(
+        "a loss on held-out demonstrations", lambda: "held out loss" in chart.get_attribute("aria-label")
+    )
+    drawn = lambda: chart.get_attribute("innerHTML")
+    first = drawn()
+    page.expect("a curve that moves", lambda: drawn() != first)
+    page.press("seconds")
+    assert page.texts(".controls button[aria-pressed=true]") == ["seconds"]
 
 
 def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
@@ -233,7 +250,7 @@ def episodes_are_filtered_and_sorted(page: Browser) -> None:
     """The filter keeps the matching rows, and a click on a column head sorts by it."""
     page.open("episodes/navigation")
     page.expect("rows", lambda: len(page.all(".long tbody tr")) > 5)
-    page.find("#filter").send_keys("failed training")
+    page.find("#filter").send_keys("failed, training, steps>1")
     cells = lambda number: page.texts(f".long tbody td:nth-child({number})")
     page.expect("failures alone", lambda: (found := cells(6)) and all("after" not in text for text in found))
     assert set(cells(2)) == {"training"}
@@ -249,6 +266,21 @@ def episodes_are_filtered_and_sorted(page: Browser) -> None:
     address = page.driver.current_url
     page.open(address.partition("#/")[2])
     page.expect("the two of the address", lambda: len(page.all(".player")) == 2)
+
+
+def success_that_is_not_told_is_not_claimed(page: Browser) -> None:
+    """No episode is shown or filtered as one that reached or missed the goal."""
+    page.open("episodes/untold")
+    page.says(".player", "iteration")
+    assert not any(word in page.texts(".player")[0] for word in ["reached", "missed"])
+    endings = page.texts(".long tbody td:nth-child(6)")
+    assert len(endings) > 5 and set(endings) <= {"before the horizon", "at the horizon"}, endings
+    for word in ["failed", "successful"]:
+        page.find("#filter").send_keys(Keys.CONTROL, "a", Keys.BACKSPACE)
+        page.find("#filter").send_keys(word)
+        page.expect(
+            "no episode", lambda: any(text.startswith("0 of ") for text in page.texts("[role=status]"))
+        )
 
 
 def proximity_over_the_grid_is_drawn(page: Browser) -> None:
@@ -322,14 +354,17 @@ def a_phone_and_the_dark_are_enough(page: Browser) -> None:
 
 
 def main() -> None:
-    """Runs the checks of one part, live or finished."""
+    """Runs the checks of one part."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("address")
-    parser.add_argument("--live", action="store_true", help="look at a run that trains")
+    parser.add_argument("part", choices=["live", "cloning", "finished"])
     parser.add_argument("--pictures", type=Path, help="folder for pictures of what is seen")
     options = parser.parse_args()
     with browser(options.address, options.pictures) as page:
-        if options.live:
+        if options.part == "cloning":
+            cloning_moves_over_its_iterations(page)
+            return
+        if options.part == "live":
             runs_are_listed(page)
             curves_move_while_a_run_trains(page)
             the_keyboard_stays_where_it_is(page)
@@ -339,6 +374,7 @@ def main() -> None:
         for run in ["navigation", "fetch-pick", "fetch-push", "ant-reach"]:
             an_episode_plays_and_seeks(page, run)
         episodes_are_filtered_and_sorted(page)
+        success_that_is_not_told_is_not_claimed(page)
         proximity_over_the_grid_is_drawn(page)
         demonstrations_are_browsed(page)
         damage_is_told(page)

@@ -1,8 +1,9 @@
 //! The live page in a real browser: what people see and do there.
 //!
-//! Method: `page_browser.py` drives Chromium over real runs: finished, live and damaged. The test needs Chromium, its
-//! driver and the packages of `tests/requirements.txt`. Without the driver it prints a line and is skipped, as it is
-//! with `GOALWARD_PYTHON=none`. `GOALWARD_PICTURES` names a folder for screenshots.
+//! Method: `page_browser.py` drives Chromium over real runs: finished, live, damaged, and one whose task does not tell
+//! success. The test needs Chromium, its driver and the packages of `tests/requirements.txt`. Without the driver it
+//! prints a line and is skipped, as it is with `GOALWARD_PYTHON=none`. `GOALWARD_PICTURES` names a folder for
+//! screenshots.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -39,14 +40,18 @@ fn people_see_runs_curves_and_episodes() {
     let file = run.path("runs/damaged/log/trajectories-00000.mcap");
     let bytes = fs::read(&file).unwrap();
     fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    train("navigation", "untold", &system_tests::SMALL, &["seed=3"]);
+    let file = run.path("runs/untold/config.toml");
+    let told = fs::read_to_string(&file).unwrap();
+    fs::write(&file, told.replace("[task]\n", "[task]\ntells_success = false\n")).unwrap();
 
     let mut live = run.train(&["steps=4000000"]);
     live.await_checkpoint(4);
     let page = Page::over(&run, &["runs", "run"]);
-    let see = |part: &[&str]| {
+    let see = |part: &str| {
         let mut script = Command::new(&python);
         script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/page_browser.py"));
-        script.arg(format!("http://{}", page.address())).args(part);
+        script.arg(format!("http://{}", page.address())).arg(part);
         if let Ok(folder) = std::env::var("GOALWARD_PICTURES") {
             script.args(["--pictures", &folder]);
         }
@@ -55,9 +60,16 @@ fn people_see_runs_curves_and_episodes() {
         assert!(output.status.success(), "{said}");
         eprintln!("{}", String::from_utf8_lossy(&output.stdout));
     };
-    see(&["--live"]);
-    // The other checks get the processors to themselves.
+    see("live");
     live.signal(Signal::Interrupt);
     live.end();
-    see(&[]);
+    fs::remove_dir_all(run.path("run")).unwrap();
+    let long = ["method=bc", "cloning.epochs=100000", "cloning.patience=100000"];
+    let mut cloning = run.train(&long);
+    cloning.await_checkpoint(4);
+    see("cloning");
+    // The other checks get the processors to themselves.
+    cloning.signal(Signal::Interrupt);
+    cloning.end();
+    see("finished");
 }

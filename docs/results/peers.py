@@ -56,7 +56,8 @@ def rate(name, steps, updates):
     learner.learn(steps * updates, callback=started)
     seconds = time.perf_counter() - started.time_s
     environments.close()
-    return steps * updates / seconds
+    # If the cores do not divide the steps of an update, rollouts are shorter, and there is one more.
+    return learner.num_timesteps / seconds
 
 
 def main():

@@ -6,7 +6,7 @@ use run::updates::{Update, updates};
 use serde::Serialize;
 
 /// The names of a row's numbers.
-const COLUMNS: [&str; 21] = [
+const COLUMNS: [&str; 22] = [
     "iteration",
     "environment_steps",
     "episodes",
@@ -20,6 +20,7 @@ const COLUMNS: [&str; 21] = [
     "approximate_kl",
     "clip_fraction",
     "policy_loss",
+    "held_out_loss",
     "value_loss",
     "gradient_norm",
     "learning_rate",
@@ -83,6 +84,8 @@ impl Curves {
 }
 
 fn row(Update { policy: update, reward }: Update) -> Row {
+    // 0 means that no demonstrations are held out.
+    let held_out_loss = Some(update.held_out_loss).filter(|&loss| loss != 0.0);
     let losses = reward.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
     [
         update.iteration as f64,
@@ -98,6 +101,7 @@ fn row(Update { policy: update, reward }: Update) -> Row {
         update.approximate_kl,
         update.clip_fraction,
         update.policy_loss,
+        held_out_loss.unwrap_or(f64::NAN),
         update.value_loss,
         update.gradient_norm,
         update.learning_rate,
@@ -107,4 +111,22 @@ fn row(Update { policy: update, reward }: Update) -> Row {
         update.scoring_s,
         update.update_s,
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::messages::PolicyUpdate;
+
+    use super::*;
+
+    #[test]
+    fn a_learner_that_holds_nothing_out_has_no_loss_on_it() {
+        let place = COLUMNS.iter().position(|&column| column == "held_out_loss").unwrap();
+        let held_out = |held_out_loss| {
+            let policy = PolicyUpdate { held_out_loss, ..PolicyUpdate::default() };
+            row(Update { policy, reward: None })[place]
+        };
+        assert_eq!(held_out(0.25), 0.25);
+        assert!(held_out(0.0).is_nan());
+    }
 }

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::collections;
 use crate::curves::Curves;
 use crate::listed::Listed;
+use crate::published::Success;
 use crate::{published, seeds};
 
 /// A run as its view shows it.
@@ -20,8 +21,8 @@ pub(crate) struct Details {
     configuration: String,
     differences: Vec<Difference>,
     summary: Option<Summary>,
-    /// Success rate at the end of the authors' published curve of its method, in its task and setting.
-    published: Option<f64>,
+    /// What the authors published for its method, task and setting.
+    published: Option<Success>,
     command: String,
     /// Whether its environment may render pictures: it is a Python environment whose episodes can be re-simulated.
     renders: bool,
@@ -46,7 +47,7 @@ impl Details {
             curve: seeds::curve(folder, &config),
             configuration: config.to_text(),
             differences: repeat::differences(&config),
-            published: published::success_rate(&config),
+            published: published::success(&config),
             summary,
             command: repeat::command(folder, &config),
             renders: config.environment.0.contains_key("make") && config.task.deterministic,

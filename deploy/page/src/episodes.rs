@@ -32,9 +32,22 @@ const COLUMNS: [&str; 13] = [
     "uncertainty",
 ];
 
-/// A value for each of [`COLUMNS`].
-type Row =
-    (i32, u64, u64, u64, u64, u32, i32, bool, u32, Option<f32>, f32, Option<f32>, Option<f32>);
+/// A value for each of [`COLUMNS`]. Success is `None` if the task does not tell it.
+type Row = (
+    i32,
+    u64,
+    u64,
+    u64,
+    u64,
+    u32,
+    i32,
+    Option<bool>,
+    u32,
+    Option<f32>,
+    f32,
+    Option<f32>,
+    Option<f32>,
+);
 
 /// What identifies an episode: source, lane and number.
 type Name = (i32, u64, u64);
@@ -72,7 +85,7 @@ struct Scored {
 }
 
 impl Episode {
-    fn row(&self) -> Row {
+    fn row(&self, tells_success: bool) -> Row {
         let scored = self.score.as_ref();
         (
             self.source,
@@ -82,7 +95,7 @@ impl Episode {
             self.policy_version,
             self.steps,
             self.ending,
-            self.success,
+            tells_success.then_some(self.success),
             self.steps_to_goal,
             scored.map(|score| score.scored_return),
             self.environment_return,
@@ -182,9 +195,11 @@ impl Episodes {
     }
 
     /// Returns the rows from index `from` on; all rows if `generation`, which the browser has, is not the current one.
-    pub(crate) fn rows(&self, generation: u64, from: usize) -> Rows<'_> {
+    /// They have no success if the task does not tell it.
+    pub(crate) fn rows(&self, generation: u64, from: usize, tells_success: bool) -> Rows<'_> {
         let from = if generation == self.generation { from.min(self.settled) } else { 0 };
-        let rows = self.listed[from..self.settled].iter().map(Episode::row).collect();
+        let rows = self.listed[from..self.settled].iter();
+        let rows = rows.map(|episode| episode.row(tells_success)).collect();
         let Episodes { generation, ref trouble, .. } = *self;
         Rows { columns: COLUMNS, generation, from, rows, trouble }
     }
@@ -325,6 +340,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn success_that_is_not_told_is_neither_true_nor_false() {
+        let folder = tempfile::tempdir().unwrap();
+        let metadata = Metadata::new(Kind::Run, "navigation", 1);
+        let mut log = LogWriter::create(folder.path(), &metadata, LogOptions::default()).unwrap();
+        for success in [false, true] {
+            let (source, episode) = (Source::Evaluation as i32, u64::from(success));
+            let episode = Trajectory { source, episode, success, ..Trajectory::default() };
+            log.trajectory(&Encoded::encode(episode)).unwrap();
+        }
+        log.flush().unwrap();
+        let mut episodes = Episodes::default();
+        episodes.read_log(folder.path());
+        let successes = |tells_success| {
+            let rows = episodes.rows(0, 0, tells_success).rows;
+            rows.iter().map(|row| row.7).collect::<Vec<Option<bool>>>()
+        };
+        assert_eq!(successes(true), [Some(false), Some(true)]);
+        assert_eq!(successes(false), [None::<bool>; 2]);
+    }
+
+    #[test]
     fn rows_whose_scores_are_to_come_are_held_back() {
         let folder = tempfile::tempdir().unwrap();
         let metadata = Metadata::new(Kind::Run, "navigation", 1);
@@ -342,7 +378,7 @@ mod tests {
         let mut returns = |log: &mut LogWriter| {
             log.flush().unwrap();
             episodes.read_log(folder.path());
-            let Rows { generation, rows, .. } = episodes.rows(0, 0);
+            let Rows { generation, rows, .. } = episodes.rows(0, 0, true);
             (generation, rows.iter().map(|row| row.9).collect::<Vec<Option<f32>>>())
         };
         // With `rollout.lag` 1, actors are ahead of the scores.

@@ -18,10 +18,13 @@ const get = async (path, query) => (await answered(path, query)).json();
 /** Gets all runs. */
 export const runs = () => get("runs");
 
-/** Returns a line on a run's state in the list of all runs. When it changes, there is something new to read. */
+/**
+ * Returns a line on a run's state in the list of all runs. When it changes, there is something new to read. The time
+ * grows with every update, also of a method that takes no environment steps.
+ */
 export function standing(list, id) {
   const run = list.runs.find((other) => other.id === id);
-  return run ? `${run.state} ${run.environment_steps}` : "gone";
+  return run ? `${run.state} ${run.wall_s}` : "gone";
 }
 
 /** Gets the details of a run. */

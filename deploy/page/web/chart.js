@@ -39,7 +39,7 @@ export class Chart {
     this.svg.setAttribute("aria-label", this.summary());
     if (this.lines.length === 0) {
       [this.told, this.readout.textContent] = [null, ""];
-      this.svg.replaceChildren(words(WIDTH / 2, this.height / 2, "nothing yet", "middle"));
+      this.svg.replaceChildren(words(WIDTH / 2, this.height / 2, "no values", "middle"));
       return;
     }
     this.range = this.ranges();
@@ -50,7 +50,7 @@ export class Chart {
 
   summary() {
     const ends = this.lines.map((line) => `${line.name} ends at ${this.show(line.points.at(-1)[1])}`);
-    return `${this.title}. ${ends.join(", ") || "Nothing yet"}.`;
+    return `${this.title}. ${ends.join(", ") || "No values"}.`;
   }
 
   ranges() {

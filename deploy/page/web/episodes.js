@@ -22,6 +22,8 @@ const COLUMNS = [
   { key: "uncertainty", label: "uncertainty", show: (row) => short(row.uncertainty) },
 ];
 const ENDINGS = ["at the goal", "at the horizon", "failed"];
+// The same where the task does not tell success.
+const UNTOLD_ENDINGS = ["before the horizon", "at the horizon", "before the horizon"];
 // Buttons for common filters, each with its sort order.
 const SHORTCUTS = [
   ["newest", "", { key: "place", falls: true }],
@@ -195,5 +197,6 @@ export class EpisodesView {
 }
 
 function ended({ success, ending, steps_to_goal: reached }) {
-  return element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : ENDINGS[ending]);
+  const endings = success === null ? UNTOLD_ENDINGS : ENDINGS;
+  return element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : endings[ending]);
 }

@@ -1,7 +1,7 @@
 // Facts about a run: its progress, its results, its settings, and the command that repeats it.
 
 import { button, element } from "./dom.js";
-import { count, date, duration, percent } from "./format.js";
+import { count, date, duration, percent, short } from "./format.js";
 
 // The parts of a summary's times that follow each other; the others overlap with these.
 const WALL_TIME = ["rollout", "scoring", "policy_update", "reward_update"];
@@ -48,7 +48,7 @@ export function compared(all) {
 }
 
 function ofAuthors(published) {
-  return published === null ? [] : [["success, the authors' published curve", `${percent(published)} after 4.9 million steps in MuJoCo`]];
+  return published === null ? [] : [["success, published by the authors", `${percent(published.rate)}, ${published.source}`]];
 }
 
 function standing(run, summary) {
@@ -64,13 +64,19 @@ function standing(run, summary) {
   const { evaluation, time_to_success: times } = summary;
   return [
     ...rows,
-    ["success, evaluation", `${percent(evaluation.success_rate)} of ${count(evaluation.episodes)} episodes`],
+    evaluated(evaluation),
     ["speed", `${count(summary.steps_per_s)} steps/s`],
     ...times.map((time) => [`${percent(time.success_rate)} for good`, `${duration(time.wall_s)}, ${count(time.env_steps)} steps`]),
     ["policy SHA-256", element("code", {}, summary.policy_sha256)],
     ["reward model SHA-256", element("code", {}, summary.proximity_sha256)],
     ["build", builds(summary)],
   ];
+}
+
+function evaluated({ success_rate: rate, mean_return: mean, episodes }) {
+  // The task does not tell success.
+  if (rate === null) return ["mean return, evaluation", `${short(mean)} over ${count(episodes)} episodes`];
+  return ["success, evaluation", `${percent(rate)} of ${count(episodes)} episodes`];
 }
 
 function builds(summary) {

@@ -261,7 +261,12 @@ export class Player {
 }
 
 function caption([, collection, row], episode) {
-  const { success, steps_to_goal: reached, steps, lane, iteration } = episode;
-  const end = success ? `reached the goal after ${reached} of ${steps} steps` : `missed the goal in ${steps} steps`;
-  return `${collection}, row ${row}: lane ${lane}, episode ${episode.episode}, iteration ${iteration}; ${end}`;
+  const { lane, iteration } = episode;
+  return `${collection}, row ${row}: lane ${lane}, episode ${episode.episode}, iteration ${iteration}; ${end(episode)}`;
+}
+
+function end({ success, steps_to_goal: reached, steps }) {
+  // The task does not tell success.
+  if (success === null) return `${steps} steps`;
+  return success ? `reached the goal after ${reached} of ${steps} steps` : `missed the goal in ${steps} steps`;
 }

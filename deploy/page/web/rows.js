@@ -37,7 +37,7 @@ export class Rows {
 
 /** Returns the predicate of a filter: words such as `failed` and `training`, and comparisons such as `steps<20`. */
 export function matcher(filter) {
-  const wishes = filter.toLowerCase().split(/\s+/).filter(Boolean).map(wish);
+  const wishes = filter.toLowerCase().split(/[\s,]+/).filter(Boolean).map(wish);
   return (row) => wishes.every((holds) => holds(row));
 }
 
@@ -48,6 +48,7 @@ function wish(word) {
     const holds = { "<": (value) => value < bound, ">": (value) => value > bound }[sign] ?? ((value) => value === bound);
     return (row) => typeof row[column] === "number" && holds(row[column]);
   }
+  // Where the task does not tell success, it is null, and an episode is neither.
   if ("failed".startsWith(word)) return (row) => row.success === false;
   if ("successful".startsWith(word)) return (row) => row.success === true;
   return (row) => row.source.startsWith(word);

@@ -9,7 +9,7 @@ import { band, CHARTS, points, smoothed, Updates } from "./series.js";
 import { oneAtATime } from "./turns.js";
 
 const COLORS = 8;
-const AXES = { environment_steps: "steps", wall_s: "seconds" };
+const AXES = ["environment_steps", "wall_s"];
 
 /** The view of one or several runs. */
 export class RunView {
@@ -36,11 +36,8 @@ export class RunView {
   }
 
   controls() {
-    const axes = Object.entries(AXES).map(([key, label]) => button(label, () => {
-      this.looks.x = key;
-      for (const other of axes) other.setAttribute("aria-pressed", other.textContent === label);
-      this.draw();
-    }, { "aria-pressed": String(key === this.looks.x) }));
+    this.axes = AXES.map((axis) => button("", () => { this.looks.x = axis; this.draw(); }));
+    this.nameAxes();
     const slider = element("input", {
       type: "range", min: 0, max: 0.98, step: 0.02, value: this.looks.weight,
       oninput: () => { this.looks.weight = Number(slider.value); this.draw(); },
@@ -49,9 +46,24 @@ export class RunView {
       type: "checkbox", onchange: () => { this.looks.bands = bands.checked; this.draw(); },
     });
     return element("div", { class: "controls" },
-      element("span", {}, "against"), axes,
+      element("span", {}, "against"), this.axes,
       element("label", {}, "smoothing", slider),
       this.ids.length > 1 ? element("label", {}, bands, "seeds as bands") : null);
+  }
+
+  nameAxes() {
+    this.axes.forEach((axis, index) => {
+      axis.textContent = this.axisName(AXES[index]);
+      axis.setAttribute("aria-pressed", String(AXES[index] === this.looks.x));
+    });
+  }
+
+  /** Returns the name of an x axis. Runs without environment steps are drawn over their iterations. */
+  axisName(axis) {
+    if (axis === "wall_s") return "seconds";
+    const begun = this.updates.filter(({ rows }) => rows.length > 0);
+    const units = begun.map((updates) => (updates.takesSteps() ? "steps" : "iterations"));
+    return [...new Set(units)].sort().join(" or ") || "steps";
   }
 
   /** Reads the runs again that have changed according to the list. */
@@ -101,6 +113,7 @@ export class RunView {
   }
 
   draw() {
+    this.nameAxes();
     const groups = this.groups();
     const names = groups.map(({ name, color }) => {
       const mark = element("span");
@@ -108,9 +121,10 @@ export class RunView {
       return element("li", {}, mark, name);
     });
     this.legend.replaceChildren(...(this.ids.length > 1 ? names : []));
+    const xName = this.axisName(this.looks.x);
     for (const wanted of this.charts) {
       const marks = wanted.columns[0] === "success_rate" ? groups.flatMap(published) : [];
-      wanted.chart.draw(groups.flatMap((group) => this.lines(group, wanted)), AXES[this.looks.x], marks);
+      wanted.chart.draw(groups.flatMap((group) => this.lines(group, wanted)), xName, marks);
     }
   }
 
@@ -150,9 +164,9 @@ function isSeedOfOneCurve(one, other) {
   return one.details?.curve.some((name) => other.details?.curve.includes(name)) ?? false;
 }
 
-/** Returns a mark at the end of the authors' curve, if it is the same for all runs of a group. */
+/** Returns a mark at the authors' published success, if it is the same for all runs of a group. */
 function published({ all, color }) {
   const [first, ...others] = all.map(({ details }) => details?.published ?? null);
-  if (first === null || others.some((other) => other !== first)) return [];
-  return [{ name: "The authors' published curve ends at", color, y: first }];
+  if (first === null || others.some((other) => other?.rate !== first.rate)) return [];
+  return [{ name: "Published by the authors", color, y: first.rate }];
 }

@@ -111,8 +111,10 @@ function link(run) {
 }
 
 function steps(run) {
-  const bar = element("progress", { max: Math.max(run.steps_wanted, 1), value: run.environment_steps });
-  return element("span", {}, run.state === "finished" ? "" : bar, ` ${count(run.environment_steps)}`);
+  const bar = element("progress", { max: run.steps_wanted, value: run.environment_steps });
+  // Behavioral cloning takes no steps.
+  const isMoving = run.state !== "finished" && run.steps_wanted > 0;
+  return element("span", {}, isMoving ? bar : "", ` ${count(run.environment_steps)}`);
 }
 
 function empty() {

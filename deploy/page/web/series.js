@@ -28,6 +28,17 @@ export class Updates {
     const place = this.columns.indexOf(name);
     return this.rows.map((row) => row[place]);
   }
+
+  /** Returns whether the run takes environment steps; behavioral cloning does not. */
+  takesSteps() {
+    return this.column("environment_steps").some((steps) => steps > 0);
+  }
+
+  /** Returns the positions of the updates on an x axis: if there are no environment steps, the finished iterations. */
+  positions(axis) {
+    if (axis !== "environment_steps" || this.takesSteps()) return this.column(axis);
+    return this.column("iteration").map((iteration) => iteration + 1);
+  }
 }
 
 /** The charts: titles, and how their numbers are computed from the updates. */
@@ -40,7 +51,7 @@ export const CHARTS = [
   { title: "Entropy, nats", columns: ["entropy"] },
   { title: "Approximate KL, nats", columns: ["approximate_kl"] },
   { title: "Value loss", columns: ["value_loss"] },
-  { title: "Policy loss", columns: ["policy_loss"] },
+  { title: "Policy loss", columns: ["policy_loss", "held_out_loss"] },
   { title: "Reward model's losses", columns: ["demonstration_loss", "agent_loss"] },
   { title: "Share of samples clipped", columns: ["clip_fraction"], share: true },
   { title: "Environment steps per second", columns: ["environment_steps"], rate: true },
@@ -48,7 +59,7 @@ export const CHARTS = [
 
 /** Returns the points of a column over `x`; for a rate, those of its increase per second of wall time. */
 export function points(updates, column, x, rate) {
-  const [horizontal, vertical] = [updates.column(x), updates.column(column)];
+  const [horizontal, vertical] = [updates.positions(x), updates.column(column)];
   const times = rate ? updates.column("wall_s") : null;
   const found = [];
   for (let i = 0; i < vertical.length; i += 1) {

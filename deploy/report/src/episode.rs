@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 use maud::{Markup, PreEscaped, html};
 use protocol::task::{ObservationSpec, Task};
+use protocol::trajectory::Trajectory;
 use run::config::RunConfig;
 use run::folder::RunFolder;
 
@@ -57,12 +58,21 @@ pub(crate) fn along(
     let observations = episode.trajectory.observations_to_goal();
     let estimates = programs.estimate(folder, observations)?;
     let steps = estimates.proximity.len() - 1;
-    let end = if episode.trajectory.success { "which reached the goal" } else { "which missed it" };
+    let end = end(&config.task, &episode.trajectory);
     let caption = format!(
-        "an evaluation episode of {steps} steps, {end}; lane {}, episode {}, policy version {}",
+        "an evaluation episode of {steps} steps{end}; lane {}, episode {}, policy version {}",
         episode.trajectory.lane, episode.trajectory.episode, episode.trajectory.policy_version
     );
     Ok(Along { picture: picture(&config.task, &episode, &estimates)?.into_string(), caption })
+}
+
+/// Returns whether an episode reached the goal, in words; none if its task does not tell success.
+fn end(task: &Task, trajectory: &Trajectory) -> &'static str {
+    match (task.tells_success, trajectory.success) {
+        (false, _) => "",
+        (true, true) => ", which reached the goal",
+        (true, false) => ", which missed the goal",
+    }
 }
 
 fn picture(task: &Task, episode: &Episode, estimates: &Estimates) -> Result<Markup> {
@@ -133,4 +143,24 @@ fn frames(task: &Task, episode: &Episode, shown: &[usize]) -> Vec<Markup> {
     let camera = Camera::looking_from(-50.0, 28.0);
     let view = scene::view(&camera, &scenes);
     scenes.iter().map(|solids| scene::picture(&camera, solids, view)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use run::tasks;
+
+    use super::*;
+
+    #[test]
+    fn an_end_is_claimed_only_where_the_task_tells_success() {
+        let mut task = tasks::configuration("navigation", None, &[]).unwrap().task;
+        let said = |task: &Task, success| {
+            let trajectory = Trajectory { success, ..Trajectory::default() };
+            end(task, &trajectory)
+        };
+        assert_eq!(said(&task, true), ", which reached the goal");
+        assert_eq!(said(&task, false), ", which missed the goal");
+        task.tells_success = false;
+        assert_eq!(said(&task, false), "");
+    }
 }

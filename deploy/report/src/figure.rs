@@ -32,7 +32,7 @@ pub struct Curve {
     pub name: String,
     /// A run for each seed, all of one origin; they need not exist yet.
     pub runs: Vec<RunFolder>,
-    /// Success rate of the authors' published curve at its end, in [0, 1].
+    /// Success rate that the authors published, in [0, 1].
     pub anchor: Option<f64>,
 }
 

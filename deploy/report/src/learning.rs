@@ -94,7 +94,7 @@ pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
             band: means.iter().filter_map(band).collect(),
             seeds: acting().filter_map(|run| run.points.last()).map(end_of_seed).collect(),
             level: level(curve),
-            anchor: curve.anchor.filter(|_| against == Against::Steps),
+            anchor: curve.anchor.filter(|_| tells_success && against == Against::Steps),
         }
     };
     Chart {
@@ -213,5 +213,19 @@ mod tests {
         assert_eq!((chart.curves[0].level, chart.curves[0].points.len()), (Some(0.625), 0));
         assert_eq!(chart.curves[0].anchor, Some(0.5));
         crate::chart::draw(&[chart], [720, 400]).unwrap();
+    }
+
+    #[test]
+    fn where_nothing_tells_success_no_published_one_is_drawn() {
+        let mut task = tasks::configuration("navigation", None, &[]).unwrap().task;
+        task.tells_success = false;
+        let panel = MeasuredPanel {
+            name: "navigation".to_owned(),
+            title: "NAVIGATION".to_owned(),
+            task,
+            curves: vec![curve(vec![run(&[(500, f64::NAN), (1000, f64::NAN)], None)], &[])],
+        };
+        let chart = chart(&panel, &Palette::of(&[vec!["curve"]]), Against::Steps);
+        assert_eq!((chart.y.label.as_str(), chart.curves[0].anchor), ("proximity", None));
     }
 }

@@ -25,7 +25,7 @@ pub(crate) type MeasuredPanel = Panel<MeasuredCurve>;
 pub(crate) struct MeasuredCurve {
     /// Its name.
     pub(crate) name: String,
-    /// Success rate of the authors' published curve at its end.
+    /// Success rate that the authors published.
     pub(crate) anchor: Option<f64>,
     /// The runs that could be read.
     pub(crate) runs: Vec<Measured>,

@@ -308,8 +308,10 @@ fn reading() -> Markup {
                       of seeds in which a method is better than the first one, with stratified bootstrap \
                       intervals (Agarwal et al., 2021), which are somewhat narrow for few seeds." }
                 li { "A dashed level is the evaluation of a method that takes no environment steps." }
-                li { "Diamonds, and the column \u{201c}authors\u{201d}, are the ends of the curves that the \
-                      authors published. Some of their baselines had errors, so a correct one may score higher." }
+                li { "Diamonds, and the column \u{201c}authors\u{201d}, are success rates that the authors \
+                      published: the ends of their curves or, for FETCH PICK at 50 % coverage, 80 % for \
+                      \u{201c}more than 80 %\u{201d} in the paper's text. Some of their baselines had errors, \
+                      so a correct one may score higher." }
                 li { "Wall time includes training before the first rollout; pauses of a resumed run are left \
                       out. Steps per second are those of the summaries." }
                 li { "The same command gives the same hash, whatever the number of actors." }
