@@ -18,10 +18,11 @@ python_environment() {
     local folder=$root/target/python wanted=$root/tests/requirements.txt
     if ! cmp -s "$wanted" "$folder/installed.txt"; then
         say "installing the Python packages of tests/requirements.txt into target/python"
-        python3 -m venv --clear "$folder"
-        "$folder/bin/python" -m pip install --quiet --disable-pip-version-check \
-            --requirement "$wanted"
-        cp "$wanted" "$folder/installed.txt"
+        # A failed command does not end a function whose caller tests its status.
+        python3 -m venv --clear "$folder" &&
+            "$folder/bin/python" -m pip install --quiet --disable-pip-version-check \
+                --requirement "$wanted" &&
+            cp "$wanted" "$folder/installed.txt" || return 1
     fi
     export GOALWARD_PYTHON=$folder/bin/python
 }

@@ -23,7 +23,7 @@ port=${GOALWARD_PORT:-$((20000 + SLURM_JOB_ID % 10000))}
 
 started=$(mktemp)
 if [ -e "$run/config.toml" ]; then
-    set -- --resume
+    set -- "$@" --resume
 fi
 "$goalward" train "$@" --run "$run" --no-page --listen "0.0.0.0:$port" &
 learner=$!

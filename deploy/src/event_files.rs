@@ -1,25 +1,58 @@
 //! The TensorBoard event file that `goalward train` writes from the log during training, on a thread of its own, so
 //! that a slow disk delays nothing.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, SyncSender};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use report::TensorBoard;
 use run::folder::RunFolder;
 use run::summary::Summary;
 use terminal::print::print_remark;
+use terminal::refusal::wrong_usage;
+
+use crate::destination;
 
 /// Time between two looks at the log.
 const EVERY: Duration = Duration::from_secs(2);
 
 /// Returns the folder of a run's event file within `folder`, which several runs may share.
+///
+/// # Errors
+/// Wrong usage, when it would be in the folder of a run, which need not exist yet.
 pub(crate) fn of_run(run: &RunFolder, folder: &Path) -> Result<PathBuf> {
-    let shown = || format!("{}: expected a folder with a name", run.path().display());
-    let path = run.path().canonicalize().with_context(shown)?;
-    Ok(folder.join(path.file_name().with_context(shown)?))
+    let path = destination::resolved(run.path())?;
+    let name = path.file_name();
+    let place = folder.join(name.with_context(|| format!("{}: expected a name", path.display()))?);
+    destination::outside_runs(&place)?;
+    if destination::resolved(&place)?.starts_with(&path) {
+        return Err(wrong_usage(format!(
+            "--tensorboard: expected a place outside of runs, found {}, the folder of the run itself",
+            place.display()
+        )));
+    }
+    Ok(place)
+}
+
+/// Checks that a run's event file may be written within `folder`. That of a new run replaces none.
+///
+/// # Errors
+/// Wrong usage, as [`of_run`], or when there is one of its name.
+pub(crate) fn check(run: &RunFolder, folder: &Path, is_resumed: bool) -> Result<()> {
+    destination::folder(folder, true)?;
+    let place = of_run(run, folder)?;
+    let is_empty = fs::read_dir(&place).map_or(true, |mut entries| entries.next().is_none());
+    let shown = place.display();
+    ensure!(
+        is_resumed || is_empty,
+        wrong_usage(format!(
+            "--tensorboard: expected no {shown} yet, found the curves of another run"
+        ))
+    );
+    Ok(())
 }
 
 /// An event file that is written while a run trains.
@@ -65,5 +98,26 @@ fn tell(written: Result<()>) {
         print_remark(&format!(
             "the event file for TensorBoard lacks the newest updates: {error:#}"
         ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_replace_none_of_another_run_and_lie_in_no_run() {
+        let directory = tempfile::tempdir().unwrap();
+        let [runs, curves] = ["runs", "curves"].map(|name| directory.path().join(name));
+        let run = RunFolder::new(runs.join("one"));
+        check(&run, &curves, false).unwrap();
+        let refused = check(&run, &runs, false).unwrap_err().to_string();
+        assert!(refused.contains("the folder of the run itself"), "{refused}");
+        fs::create_dir_all(curves.join("one")).unwrap();
+        check(&run, &curves, false).unwrap();
+        fs::write(curves.join("one/events"), "").unwrap();
+        let refused = check(&run, &curves, false).unwrap_err().to_string();
+        assert!(refused.contains("the curves of another run"), "{refused}");
+        check(&run, &curves, true).unwrap();
     }
 }

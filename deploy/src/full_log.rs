@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use mcap_log::read_run;
-use protocol::durable;
+use protocol::durable::{self, TemporaryFolder};
 use run::folder::RunFolder;
 use run::loss;
 use run::origin::recorded_configs;
 use serde::Deserialize;
-use tempfile::TempDir;
 
 use crate::programs::{self, Program};
 use terminal::print::print_remark;
@@ -21,7 +20,7 @@ pub(crate) enum FullLog {
     /// The run's own log.
     Recorded(PathBuf),
     /// A log restored from the run's own.
-    Restored(TempDir),
+    Restored(TemporaryFolder),
 }
 
 /// The actor's report about a log that it restored.
@@ -43,7 +42,9 @@ impl FullLog {
             return Ok(FullLog::Recorded(run.log()));
         }
         print_remark("the log has actions only: acting its episodes again");
-        let folder = durable::temporary_folder(&run.path().join("restored-log"))?;
+        // A process that was killed may have left one.
+        durable::clear(run.path())?;
+        let folder = TemporaryFolder::beside(&run.path().join("restored-log"))?;
         restore(run, folder.path())?;
         Ok(FullLog::Restored(folder))
     }

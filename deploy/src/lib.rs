@@ -16,6 +16,7 @@
 //! | `experiment` | plans of many runs |
 //! | `cluster` | cluster engines that train the runs of plans |
 //! | `listening` | a run that actors on other machines can join |
+//! | `lock` | the lock of a run's folder, and who holds it |
 //! | `machine` | whether this machine has the memory and disk for a run |
 //! | `supervisor` | the processes of a run, from start to end |
 //! | `processes` | the processes of a live run, and which of them are stopped or gone |
@@ -54,6 +55,7 @@ mod full_log;
 mod headway;
 mod limits;
 mod listening;
+mod lock;
 mod machine;
 mod other_reward;
 mod output;

@@ -154,7 +154,7 @@ fn host_name_of(node: &str) -> String {
 }
 
 /// Returns the name by which other machines find this one.
-fn node_name() -> String {
+pub(crate) fn node_name() -> String {
     let system = rustix::system::uname();
     system.nodename().to_str().unwrap_or("localhost").to_owned()
 }

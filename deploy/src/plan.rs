@@ -2,10 +2,9 @@
 //!
 //! Everything is checked before anything is written, so that a refusal leaves no trace.
 
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use anyhow::{Context, Result};
 use mcap_log::recorded_builds;
@@ -15,17 +14,15 @@ use protocol::table::MODULES;
 use run::actors_wanted::ActorsWanted;
 use run::config::RunConfig;
 use run::folder::RunFolder;
+use run::holder::Work;
 use run::origin::recorded_configs;
 use run::repeat::quoted;
 use run::summary::Summary;
 
+use crate::lock::Lock;
 use crate::tasks;
 use crate::{demonstrations, description, destination};
 use terminal::refusal::{Refusal, wrong_usage};
-
-/// A process that only checks whether a run is being trained holds the lock for a moment, so locking is retried.
-const LOCK_ATTEMPTS: u32 = 3;
-const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// Parent folder of runs that were given no folder.
 const RUNS: &str = "runs";
@@ -131,13 +128,13 @@ impl Plan {
     ///
     /// # Errors
     /// When another `goalward train` has the folder, or the files cannot be written.
-    pub(crate) fn lay_out(&mut self) -> Result<File> {
+    pub(crate) fn lay_out(&mut self) -> Result<Lock> {
         if self.is_numbered {
             self.take_number()?;
         }
         let failed = || format!("laying out the run in {}", self.folder.path().display());
         durable::create_folder(self.folder.path()).with_context(failed)?;
-        let lock = lock(&self.folder)?;
+        let lock = Lock::take(&self.folder, Work::Training)?;
         if !self.resumed {
             // Another process may have begun a run here between the first check and the lock.
             refuse_unless_free(&self.folder)?;
@@ -166,34 +163,11 @@ impl Plan {
     /// Removes what an interrupted start left, and a summary that cannot be read.
     fn clear(&self) -> std::io::Result<()> {
         durable::clear(self.folder.path())?;
-        durable::clear(&self.folder.checkpoints())?;
         if Summary::of_run(&self.folder).is_err() {
             fs::remove_file(self.folder.summary_file())?;
         }
         Ok(())
     }
-}
-
-/// Locks a run's folder against every other `goalward train` until the returned file is dropped.
-///
-/// # Errors
-/// When another process holds the lock.
-pub(crate) fn lock(folder: &RunFolder) -> Result<File> {
-    let shown = folder.path().display();
-    let path = folder.lock_file();
-    // Opened for writing, because otherwise NFS grants no exclusive lock.
-    let opened = File::options().read(true).write(true).create(true).truncate(false).open(&path);
-    let lock = opened.with_context(|| format!("opening {}", path.display()))?;
-    for _ in 0..LOCK_ATTEMPTS {
-        match lock.try_lock() {
-            Ok(()) => return Ok(lock),
-            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_PAUSE),
-            Err(TryLockError::Error(error)) => {
-                return Err(error).with_context(|| format!("locking {shown}"));
-            }
-        }
-    }
-    Err(wrong_usage(format!("the run in {shown} is being trained right now")))
 }
 
 /// Returns the default configuration of `task`, as the user names it, with the preset and method of `config`, which the
@@ -346,6 +320,8 @@ fn next_free(runs: &Path, task: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::{File, TryLockError};
+
     use super::*;
     use mcap_log::{FileWriter, Kind, LogOptions, LogWriter, Metadata, Topic};
     use run::demonstrations::file_of;
@@ -396,11 +372,12 @@ mod tests {
         Plan::new_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
         assert!(!left.exists() && folder.config().is_ok());
 
-        let left = durable::unfinished(&folder.checkpoint_folder(25));
-        fs::create_dir_all(&left).unwrap();
+        // A learner that an earlier start left behind may still be writing its checkpoint.
+        let unfinished = durable::unfinished(&folder.checkpoint_folder(25));
+        fs::create_dir_all(&unfinished).unwrap();
         fs::write(folder.summary_file(), "").unwrap();
         Plan::resumed_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
-        assert!(!left.exists() && !folder.summary_file().exists());
+        assert!(unfinished.exists() && !folder.summary_file().exists());
     }
 
     #[test]
@@ -478,19 +455,21 @@ mod tests {
     fn a_run_has_one_trainer() {
         let directory = tempfile::tempdir().unwrap();
         // A refused start leaves its lock file.
-        drop(lock(&RunFolder::new(directory.path())).unwrap());
+        let folder = RunFolder::new(directory.path());
+        drop(Lock::take(&folder, Work::Training).unwrap());
         let mut plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
         let mut rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
         assert!(!plan.folder.is_trained());
         let held = plan.lay_out().unwrap();
         assert!(rival.lay_out().unwrap_err().to_string().contains("being trained"));
-        assert!(lock(&plan.folder).unwrap_err().to_string().contains("being trained"));
+        let rival_lock = Lock::take(&plan.folder, Work::Publishing);
+        assert!(rival_lock.unwrap_err().to_string().contains("being trained"));
         let asked = File::open(directory.path().join("lock")).unwrap().try_lock_shared();
         assert!(matches!(asked, Err(TryLockError::WouldBlock)), "a file, which NFS can lock");
         assert!(plan.folder.is_trained());
         drop(held);
         assert!(!plan.folder.is_trained());
-        drop(lock(&plan.folder).unwrap());
+        drop(Lock::take(&plan.folder, Work::Repairing).unwrap());
         assert!(rival.lay_out().unwrap_err().to_string().contains("already holds"));
     }
 }

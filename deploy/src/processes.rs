@@ -105,13 +105,6 @@ impl Processes {
         self.processes.iter().any(|process| trains(&process.name) && process.state != State::Gone)
     }
 
-    /// Returns the id of the run's supervisor, if the system shows it.
-    pub(crate) fn supervisor(&self) -> Option<u32> {
-        let alive = |state| matches!(state, State::Running | State::Stopped);
-        let mut found = self.processes.iter().filter(|process| alive(process.state));
-        found.find(|process| process.name == SUPERVISOR)?.id
-    }
-
     /// Returns the number of living actors on this machine.
     pub(crate) fn actors_here(&self) -> usize {
         let is_here = |name: &str| is_actor(name) && !is_elsewhere(name);

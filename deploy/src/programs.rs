@@ -242,13 +242,13 @@ fn parse<T: DeserializeOwned>(ended: ExitStatus, printed: &[u8]) -> Result<T> {
 /// Checks the exit status of a program, which has said why if it failed by itself.
 ///
 /// # Errors
-/// When the program has failed, with its exit code, or when a signal ended it.
+/// When the program has failed, with the exit code that its own stands for, or when a signal ended it.
 pub(crate) fn expect_success(status: ExitStatus) -> Result<()> {
     if status.success() {
         return Ok(());
     }
     match status.code().and_then(|code| u8::try_from(code).ok()) {
-        Some(code) => Err(Refusal::Explained(code).into()),
+        Some(code) => Err(Refusal::explained_by(code).into()),
         None => bail!(
             "expected that nothing ends a program of goalward, found one that ended by {status}"
         ),

@@ -49,7 +49,8 @@ pub(crate) struct Import {
     /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; detected by default.
     #[arg(long)]
     format: Option<String>,
-    /// Observation keys of the data set, in the order of the task's observation; by default all except success signals.
+    /// Observation keys of the data set, in the order of the task's observation; by default all except
+    /// success signals. A bag with several topics needs them.
     #[arg(long, value_name = "KEY,KEY")]
     keys: Option<String>,
     /// Which episodes reach the goal: `all`, each at its last observation, or the key of a success signal.
@@ -94,6 +95,16 @@ fn import(arguments: &Import) -> Result<()> {
     let Import { source, task, settings, out, force, .. } = arguments;
     destination::file(out, *force)?;
     let config = tasks::configuration(task, None, settings)?;
+    for setting in settings {
+        let others: Vec<String> =
+            settings.iter().filter(|&other| other != setting).cloned().collect();
+        if tasks::configuration(task, None, &others)?.task == config.task {
+            return Err(wrong_usage(format!(
+                "--set {setting}: expected a setting of the environment that changes what {task} is, found \
+                 one that does not"
+            )));
+        }
+    }
     let spec = serde_json::to_string(&config.task).context("a task as JSON")?;
     package("import", |package| {
         package.arg(source).args(["--task-json", &spec, "--task-argument", task]);

@@ -1,13 +1,13 @@
 //! `goalward export`: a run's policy and reward model as files that programs without Goalward read.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result};
+use protocol::durable::{self, TemporaryFolder};
 use run::checkpoint;
-use run::config::RunConfig;
-use run::folder::{POLICY_FILE, RunFolder};
+use run::folder::{POLICY_FILE, PROXIMITY_FILE, RunFolder};
 use serde::Serialize;
 
 use crate::destination;
@@ -65,41 +65,64 @@ impl Format {
 /// Exports the policy, and the reward model where it is a trained ensemble.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
-    let config = folder.config()?;
-    if let Some(iteration) = arguments.checkpoint {
-        checkpoint::chosen(&folder, Some(iteration), &[POLICY_FILE]).map_err(Refusal::usage)?;
-    }
+    let has_ensemble = folder.config()?.reward.model.is_one_ensemble();
     destination::folder(&arguments.out, arguments.force)?;
-    let exported = destination::filled(&[&arguments.out], || export_all(&config, arguments))?;
+    let parts = if has_ensemble { &PARTS[..] } else { &PARTS[..1] };
+    // One checkpoint for both files: a live run may save another one in between.
+    let files: Vec<&str> = parts.iter().map(|part| part.weights).collect();
+    let chosen = checkpoint::chosen(&folder, arguments.checkpoint, &files);
+    let iteration = match arguments.checkpoint {
+        Some(_) => chosen.map_err(Refusal::usage)?.iteration,
+        None => chosen?.iteration,
+    };
+    let out = arguments.out.display().to_string();
+    let exported = export_all(parts, iteration, arguments).with_context(|| out)?;
     arguments.figures.print(&exported, |exported| table(exported))
 }
 
-fn export_all(config: &RunConfig, arguments: &Arguments) -> Result<Vec<Exported>> {
-    fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
-    let file = |name: &str| arguments.out.join(name).with_extension(arguments.format.extension());
-    let mut exported = vec![export("policy", &Program::Actor, arguments, file("policy"))?];
-    if config.reward.model.is_one_ensemble() {
-        let service = Program::ProximityService;
-        exported.push(export("reward model", &service, arguments, file("ensemble"))?);
-    }
-    Ok(exported)
+/// A file of an export.
+struct Part {
+    of: &'static str,
+    name: &'static str,
+    /// File of a checkpoint with its weights.
+    weights: &'static str,
+    program: Program,
 }
 
-/// Has a program write its file.
-fn export(
-    of: &'static str,
-    program: &Program,
-    arguments: &Arguments,
-    file: PathBuf,
-) -> Result<Exported> {
-    let mut command: Command = program.command()?;
-    command.arg("export").arg("--run").arg(&arguments.run).arg("--out").arg(&file);
-    if let Some(iteration) = arguments.checkpoint {
+const PARTS: [Part; 2] = [
+    Part { of: "policy", name: "policy", weights: POLICY_FILE, program: Program::Actor },
+    Part {
+        of: "reward model",
+        name: "ensemble",
+        weights: PROXIMITY_FILE,
+        program: Program::ProximityService,
+    },
+];
+
+/// Exports `parts`, all or none, in place of what an earlier export wrote.
+fn export_all(parts: &[Part], iteration: u64, arguments: &Arguments) -> Result<Vec<Exported>> {
+    let Arguments { run, out, format, .. } = arguments;
+    durable::create_folder(durable::folder_of(out))?;
+    let made = TemporaryFolder::beside(out)?;
+    let file =
+        |folder: &Path, part: &Part| folder.join(part.name).with_extension(format.extension());
+    for part in parts {
+        let mut command: Command = part.program.command()?;
+        command.arg("export").arg("--run").arg(run).arg("--out").arg(file(made.path(), part));
         command.args(["--checkpoint", &iteration.to_string()]);
+        programs::result::<u64>(&mut command, "exporting")?;
     }
-    let iterations: u64 = programs::result(&mut command, "exporting")?;
-    let bytes = fs::metadata(&file).with_context(|| file.display().to_string())?.len();
-    Ok(Exported { of, file, bytes, iterations })
+    durable::create_folder(out)?;
+    let place = |part: &Part| -> Result<Exported> {
+        let (made, file) = (file(made.path(), part), file(out, part));
+        durable::rename(&made, &file)?;
+        let bytes = fs::metadata(&file)?.len();
+        Ok(Exported { of: part.of, file, bytes, iterations: iteration })
+    };
+    let exported = parts.iter().map(place).collect::<Result<_>>()?;
+    let stale = PARTS[parts.len()..].iter().map(|part| file(out, part));
+    stale.filter(|file| file.exists()).try_for_each(fs::remove_file)?;
+    Ok(exported)
 }
 
 fn table(exported: &[Exported]) -> String {

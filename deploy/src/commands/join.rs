@@ -10,14 +10,15 @@ use anyhow::{Context, Result};
 use bus::{BusAddress, check_shared_memory_room};
 use protocol::MAX_ACTORS;
 use run::folder::RunFolder;
+use run::holder::Work;
 use terminal::print::print_remark;
 use terminal::refusal::{stopped, wrong_usage};
 use terminal::status_line::StatusLine;
 
 use crate::limits;
 use crate::listening::{golden, host_name};
+use crate::lock::Lock;
 use crate::machine::Machine;
-use crate::plan;
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Joining, Outcome, Source, runtime, take_part};
@@ -83,7 +84,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     sweep(&temporary);
     let place = tempfile::Builder::new().prefix(FOLDER).tempdir_in(&temporary)?;
     let folder = RunFolder::new(place.path());
-    let _lock = plan::lock(&folder)?;
+    let _lock = Lock::take(&folder, Work::Joining)?;
     if !lay_out(&folder, &key, arguments.address.as_deref())? {
         return Err(stopped());
     }
@@ -136,7 +137,7 @@ fn remove_if_left(path: &Path) -> Result<()> {
     if !is_ours || found.modified()?.elapsed().unwrap_or_default() < YOUNG {
         return Ok(());
     }
-    let Ok(lock) = plan::lock(&RunFolder::new(path)) else { return Ok(()) };
+    let Ok(lock) = Lock::take(&RunFolder::new(path), Work::CleaningUp) else { return Ok(()) };
     if let Some(bus) = BusAddress::if_started(path)? {
         bus.remove()?;
     }
@@ -181,7 +182,7 @@ mod tests {
         let bus = BusAddress::for_start(&left).unwrap();
         let shared = PathBuf::from(format!("/dev/shm/{}left", bus.prefix()));
         fs::write(&shared, "").unwrap();
-        let _lock = plan::lock(&RunFolder::new(&held)).unwrap();
+        let _lock = Lock::take(&RunFolder::new(&held), Work::Joining).unwrap();
         for old in [&left, &held, &another] {
             fs::File::open(old).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
         }

@@ -11,6 +11,7 @@ use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
 
 use crate::listening::require_an_actor;
+use crate::lock;
 use crate::machine::Machine;
 use crate::processes::Processes;
 use terminal::print::{print_line, print_remark};
@@ -40,12 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { run, actors, host } = arguments;
     let folder = RunFolder::new(run);
     folder.config()?;
-    if !folder.is_trained() {
-        return Err(wrong_usage(format!(
-            "{}: expected a run that is training, found one that is not; `train --resume` takes --actors {actors}",
-            run.display()
-        )));
-    }
+    lock::trainer(&folder, &format!("; `train --resume` takes --actors {actors}"))?;
     let listens = folder.listening_file().exists();
     let present = Hosts::of_run(&folder).present;
     let Some(host) = host else {

@@ -8,6 +8,8 @@ use clap::Command;
 use clap_complete::Shell;
 use terminal::print::print_line;
 
+use crate::destination;
+
 /// Flags of `goalward completions`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Completions {
@@ -33,6 +35,7 @@ pub(crate) fn completions(arguments: &Completions, mut command: Command) {
 /// Writes a page for `goalward` and for each of its verbs.
 pub(crate) fn manual(arguments: &Manual, command: Command) -> Result<()> {
     let shown = arguments.out.display().to_string();
+    destination::outside_runs(&arguments.out)?;
     fs::create_dir_all(&arguments.out).with_context(|| shown.clone())?;
     clap_mangen::generate_to(command, &arguments.out).with_context(|| shown.clone())?;
     print_line(&format!("{shown}: man -l {shown}/goalward.1"));

@@ -4,18 +4,17 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bus::BusAddress;
 use run::folder::RunFolder;
+use run::holder::Holder;
 use run::summary::Summary;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Signal, kill_process};
 use terminal::print::print_line;
-use terminal::refusal::wrong_usage;
 
 use crate::listening::how_to_resume;
-use crate::processes::Processes;
+use crate::lock;
 
-/// How long a run may take to end.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// How long a run may take to end: longer than its supervisor waits for the processes.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Time between two looks at the run.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -27,23 +26,25 @@ pub(crate) struct Arguments {
     run: PathBuf,
 }
 
-/// Interrupts the run's supervisor and waits until all its processes are gone.
+/// Interrupts the run's `goalward train` and waits until it has ended.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     folder.config()?;
     let shown = arguments.run.display();
-    if !folder.is_trained() {
-        return Err(wrong_usage(format!(
-            "{shown}: expected a run that is training, found one that is not"
-        )));
-    }
-    kill_process(supervisor(&folder)?, Signal::INT).context("stopping the supervisor")?;
+    let trainer = lock::trainer(&folder, "")?;
+    let process = lock::process_here(&folder, &trainer)?;
+    kill_process(process, Signal::INT).context("stopping the run")?;
     let begun = Instant::now();
-    while folder.is_trained() {
+    while folder.holder().is_some_and(|holder| holder.process == trainer.process) {
         if begun.elapsed() > PATIENCE {
             bail!("the run in {shown} has not ended within {} s", PATIENCE.as_secs());
         }
         std::thread::sleep(LOOK_EVERY);
+    }
+    if let Holder { process, failure: Some(failure), .. } = folder.last_holder()
+        && process == trainer.process
+    {
+        bail!("the run in {shown} has failed: {failure}");
     }
     if matches!(Summary::of_run(&folder), Ok(Some(_))) {
         print_line("the run has finished");
@@ -51,18 +52,4 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     }
     print_line(&format!("stopped; continue it with\n  {}", how_to_resume(&folder)));
     Ok(())
-}
-
-fn supervisor(folder: &RunFolder) -> Result<Pid> {
-    let address = BusAddress::if_started(folder.path())?;
-    let found = address.map(|address| Processes::on(&address)).transpose()?;
-    let id = found.and_then(|processes| processes.supervisor());
-    let id = id.and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
-    id.with_context(|| {
-        let shown = folder.path().display();
-        format!(
-            "expected the supervisor of the run in {shown} on its bus, found none: it is starting, \
-             or in another container"
-        )
-    })
 }

@@ -8,23 +8,25 @@ use mcap_log::require_room;
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
+use run::holder::Work;
 use run::repeat::{self, Difference, quoted};
 use run::summary::Summary;
 use serde::Serialize;
 use toml::Value;
 
 use crate::companion_page::CompanionPage;
-use crate::event_files::EventFiles;
+use crate::event_files::{self, EventFiles};
 use crate::experiment::estimate;
 use crate::figures::Figures;
 use crate::listening::{ListenOptions, how_to_resume};
+use crate::lock::{self, Lock};
 use crate::machine::Machine;
 use crate::output::Output;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision, remove_from_bus, runtime};
-use crate::{choices, demonstrations, description, destination, limits, settings, summary};
+use crate::{choices, demonstrations, description, limits, settings, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped};
@@ -120,11 +122,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
     let (task, settings) = (arguments.task.clone(), arguments.settings.clone());
-    tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
     let mut plan = begin(arguments.wishes()?)?;
+    let check_place = |folder| event_files::check(&plan.folder, folder, plan.resumed);
+    tensorboard.as_deref().map(check_place).transpose()?;
     if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
         clean_up_after(&plan.folder)?;
         print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
+        drop(tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?);
         return print_end(figures, &plan.folder, summary);
     }
     let changes = dry_run.then(|| Changes::of(&plan.config, task.as_deref(), &settings));
@@ -141,12 +145,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         plan::refuse_other_build(&plan.folder)?;
     }
     if let Some(changes) = changes {
+        lock::refuse_use(&plan.folder)?;
         let start = start_line(&plan, if plan.resumed { "would continue" } else { "would train" });
         remarks.iter().for_each(|remark| print_remark(remark));
         let planned = Planned::of(&plan, changes);
         return figures.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
     }
-    let _lock = plan.lay_out()?;
+    let mut lock = plan.lay_out()?;
     listening.keep(&plan.folder)?;
     let place = plan.folder.place()?;
     let page = if no_page { None } else { CompanionPage::start(plan.folder.path()) };
@@ -158,9 +163,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let outcome = prepare_and_supervise(&plan, listening, &mut view);
     view.finish();
     drop(events);
-    if outcome.is_err() {
+    if let Err(error) = &outcome {
         // If the folder is no longer in its place, that is the cause of any failure.
         place.check()?;
+        lock.keep_failure(format!("{error:#}"));
     }
     match outcome? {
         Outcome::Finished => {
@@ -220,7 +226,7 @@ fn prepare_and_supervise(
 /// Removes what a run left in shared memory if it finished after its supervisor was killed.
 fn clean_up_after(folder: &RunFolder) -> Result<()> {
     // If another process holds the lock, the supervisor still lives and does this itself.
-    let Ok(_lock) = plan::lock(folder) else { return Ok(()) };
+    let Ok(_lock) = Lock::take(folder, Work::CleaningUp) else { return Ok(()) };
     let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(()) };
     runtime()?.block_on(remove_from_bus(&address))
 }

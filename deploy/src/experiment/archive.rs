@@ -33,15 +33,7 @@ impl Archive {
     /// Opens the experiment in the folder `path`, which need not exist yet.
     pub(crate) fn open(path: &Path) -> Archive {
         let mut archive = Archive { path: path.to_owned(), names: BTreeMap::new() };
-        let entries = fs::read_dir(archive.runs()).into_iter().flatten().flatten();
-        let mut names: Vec<_> =
-            entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
-        names.sort();
-        for name in names {
-            if let Some((_, hash)) = name.rsplit_once('-').filter(|(_, hash)| !hash.contains('.')) {
-                archive.names.insert(hash.to_owned(), name);
-            }
-        }
+        archive.names = names_in(&archive.runs());
         archive
     }
 
@@ -83,6 +75,29 @@ impl Archive {
     }
 }
 
+/// Returns the name of the run in the folder `runs` that gives the same result as the run called `name`; `None` if
+/// there is no such run.
+pub(super) fn twin_of(name: &str, runs: &Path) -> Option<String> {
+    names_in(runs).remove(hash_of(name)?)
+}
+
+/// Returns the names of the runs in a folder by hash. If two have the same, because two experiments began them at the
+/// same moment, the finished one counts.
+fn names_in(runs: &Path) -> BTreeMap<String, String> {
+    let entries = fs::read_dir(runs).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let is_finished = |name: &String| RunFolder::new(runs.join(name)).summary_file().exists();
+    let mut known: Vec<_> = names.filter(|name| hash_of(name).is_some()).collect();
+    known.sort_by_key(|name| (is_finished(name), name.clone()));
+    let by_hash = |name: String| Some((hash_of(&name)?.to_owned(), name));
+    known.into_iter().filter_map(by_hash).collect()
+}
+
+/// Returns the hash in the name of a run; `None` if it is the name of something else.
+fn hash_of(name: &str) -> Option<&str> {
+    name.rsplit_once('-').map(|(_, hash)| hash).filter(|hash| !hash.contains('.'))
+}
+
 /// Returns the hash that runs share if they give the same result.
 fn identity(config: &RunConfig) -> String {
     let mut values = serde_json::to_value(config).expect("a configuration has only plain values");
@@ -96,4 +111,24 @@ fn identity(config: &RunConfig) -> String {
 
 fn short_hash(text: &str) -> String {
     format!("{:08x}", xxh3_64(text.as_bytes()) >> 32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_runs_with_the_same_result_the_finished_one_counts() {
+        let directory = tempfile::tempdir().unwrap();
+        let runs = directory.path();
+        assert_eq!(twin_of("navigation-difference-s1-12345678", runs), None);
+        for name in ["navigation-a-s1-12345678", "navigation-b-s1-12345678"] {
+            fs::create_dir(runs.join(name)).unwrap();
+        }
+        fs::write(runs.join("navigation-c-s1-12345678.txt"), "").unwrap();
+        fs::write(runs.join("navigation-a-s1-12345678/summary.json"), "").unwrap();
+        let twin = twin_of("navigation-difference-s1-12345678", runs);
+        assert_eq!(twin.as_deref(), Some("navigation-a-s1-12345678"));
+        assert_eq!(twin_of("navigation-difference-s2-12345679", runs), None);
+    }
 }

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::process::ExitStatus;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mcap_log::is_being_written;
 use run::summary::Summary;
 
@@ -134,8 +134,8 @@ impl Execution {
         if self.recorder.is_some() || self.running.len() >= self.jobs {
             return false;
         }
-        let Some(training) = self.waiting.pop_front() else { return false };
-        match self.begin(&training) {
+        let Some(mut training) = self.waiting.pop_front() else { return false };
+        match self.begin(&mut training) {
             Ok(Begun::Training(child)) => self.running.push((training, child)),
             Ok(Begun::Recording(recorder)) => {
                 self.recorder = Some(recorder);
@@ -152,7 +152,8 @@ impl Execution {
         true
     }
 
-    fn begin(&mut self, training: &Training) -> Result<Begun> {
+    fn begin(&mut self, training: &mut Training) -> Result<Begun> {
+        training.claim().with_context(|| training.folder.path().display().to_string())?;
         if let Some(summary) = training.summary() {
             self.count(training, &summary);
             return Ok(Begun::Nothing);

@@ -4,12 +4,13 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
+use protocol::durable;
 use run::config::{ResourceConfig, RunConfig};
 use run::folder::RunFolder;
 use run::summary::Summary;
 use terminal::numbers;
 
-use super::archive::Archive;
+use super::archive::{self, Archive};
 use super::planned_run::PlannedRun;
 use crate::child::Child;
 use crate::output::Output;
@@ -41,6 +42,20 @@ impl Training {
             demonstrations: given.then(|| archive.demonstrations_of(config)),
             run: run.clone(),
         }
+    }
+
+    /// Makes the folder of the run or, if another experiment has begun the same run under the name of another method
+    /// since, takes that one's.
+    ///
+    /// # Errors
+    /// When the folder cannot be made.
+    pub(super) fn claim(&mut self) -> std::io::Result<()> {
+        let runs = durable::folder_of(self.folder.path()).to_owned();
+        if let Some(twin) = archive::twin_of(&self.name, &runs) {
+            self.folder = RunFolder::new(runs.join(&twin));
+            self.name = twin;
+        }
+        durable::create_folder(self.folder.path())
     }
 
     /// Returns whether another `goalward train` is training the run.

@@ -33,6 +33,12 @@ impl Refusal {
     pub fn usage(error: impl Into<anyhow::Error>) -> Refusal {
         Refusal::WrongUsage(format!("{:#}", error.into()))
     }
+
+    /// Returns the error for a program that ended with this code. The codes that processes of a run have for their
+    /// supervisor, and that of a panic, are plain failures.
+    pub fn explained_by(code: u8) -> Refusal {
+        Refusal::Explained(if [WRONG_USAGE, DATA_LOST, STOPPED].contains(&code) { code } else { 1 })
+    }
 }
 
 /// Returns an error of wrong usage, in one line.
@@ -89,5 +95,9 @@ mod tests {
         let explained = anyhow::Error::from(Refusal::Explained(5));
         assert_eq!((exit_code(&explained), is_explained(&explained)), (ExitCode::from(5), true));
         assert!(!is_explained(&lost));
+        for (code, shown) in [(2, 2), (3, 3), (130, 130), (1, 1), (4, 1), (101, 1)] {
+            let explained = anyhow::Error::from(Refusal::explained_by(code));
+            assert_eq!(exit_code(&explained), ExitCode::from(shown));
+        }
     }
 }

@@ -115,11 +115,15 @@ pub fn chosen(
 }
 
 /// Finds the newest checkpoint whose files are all intact. Those passed over are set aside, so that
-/// they can be saved again.
+/// they can be saved again, and unfinished ones are removed: nobody may be writing one.
 ///
 /// # Errors
-/// As [`newest`], and [`Error::Checkpoint`] if a folder cannot be renamed.
+/// As [`newest`], and [`Error::Checkpoint`] if a folder cannot be renamed or removed.
 pub fn settle(run: &RunFolder) -> Result<NewestCheckpoint, Error> {
+    durable::clear(&run.checkpoints()).map_err(|cause| {
+        let message = format!("what is unfinished cannot be removed: {cause}");
+        Error::Checkpoint { path: run.checkpoints(), message }
+    })?;
     let found = newest(run, &CHECKPOINT_FILES)?;
     for (folder, _) in &found.damaged {
         let aside = folder.with_extension(DAMAGED);
@@ -313,7 +317,10 @@ mod tests {
         for iteration in [4, 8] {
             fs::remove_file(run.checkpoint_folder(iteration).join(LEARNER_FILE)).unwrap();
         }
+        let unfinished = durable::unfinished(&run.checkpoint_folder(12));
+        fs::create_dir(&unfinished).unwrap();
         let found = settle(&run).unwrap();
+        assert!(!unfinished.exists());
         assert_eq!((found.newest.as_ref(), found.damaged.len()), (None, 2));
         assert!(found.remarks()[1].ends_with("the run starts over"), "{:?}", found.remarks());
         assert!(run.checkpoint_folders().is_empty());

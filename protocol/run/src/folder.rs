@@ -7,6 +7,7 @@ use mcap_log::log_files;
 use protocol::{Error, durable};
 
 use crate::config::{ActionChoice, RunConfig};
+use crate::holder::{Holder, Work};
 
 /// The folder of a run. Everything in it except the log is derived from configuration, seed and log.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,10 +28,20 @@ impl RunFolder {
 
     /// Returns whether a `goalward train` holds the folder right now. Takes the lock for a moment.
     pub fn is_trained(&self) -> bool {
-        durable::is_locked(&self.lock_file())
+        self.holder().is_some_and(|holder| holder.work == Work::Training)
     }
 
-    /// Returns the file whose lock a `goalward train` holds. The lock of a folder would not do: on
+    /// Returns the process that holds the lock of the folder right now. Takes the lock for a moment.
+    pub fn holder(&self) -> Option<Holder> {
+        durable::is_locked(&self.lock_file()).then(|| self.last_holder())
+    }
+
+    /// Returns the process that held the lock last.
+    pub fn last_holder(&self) -> Holder {
+        Holder::from_text(&std::fs::read_to_string(self.lock_file()).unwrap_or_default())
+    }
+
+    /// Returns the file whose lock a process holds that works on the run. The lock of a folder would not do: on
     /// NFS and Lustre it does not exclude other machines.
     pub fn lock_file(&self) -> PathBuf {
         self.path.join("lock")

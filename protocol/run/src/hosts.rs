@@ -17,7 +17,7 @@ pub const NAME_CHARS: usize = 40;
 pub struct Hosts {
     /// Machines that take part.
     pub present: Vec<Host>,
-    /// Machines that broke the rules since the gateway was started.
+    /// Machines that broke the rules since the run was started.
     pub expelled: Vec<Expelled>,
 }
 

@@ -16,6 +16,9 @@ use tempfile::TempDir;
 /// Ending of the names of unfinished files and folders.
 const UNFINISHED: &str = "goalward-unfinished";
 
+/// Name of the file in a temporary folder whose lock its process holds.
+const LOCK: &str = "lock";
+
 /// Permissions of a new file, before the process's umask is applied.
 const EVERYBODY: u32 = 0o666;
 
@@ -63,14 +66,32 @@ pub fn write_unsynced(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     fs::rename(unfinished, path)
 }
 
-/// Creates a folder beside `path`, for what is to become `path` or is needed only briefly. Dropping the returned value
-/// removes it.
-///
-/// # Errors
-/// When the folder cannot be created.
-pub fn temporary_folder(path: &Path) -> io::Result<TempDir> {
-    let [prefix, suffix] = affixes(path);
-    tempfile::Builder::new().prefix(&prefix).suffix(&suffix).tempdir_in(folder_of(path))
+/// A folder that is removed when this is dropped.
+#[derive(Debug)]
+pub struct TemporaryFolder {
+    /// Shows that the folder is not abandoned. It is closed first: NFS removes no file that is open.
+    _lock: File,
+    folder: TempDir,
+}
+
+impl TemporaryFolder {
+    /// Creates a folder beside `path`, for what is to become `path` or is needed only briefly.
+    ///
+    /// # Errors
+    /// When the folder cannot be created.
+    pub fn beside(path: &Path) -> io::Result<TemporaryFolder> {
+        let [prefix, suffix] = affixes(path);
+        let mut named = tempfile::Builder::new();
+        let folder = named.prefix(&prefix).suffix(&suffix).tempdir_in(folder_of(path))?;
+        let lock = File::create(folder.path().join(LOCK))?;
+        lock.lock()?;
+        Ok(TemporaryFolder { _lock: lock, folder })
+    }
+
+    /// Returns the path of the folder.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
 }
 
 /// Returns what comes before and after the random part of an unfinished name.
@@ -146,12 +167,11 @@ pub fn clear(folder: &Path) -> io::Result<()> {
 }
 
 fn remove_abandoned(path: &Path) -> io::Result<()> {
-    let removed = if path.is_dir() {
-        fs::remove_dir_all(path)
-    } else if is_locked(path) {
-        Ok(())
-    } else {
-        fs::remove_file(path)
+    let removed = match path.is_dir() {
+        true if is_locked(&path.join(LOCK)) => Ok(()),
+        true => fs::remove_dir_all(path),
+        false if is_locked(path) => Ok(()),
+        false => fs::remove_file(path),
     };
     match removed {
         // Its writer is alive after all, and has just finished it.
@@ -222,10 +242,15 @@ mod tests {
         create_folder(&unfinished(&path("000025")).join("inner")).unwrap();
         let held = File::open(path(&format!("held.{UNFINISHED}"))).unwrap();
         held.lock().unwrap();
+        let used = TemporaryFolder::beside(&path("used")).unwrap();
         clear(folder.path()).unwrap();
-        let held_name = format!("held.{UNFINISHED}");
-        assert_eq!(names(folder.path()), ["a", "a.unfinished", "folder", &held_name]);
-        drop(held);
+        let held_name = OsString::from(format!("held.{UNFINISHED}"));
+        assert_eq!(
+            names(folder.path())[..4],
+            ["a", "a.unfinished", "folder", held_name.to_str().unwrap()]
+        );
+        assert!(used.path().exists());
+        drop((held, used));
         clear(folder.path()).unwrap();
         assert_eq!(names(folder.path()), ["a", "a.unfinished", "folder"]);
         remove_folder(&path("folder")).unwrap();

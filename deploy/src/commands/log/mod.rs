@@ -4,22 +4,24 @@
 mod info;
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Result};
 use bus::BusAddress;
 use mcap_log::{Contents, Record, Topic, log_files, read_contents};
-use protocol::durable;
+use protocol::durable::{self, TemporaryFolder};
 use protocol::trajectory::Trajectory;
 use run::folder::RunFolder;
+use run::holder::Work;
 use serde::{Deserialize, Serialize};
 
 use self::info::Holding;
 use crate::figures::Figures;
 use crate::full_log::{self, Restored};
-use crate::{destination, plan, programs, scenes};
+use crate::lock::Lock;
+use crate::{destination, programs, scenes};
 use terminal::numbers;
 use terminal::refusal::{Refusal, wrong_usage};
 
@@ -182,7 +184,7 @@ fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result
     run.config()?;
     destination::folder(out, force)?;
     let made = durable::create_folder(durable::folder_of(out))
-        .and_then(|()| durable::temporary_folder(out))
+        .and_then(|()| TemporaryFolder::beside(out))
         .with_context(|| out.display().to_string())?;
     let Restored { episodes, restored } = full_log::restore(run, made.path())?;
     put_in_place(made.path(), out).with_context(|| out.display().to_string())?;
@@ -263,13 +265,13 @@ fn files_of(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
 
 /// Locks the run that a file belongs to against training, until the returned lock is dropped: a file must not be sealed
 /// while its writer is at work. Returns `None` for a file of no run.
-fn hold_run(file: &Path) -> Result<Option<File>> {
+fn hold_run(file: &Path) -> Result<Option<Lock>> {
     // The file is in the folder of a run, or in its log.
     let folders = file.ancestors().skip(1).take(2).map(RunFolder::new);
     let Some(folder) = folders.into_iter().find(|folder| folder.config_file().exists()) else {
         return Ok(None);
     };
-    let held = plan::lock(&folder)?;
+    let held = Lock::take(&folder, Work::Repairing)?;
     if let Some(address) = BusAddress::if_started(folder.path())?
         && address.is_anyone_alive()?
     {

@@ -1,17 +1,23 @@
 //! `goalward replay --publish`: an actor publishes the recorded trajectories on the run's bus again.
 
+use std::ops::RangeInclusive;
+
 use anyhow::Result;
 use bus::BusAddress;
 use run::folder::RunFolder;
+use run::holder::Work;
 use serde::{Deserialize, Serialize};
 
 use crate::figures::Figures;
 use crate::full_log::FullLog;
-use crate::plan;
+use crate::lock::Lock;
 use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
+
+/// Factors by which the recorded pace can be changed.
+const SPEEDS: RangeInclusive<f64> = 1e-3..=1e6;
 
 /// The actor's report.
 #[derive(Debug, Deserialize, Serialize)]
@@ -23,11 +29,14 @@ struct Published {
 /// Publishes a log once there is a subscriber; Ctrl-C ends it.
 pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) -> Result<()> {
     folder.config()?;
-    if let Some(speed) = speed.filter(|speed| !(speed.is_finite() && *speed > 0.0)) {
-        return Err(wrong_usage(format!("--speed: expected a number above 0, found {speed}")));
+    if let Some(speed) = speed.filter(|speed| !SPEEDS.contains(speed)) {
+        let (least, most) = (SPEEDS.start(), SPEEDS.end());
+        return Err(wrong_usage(format!(
+            "--speed: expected a factor between {least} and {most}, found {speed}"
+        )));
     }
     // With the lock held, nobody can train on this bus in the meantime.
-    let _lock = plan::lock(folder)?;
+    let _lock = Lock::take(folder, Work::Publishing)?;
     let address = BusAddress::for_start(folder.path())?;
     // Subscribers that are already there stay connected.
     if !address.is_anyone_alive()? {

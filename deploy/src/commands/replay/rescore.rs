@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use protocol::durable::{self, TemporaryFolder};
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,9 @@ struct Comparison {
     curve: Vec<Point>,
 }
 
+/// Names of the rewards, their configuration and their picture until they are in place.
+const FILES: [&str; 3] = ["rewards.csv", "rewards.toml", "rewards.svg"];
+
 /// Scores a log again with `changes` to the configuration of its reward, each `key=value`.
 ///
 /// # Errors
@@ -41,21 +45,23 @@ pub(super) fn rescore(
 ) -> Result<()> {
     let OtherReward { config, model } = OtherReward::of(folder, changes)?;
     let [out, configuration, picture] = files(folder, out, force)?;
-    let comparison = destination::filled(&[&out, &configuration, &picture], || {
-        fs::write(&configuration, config.to_text())
-            .with_context(|| configuration.display().to_string())?;
-        let log = FullLog::of(folder)?;
-        let mut service = Program::ProximityService.command()?;
-        service.arg("rescore").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
-        service.arg("--config").arg(&configuration).arg("--out").arg(&out);
-        if let Some(model) = &model {
-            service.arg("--model").arg(model.path());
-        }
-        let comparison: Comparison =
-            programs::result_unless_stopped(&mut service, "scoring again")?;
-        curves::draw(&comparison.curve, &picture)?;
-        Ok(comparison)
-    })?;
+    // The three files belong together, so they are put in place together.
+    let made = TemporaryFolder::beside(&out).with_context(|| out.display().to_string())?;
+    let [new_out, new_configuration, new_picture] = FILES.map(|name| made.path().join(name));
+    fs::write(&new_configuration, config.to_text())?;
+    let log = FullLog::of(folder)?;
+    let mut service = Program::ProximityService.command()?;
+    service.arg("rescore").arg("--run").arg(folder.path()).arg("--log").arg(log.folder());
+    service.arg("--config").arg(&new_configuration).arg("--out").arg(&new_out);
+    if let Some(model) = &model {
+        service.arg("--model").arg(model.path());
+    }
+    let comparison: Comparison = programs::result_unless_stopped(&mut service, "scoring again")?;
+    curves::draw(&comparison.curve, &new_picture)?;
+    let places = [(new_out, &out), (new_configuration, &configuration), (new_picture, &picture)];
+    for (new, place) in places {
+        durable::rename(&new, place).with_context(|| place.display().to_string())?;
+    }
     figures.print(&comparison, |comparison| table(comparison, &out, &picture))?;
     full_log::refuse_loss(folder)
 }

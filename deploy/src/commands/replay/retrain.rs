@@ -10,6 +10,7 @@ use mcap_log::{Contents, Record, read_contents};
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
+use run::holder::Work;
 use run::origin::demonstrations_sha256;
 use run::summary::Summary;
 use serde::Serialize;
@@ -17,7 +18,8 @@ use serde::Serialize;
 use crate::destination;
 use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
-use crate::plan::{self, Plan};
+use crate::lock::Lock;
+use crate::plan::Plan;
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
@@ -75,7 +77,7 @@ fn cleared(recorded: &RunFolder) -> Result<RunFolder> {
     let folder = RunFolder::new(recorded.path().join("retrained"));
     if folder.is_run() {
         // The lock is taken and released again: a folder on NFS cannot be removed while a file in it is open.
-        drop(plan::lock(&folder)?);
+        drop(Lock::take(&folder, Work::CleaningUp)?);
         fs::remove_dir_all(folder.path()).context("removing what was trained again before")?;
     }
     Ok(folder)

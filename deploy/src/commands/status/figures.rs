@@ -27,6 +27,15 @@ impl Status {
             Standing::Beginning { records } => {
                 ("starting", json!({ "records_demonstrations": records }))
             }
+            Standing::Elsewhere { trainer, progress, age, times } => {
+                let figures = json!({
+                    "trainer": trainer,
+                    "progress": progress.as_deref().map(of_progress),
+                    "progress_age_s": age.as_secs_f64(),
+                    "time_to_success": times,
+                });
+                ("training", figures)
+            }
             Standing::Stopped(stopped) => ("stopped", of_stopped(stopped)),
         };
         figures["run"] = json!(self.folder.path());
@@ -72,12 +81,15 @@ fn of_update(update: &PolicyUpdate) -> Value {
 }
 
 fn of_stopped(stopped: &Stopped) -> Value {
-    let Stopped { begun, newest, damaged, update, times } = stopped;
+    let Stopped { holder, failure, begun, newest, damaged, unreadable, update, times } = stopped;
     let checkpoint = newest
         .as_ref()
         .map(|(iteration, folder)| json!({ "iteration": iteration, "folder": folder }));
     json!({
+        "holder": holder,
+        "failure": failure,
         "begun": begun,
+        "unreadable": unreadable.as_ref().map(ToString::to_string),
         "checkpoint": checkpoint,
         "damaged": damaged.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "update": update.as_ref().map(of_update),

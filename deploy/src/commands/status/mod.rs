@@ -12,17 +12,20 @@ use bus::{Bus, BusAddress, Role};
 use prost::Message;
 use protocol::Error;
 use protocol::messages::{PolicyUpdate, Progress};
-use run::checkpoint;
+use run::checkpoint::{self, NewestCheckpoint};
 use run::config::RunConfig;
 use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
+use run::holder::{Holder, Work};
 use run::hosts::Hosts;
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
 use run::updates::policy_updates;
 
 use crate::figures::Figures;
+use crate::listening::node_name;
 use crate::processes::Processes;
+use crate::progress_file;
 use terminal::print::print_remark;
 
 pub(crate) use table::trouble;
@@ -61,21 +64,45 @@ enum Standing {
         hosts: Hosts,
     },
     Finished(Box<Summary>),
-    /// A process holds the run's lock, but none of its processes is on the bus.
+    /// A process of this machine trains the run, but none of its processes is on the bus yet.
     Beginning {
         records: bool,
     },
+    /// A process of another machine trains the run, as the folder tells.
+    Elsewhere {
+        trainer: Holder,
+        progress: Option<Box<Progress>>,
+        age: Duration,
+        times: Vec<TimeToSuccess>,
+    },
     Stopped(Box<Stopped>),
+}
+
+/// Returns the state of a run that is being trained, but not by processes on a bus that is seen from here.
+fn begun(folder: &RunFolder, config: &RunConfig, trainer: Holder) -> Standing {
+    if trainer.process.is_none() || trainer.machine == node_name() {
+        let records = config.imitates() && !file_of(folder, config).exists();
+        return Standing::Beginning { records };
+    }
+    let progress = progress_file::read(folder).map(Box::new);
+    let (age, times) = (progress_file::age(folder), times_to_success(folder));
+    Standing::Elsewhere { trainer, progress, age, times }
 }
 
 /// Where an unfinished run would continue.
 #[derive(Default)]
 struct Stopped {
+    /// What else a process does with the run now.
+    holder: Option<Holder>,
+    /// Why its last training ended, if it failed.
+    failure: Option<String>,
     /// Whether the run was ever trained.
     begun: bool,
     /// Iterations and folder of the newest checkpoint.
     newest: Option<(u64, PathBuf)>,
     damaged: Vec<Error>,
+    /// Why the checkpoints cannot be read, if that is so.
+    unreadable: Option<Error>,
     /// The newest update that the checkpoint contains.
     update: Option<PolicyUpdate>,
     times: Vec<TimeToSuccess>,
@@ -95,21 +122,27 @@ impl Status {
             Standing::Live { processes, progress, times, hosts }
         } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
             Standing::Finished(Box::new(summary))
-        } else if folder.is_trained() {
-            let records = config.imitates() && !file_of(&folder, &config).exists();
-            Standing::Beginning { records }
         } else {
-            Standing::Stopped(Box::new(Stopped::of(&folder)))
+            match folder.holder() {
+                Some(trainer) if trainer.work == Work::Training => begun(&folder, &config, trainer),
+                holder => Standing::Stopped(Box::new(Stopped::of(&folder, holder))),
+            }
         };
         Ok(Status { folder, config, standing })
     }
 }
 
 impl Stopped {
-    fn of(folder: &RunFolder) -> Stopped {
-        let found = checkpoint::newest(folder, &CHECKPOINT_FILES).unwrap_or_default();
+    fn of(folder: &RunFolder, holder: Option<Holder>) -> Stopped {
+        let (found, unreadable) = match checkpoint::newest(folder, &CHECKPOINT_FILES) {
+            Ok(found) => (found, None),
+            Err(error) => (NewestCheckpoint::default(), Some(error)),
+        };
         let newest = found.newest.map(|newest| (newest.iteration, newest.folder));
         Stopped {
+            holder,
+            failure: folder.last_holder().failure,
+            unreadable,
             begun: folder.log().exists(),
             damaged: found.damaged.into_iter().map(|(_, error)| error).collect(),
             update: newest.as_ref().and_then(|(number, _)| last_update_before(folder, *number)),

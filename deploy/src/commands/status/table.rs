@@ -2,6 +2,7 @@
 
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use run::config::RunConfig;
+use run::holder::Holder;
 use run::hosts::Expelled;
 
 use super::{PATIENCE, Standing, Status, Stopped};
@@ -36,6 +37,17 @@ impl Status {
                     false => "its processes are not there yet",
                 };
                 format!("starting: {doing}\n{}", numbers::table(&common_rows(config)))
+            }
+            Standing::Elsewhere { trainer, progress, age, times } => {
+                let mut rows = match progress {
+                    Some(progress) => live_rows(progress, config),
+                    None => common_rows(config),
+                };
+                if progress.is_some() {
+                    rows.push(("told", format!("{} ago", numbers::duration(age.as_secs_f64()))));
+                }
+                rows.extend(times_to_success(times));
+                format!("training, by {}\n{}", trainer.shown(), numbers::table(&rows))
             }
             Standing::Stopped(stopped) => stopped_table(stopped, config),
         }
@@ -87,13 +99,17 @@ pub(super) fn doing(progress: &Progress) -> String {
 
 fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
     let mut rows = common_rows(config);
-    let place = stopped.newest.as_ref().map_or_else(
-        || "none: the run starts over".to_owned(),
-        |(iteration, folder)| {
+    let place = match (&stopped.newest, &stopped.unreadable) {
+        (Some((iteration, folder)), _) => {
             format!("after iteration {}, {}", numbers::count(*iteration), folder.display())
-        },
-    );
+        }
+        (None, Some(error)) => format!("not known: {error}"),
+        (None, None) => "none: the run starts over".to_owned(),
+    };
     rows.push(("newest checkpoint", place));
+    rows.extend(stopped.failure.iter().map(|failure| ("failed", failure.clone())));
+    let use_of = |holder: &Holder| format!("{} by {}", holder.work.done_to_it(), holder.shown());
+    rows.extend(stopped.holder.iter().map(|holder| ("being", use_of(holder))));
     rows.extend(stopped.damaged.iter().map(|error| ("damaged", error.to_string())));
     if let Some(update) = &stopped.update {
         let acting = config.learner.acts().then_some(config.steps);
@@ -130,9 +146,12 @@ fn steps(done: u64, wanted: u64) -> String {
 mod tests {
     use protocol::messages::{Pretraining, RewardUpdate};
     use run::folder::{CHECKPOINT_FILES, RunFolder};
+    use run::holder::Work;
     use run::tasks;
 
     use super::*;
+    use crate::lock::Lock;
+    use crate::progress_file;
 
     fn config() -> RunConfig {
         tasks::configuration("navigation", None, &[]).unwrap()
@@ -142,7 +161,7 @@ mod tests {
     fn a_stopped_run_tells_its_checkpoint() {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
-        let table = || stopped_table(&Stopped::of(&folder), &config());
+        let table = || stopped_table(&Stopped::of(&folder, None), &config());
         let found = table();
         assert!(found.starts_with("never started") && found.contains("starts over"), "{found}");
         std::fs::create_dir(folder.log()).unwrap();
@@ -167,9 +186,31 @@ mod tests {
         std::fs::create_dir(directory.path().join("bus")).unwrap();
         let table = || Status::of(folder.clone()).map(|status| status.table());
         assert!(table().unwrap().starts_with("never started"));
-        let _lock = crate::plan::lock(&folder).unwrap();
+        let lock = Lock::take(&folder, Work::Training).unwrap();
         let said = table().unwrap_err().to_string();
         assert!(said.contains("who alone can reach the run's processes"), "{said}");
+        drop(lock);
+        let mut lock = Lock::take(&folder, Work::Publishing).unwrap();
+        lock.keep_failure("the disk is full".to_owned());
+        let found = table().unwrap();
+        let words = ["never started", "published by process", "the disk is full"];
+        assert!(words.iter().all(|words| found.contains(words)), "{found}");
+    }
+
+    #[test]
+    fn a_run_that_another_machine_trains_is_told_by_its_folder() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::write(folder.config_file(), config().to_text()).unwrap();
+        std::fs::create_dir(folder.output()).unwrap();
+        let held = std::fs::File::create(folder.lock_file()).unwrap();
+        held.lock().unwrap();
+        let trainer = r#"{"work":"training","process":12,"machine":"node-7"}"#;
+        std::fs::write(folder.lock_file(), trainer).unwrap();
+        progress_file::write(&folder, &Progress { actors: 3, ..Progress::default() }).unwrap();
+        let found = Status::of(folder).unwrap().table();
+        assert!(found.starts_with("training, by process 12 on node-7"), "{found}");
+        assert!(found.contains("3, 0 leases") && found.contains("ago"), "{found}");
     }
 
     #[test]
