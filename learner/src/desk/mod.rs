@@ -363,6 +363,10 @@ impl Desk {
                 break;
             }
             let (request, question) = self.waiting.remove(0);
+            // Leases for an actor that no longer waits would stay open until they are overdue.
+            if !question.is_awaited() {
+                continue;
+            }
             let leases = self.grant(&request);
             let reply = LeaseReply { leases, finished: self.work == Work::IsDone };
             if let Err(why) = question.reply(&reply.encode_to_vec()) {

@@ -1,5 +1,6 @@
 //! Keys that a run does not read because of its task, its method or another key. A task's file may hold
-//! them, since it serves all methods; a user who changes one by a setting is told that it has no effect.
+//! them, since it serves all methods; a user who changes one by a setting is told that it has no effect. `steps` is
+//! accepted with every method, since plans set it for all of theirs.
 
 use std::collections::BTreeMap;
 
