@@ -78,3 +78,17 @@ fn a_failure_has_one_form_whoever_fails() {
     assert!(!failed.status.success() && said.starts_with("goalward: "), "{said}");
     assert_eq!(said.lines().count(), 1, "{said}");
 }
+
+#[test]
+fn a_quiet_command_shows_nothing_of_its_programs_either() {
+    let run = TestRun::new(programs!());
+    let demonstrate = |flags: &[&str], file: &str| {
+        let mut command = run.program("goalward");
+        command.args(flags).args(["demonstrate", "navigation", "--episodes", "3", "--out", file]);
+        let ended = command.output().unwrap();
+        assert!(ended.status.success());
+        String::from_utf8(ended.stderr).unwrap()
+    };
+    assert!(demonstrate(&[], "loud.mcap").contains("3 demonstrations"));
+    assert_eq!(demonstrate(&["--quiet"], "quiet.mcap"), "");
+}

@@ -18,6 +18,7 @@ use crate::headway;
 use crate::supervisor::{Signals, runtime};
 use terminal::refusal::{Refusal, stopped};
 use terminal::status_line::StatusLine;
+use terminal::voice;
 
 /// Time between two checks of a program if no signal arrives.
 const TICK: Duration = Duration::from_millis(100);
@@ -28,6 +29,9 @@ const STOP_PATIENCE: Duration = Duration::from_secs(1);
 /// Settings of our programs' allocator: no huge pages of 2 MiB, which would be little used, and freed memory returns to
 /// the system at once. The programs then hold half as much memory and are no slower.
 const ALLOCATOR: [(&str, &str); 2] = [("MIMALLOC_ALLOW_THP", "0"), ("MIMALLOC_PURGE_DELAY", "0")];
+
+/// Environment variable with the level of a program's messages.
+const LOG_LEVEL: &str = "RUST_LOG";
 
 /// A program that `goalward` starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -182,6 +186,9 @@ struct Started {
 
 impl Started {
     fn new(program: &mut Command, doing: &'static str, line: StatusLine) -> Result<Started> {
+        if voice::is_quiet() && std::env::var_os(LOG_LEVEL).is_none() {
+            program.env(LOG_LEVEL, "error");
+        }
         let program = program.stdin(Stdio::piped()).stdout(Stdio::piped());
         tracing::info!("starting {program:?}");
         let mut child = program.spawn().context("starting a program")?;

@@ -56,6 +56,6 @@ impl Voice {
 }
 
 /// Returns whether only results and errors are printed.
-pub(crate) fn is_quiet() -> bool {
+pub fn is_quiet() -> bool {
     IS_QUIET.load(Ordering::Relaxed)
 }
