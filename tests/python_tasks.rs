@@ -276,3 +276,13 @@ fn an_environment_without_a_success_signal_is_remarked_on_unless_that_was_asked_
     let (well, said) = run.goalward(&[&pendulum[..], &asked_for].concat());
     assert!(well && !said.contains(remark), "{said}");
 }
+
+#[test]
+fn the_keys_of_a_python_environment_are_listed() {
+    if python().is_none() {
+        return;
+    }
+    let run = with_environments();
+    let (well, said) = run.goalward(&["config", "rollout.", "--task", "gym:Pendulum-v1"]);
+    assert!(well && said.contains("rollout.lanes"), "{said}");
+}

@@ -2,20 +2,20 @@
 
 use anyhow::Result;
 use protocol::table::flat;
-use run::tasks::{self, DEFAULT_TASK};
+use run::tasks::DEFAULT_TASK;
 use serde::Serialize;
 use terminal::numbers;
 use terminal::refusal::wrong_usage;
 
-use crate::choices;
 use crate::figures::Figures;
+use crate::{choices, tasks};
 
 /// Flags of `goalward config`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Lists only keys that contain one of these, such as ppo. or uncertainty; by default all keys.
     parts: Vec<String>,
-    /// The task: a name, or the path of a task's file.
+    /// The task: a name, the path of a task's file, or an environment of Python such as gym:CartPole-v1.
     #[arg(long, default_value = DEFAULT_TASK)]
     task: String,
     /// Preset to start from: goalward, paper or authors; by default goalward.
