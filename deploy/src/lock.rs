@@ -3,19 +3,15 @@
 
 use std::fs::{self, File, TryLockError};
 use std::os::unix::fs::{FileExt, MetadataExt};
-use std::time::Duration;
 
 use anyhow::{Context, Result};
+use protocol::durable;
 use run::folder::RunFolder;
 use run::holder::{Holder, Work};
 use rustix::process::Pid;
 use terminal::refusal::wrong_usage;
 
 use crate::listening::node_name;
-
-/// Others take the lock for a moment to see whether it is held.
-const ATTEMPTS: u32 = 3;
-const PAUSE: Duration = Duration::from_millis(20);
 
 /// The lock of a run's folder, held until this is dropped.
 #[derive(Debug)]
@@ -35,8 +31,12 @@ impl Lock {
         let opened =
             File::options().read(true).write(true).create(true).truncate(false).open(&path);
         let file = opened.with_context(|| format!("opening {}", path.display()))?;
-        if !is_taken(&file).with_context(|| format!("locking {}", path.display()))? {
-            return Err(wrong_usage(in_use(folder)));
+        match durable::try_lock(&file) {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(wrong_usage(in_use(folder))),
+            Err(TryLockError::Error(error)) => {
+                return Err(error).with_context(|| format!("locking {}", path.display()));
+            }
         }
         let process = Some(std::process::id());
         let holder = Holder { work, process, machine: node_name(), failure: None };
@@ -58,17 +58,6 @@ impl Lock {
         self.file.write_all_at(text.as_bytes(), 0)?;
         self.file.set_len(text.len() as u64)
     }
-}
-
-fn is_taken(file: &File) -> std::io::Result<bool> {
-    for _ in 0..ATTEMPTS {
-        match file.try_lock() {
-            Ok(()) => return Ok(true),
-            Err(TryLockError::WouldBlock) => std::thread::sleep(PAUSE),
-            Err(TryLockError::Error(error)) => return Err(error),
-        }
-    }
-    Ok(false)
 }
 
 fn in_use(folder: &RunFolder) -> String {

@@ -98,7 +98,9 @@ fn import(arguments: &Import) -> Result<()> {
     for setting in settings {
         let others: Vec<String> =
             settings.iter().filter(|&other| other != setting).cloned().collect();
-        if tasks::configuration(task, None, &others)?.task == config.task {
+        // An environment that cannot be made without a setting needs it.
+        let without = tasks::configuration(task, None, &others);
+        if without.is_ok_and(|without| without.task == config.task) {
             return Err(wrong_usage(format!(
                 "--set {setting}: expected a setting of the environment that changes what {task} is, found \
                  one that does not"

@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
-use std::{fmt, io, thread};
+use std::{fmt, io};
 
 use protocol::{Error, durable};
 
@@ -27,10 +26,6 @@ use super::{read_error, write_error};
 const DAMAGED: &str = "damaged";
 /// Ending that is added to the new file's name until it has been read back.
 const REPAIRING: &str = "repairing";
-
-/// Readers take the lock for a moment to see whether the file is being written.
-const LOCK_ATTEMPTS: u32 = 3;
-const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// What [`repair`] did.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -129,14 +124,13 @@ fn hold(path: &Path) -> Result<File, Error> {
         _ => Err(cause),
     });
     let file = opened.map_err(|cause| read_error(path, format!("cannot open: {cause}")))?;
-    for _ in 0..LOCK_ATTEMPTS {
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
-            // If the file system has no locks, the run's own lock must do.
-            Ok(()) | Err(TryLockError::Error(_)) => return Ok(file),
+    match durable::try_lock(&file) {
+        Err(TryLockError::WouldBlock) => {
+            Err(read_error(path, "expected a file that no process writes, found one being written"))
         }
+        // If the file system has no locks, the run's own lock must do.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
     }
-    Err(read_error(path, "expected a file that no process writes, found one being written"))
 }
 
 /// What a file is, before it is repaired.

@@ -10,6 +10,8 @@ use std::fs::{self, File, Permissions, TryLockError};
 use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 
 use tempfile::TempDir;
 
@@ -18,6 +20,10 @@ const UNFINISHED: &str = "goalward-unfinished";
 
 /// Name of the file in a temporary folder whose lock its process holds.
 const LOCK: &str = "lock";
+
+/// Number of attempts to take a lock, and the pause between them.
+const LOCK_ATTEMPTS: u32 = 3;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// Permissions of a new file, before the process's umask is applied.
 const EVERYBODY: u32 = 0o666;
@@ -178,6 +184,20 @@ fn remove_abandoned(path: &Path) -> io::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed,
     }
+}
+
+/// Locks a file. Those who hold the lock only to see whether it is held, as [`is_locked`] does, are waited for.
+///
+/// # Errors
+/// As [`File::try_lock`].
+pub fn try_lock(file: &File) -> Result<(), TryLockError> {
+    for _ in 1..LOCK_ATTEMPTS {
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
+            tried => return tried,
+        }
+    }
+    file.try_lock()
 }
 
 /// Returns whether a living process holds the file's lock.
