@@ -55,7 +55,10 @@ def standing(own: list[float], others: list[float]) -> str:
         return ""
     difference, low, high = gain(own, others)
     if low <= 0 <= high:
-        return "not told apart"
+        # Seeds that fail widen the interval, however clear the order is.
+        if min(own) > max(others):
+            return "every seed above"
+        return "every seed below" if max(own) < min(others) else "not told apart"
     return "ahead" if difference > 0 else "behind"
 
 

@@ -64,7 +64,7 @@ def overview(figure: str = "") -> str:
 
 def cell(curve: Curve) -> str:
     """Formats a curve for the overview."""
-    marks = {"ahead": " ▲", "behind": " ▼"}
+    marks = {"ahead": " ▲", "behind": " ▼", "every seed above": " △", "every seed below": " ▽"}
     missing = f" of {len(curve.runs)}" if len(curve.runs) < curve.wanted else ""
     return mean_with_interval(curve.rates) + marks.get(curve.against_the_first, "") + missing
 
@@ -77,12 +77,13 @@ def over() -> str:
     ]
     shared = [name for name in columns[0] if all(name in column for column in columns)]
     scores = {name: [column[name] for column in columns] for name in shared}
-    first, *others = shared
-    text = head(["", "interquartile mean", f"better than `{first}`"])
-    text += line([f"`{first}`", within(interquartile_mean(scores[first])), "-"])
-    for name in others:
-        found = improvement(scores[name], scores[first])
-        text += line([f"`{name}`", within(interquartile_mean(scores[name])), within(found) + mark(found)])
+    first = shared[0]
+    text = head(["", "mean", "interquartile mean", f"better than `{first}`"])
+    for name in shared:
+        means = percent(statistics.mean(map(statistics.mean, scores[name])))
+        better = improvement(scores[name], scores[first])
+        last = "-" if name == first else within(better) + mark(better)
+        text += line([f"`{name}`", means, within(interquartile_mean(scores[name])), last])
     return text
 
 

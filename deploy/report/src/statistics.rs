@@ -41,6 +41,10 @@ pub(crate) enum Standing {
     Ahead,
     /// Its mean is lower, and the interval of the difference excludes 0.
     Behind,
+    /// The interval of the difference contains 0, but every seed is above every seed of the other.
+    EverySeedAbove,
+    /// The interval of the difference contains 0, but every seed is below every seed of the other.
+    EverySeedBelow,
     /// The interval of the difference contains 0.
     NotToldApart,
 }
@@ -61,7 +65,12 @@ impl Standing {
         // If all seeds of both methods agree, the variance is 0 and the degrees of freedom are undefined.
         let half = if squared > 0.0 { quantile(freedom) * squared.sqrt() } else { 0.0 };
         let difference = one.mean - two.mean;
-        Some(Standing::by([difference - half, difference + half], 0.0))
+        // Seeds that fail widen the interval, however clear the order is.
+        Some(match Standing::by([difference - half, difference + half], 0.0) {
+            Standing::NotToldApart if is_above(own, other) => Standing::EverySeedAbove,
+            Standing::NotToldApart if is_above(other, own) => Standing::EverySeedBelow,
+            decided => decided,
+        })
     }
 
     /// Compares by an interval and the value at which neither method is better.
@@ -78,9 +87,16 @@ impl Standing {
         match self {
             Standing::Ahead => "ahead",
             Standing::Behind => "behind",
+            Standing::EverySeedAbove => "every seed above",
+            Standing::EverySeedBelow => "every seed below",
             Standing::NotToldApart => "not told apart",
         }
     }
+}
+
+/// Returns whether every value is above every other one.
+fn is_above(values: &[f64], others: &[f64]) -> bool {
+    values.iter().all(|value| others.iter().all(|other| value > other))
 }
 
 /// A mean and the square of its standard error, which is NaN for a single value.
@@ -131,6 +147,8 @@ mod tests {
         assert_eq!(standing(&[0.85, 0.90, 0.75, 0.95, 0.80]), Some(Standing::NotToldApart));
         assert_eq!(standing(&[0.85, 0.85, 0.75, 0.85, 0.80]), Some(Standing::Ahead));
         assert_eq!(standing(&[0.99, 0.99, 0.98]), Some(Standing::Behind));
+        assert_eq!(standing(&[0.0, 0.1, 0.79]), Some(Standing::EverySeedAbove));
+        assert_eq!(Standing::of(&[0.0, 0.1, 0.79], &ours), Some(Standing::EverySeedBelow));
         assert_eq!(standing(&[0.1, 0.1]), None, "two seeds say nothing");
         assert_eq!(Standing::of(&[0.0; 3], &[0.0; 3]), Some(Standing::NotToldApart));
     }
