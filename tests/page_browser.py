@@ -141,6 +141,9 @@ def runs_are_listed(page: Browser) -> None:
     assert page.driver.switch_to.active_element == filter_place
     filter_place.send_keys("ant-reach")
     page.expect("one run", lambda: len(page.all("tbody tr")) == 1)
+    page.find("tbody a").click()
+    heading = page.expect("another heading", lambda: (found := page.find("h1")).text != "Runs" and found)
+    assert page.driver.switch_to.active_element == heading
 
 
 def curves_move_while_a_run_trains(page: Browser) -> None:
@@ -281,6 +284,7 @@ def success_that_is_not_told_is_not_claimed(page: Browser) -> None:
         page.expect(
             "no episode", lambda: any(text.startswith("0 of ") for text in page.texts("[role=status]"))
         )
+        page.says("main > p", "No episode matches the filter.")
 
 
 def proximity_over_the_grid_is_drawn(page: Browser) -> None:
@@ -305,9 +309,9 @@ def proximity_over_the_grid_is_drawn(page: Browser) -> None:
         };
     """)
     held = lambda: page.script("return window.held.length;")
-    page.find(".long").send_keys(Keys.ARROW_DOWN)
+    page.find(".long table").send_keys(Keys.ARROW_DOWN)
     page.expect("a question", lambda: held() == 1)
-    page.find(".long").send_keys(Keys.ARROW_DOWN)
+    page.find(".long table").send_keys(Keys.ARROW_DOWN)
     page.expect("another question", lambda: held() == 2)
     page.script("window.held[0]();")
     page.expect("the late answer", lambda: page.script("return window.isAnswered;"))

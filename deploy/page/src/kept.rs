@@ -26,11 +26,13 @@ impl<T: Clone> Kept<T> {
     pub(crate) fn get(&self, path: &Path, read: impl FnOnce(&RunFolder) -> T) -> T {
         let folder = RunFolder::new(path);
         let stamp = Stamp::of(&folder);
-        let mut runs = self.of_runs.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, kept)) = runs.get(path).filter(|(known, _)| *known == stamp) {
+        let runs = || self.of_runs.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, kept)) = runs().get(path).filter(|(known, _)| *known == stamp) {
             return kept.clone();
         }
+        // Others can look up their runs in the meantime.
         let new = read(&folder);
+        let mut runs = runs();
         if runs.len() >= self.most && !runs.contains_key(path) {
             runs.clear();
         }

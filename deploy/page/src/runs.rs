@@ -1,6 +1,5 @@
 //! The runs in the served folders, the progress of each, and caches of what was read from them.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -101,34 +100,17 @@ impl Runs {
     fn find(&self) -> (Vec<Found>, Vec<String>) {
         let (mut found, mut trouble) = (Vec::new(), Vec::new());
         for place in &self.places {
-            if is_run(place) {
+            if RunFolder::new(place).config_file().is_file() {
                 found.push(place.clone());
                 continue;
             }
-            match runs_in(place) {
-                Ok(runs) => found.extend(runs),
+            match RunFolder::all_in(place) {
+                Ok(runs) => found.extend(runs.iter().map(|run| run.path().to_owned())),
                 Err(error) => trouble.push(format!("{}: {error}", place.display())),
             }
         }
         (named(found), trouble)
     }
-}
-
-fn is_run(path: &Path) -> bool {
-    RunFolder::new(path).config_file().is_file()
-}
-
-/// Returns the runs directly inside a folder. Symbolic links are not followed.
-fn runs_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
-    let mut runs = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_type()?.is_dir() && is_run(&entry.path()) {
-            runs.push(entry.path());
-        }
-    }
-    runs.sort();
-    Ok(runs)
 }
 
 /// Names runs after their folders; a name that is already taken gets a number.

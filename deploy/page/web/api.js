@@ -15,9 +15,6 @@ async function answered(path, query) {
 
 const get = async (path, query) => (await answered(path, query)).json();
 
-/** Gets all runs. */
-export const runs = () => get("runs");
-
 /**
  * Returns a line on a run's state in the list of all runs. When it changes, there is something new to read. The time
  * grows with every update, also of a method that takes no environment steps.
@@ -76,14 +73,21 @@ export function reward(name, settings, model) {
   return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) });
 }
 
-/** Calls `onruns` with every new list of runs, and `onconnection` with whether the connection to the server is open. */
-export function listen(onruns, onconnection) {
+/** Calls `onruns` with every new list of runs, and `ontrouble` with what keeps them away, or an empty text. */
+export function listen(onruns, ontrouble) {
   const source = new EventSource(address("events"));
   source.addEventListener("runs", (event) => onruns(JSON.parse(event.data)));
-  source.addEventListener("open", () => onconnection(true));
+  source.addEventListener("open", () => ontrouble(""));
   source.addEventListener("error", () => {
-    onconnection(false);
-    // A browser does not reconnect if the response is not an event stream.
-    if (source.readyState === EventSource.CLOSED) setTimeout(() => listen(onruns, onconnection), 2000);
+    if (source.readyState !== EventSource.CLOSED) {
+      ontrouble("The server does not answer. The page reconnects automatically.");
+      return;
+    }
+    // The server has refused. A browser then does not reconnect, and only a plain request says why.
+    get("runs").then(
+      (list) => { ontrouble(""); onruns(list); },
+      (error) => ontrouble(`The runs cannot be read: ${error.message}`),
+    );
+    setTimeout(() => listen(onruns, ontrouble), 2000);
   });
 }

@@ -1,7 +1,6 @@
 // The page's address determines what is shown; events say when runs have changed.
 
 import * as api from "./api.js";
-import { element } from "./dom.js";
 import { EpisodesView } from "./episodes.js";
 import { ListView } from "./runs.js";
 import { RunView } from "./run.js";
@@ -37,38 +36,45 @@ function route() {
 function receive(list) {
   state.list = list;
   document.getElementById("folder").textContent = list.folder;
-  state.view?.show(list);
+  if (state.view) state.view.show(list);
+  else route();
 }
 
-function connected(isThere) {
+/** Routes to another address, and moves the focus to what it shows. */
+function navigate() {
+  // The first list is not there yet; it is routed when it arrives.
+  if (!state.view) return;
+  route();
+  const heading = place.querySelector("h1");
+  heading.tabIndex = -1;
+  heading.focus();
+}
+
+function complain(trouble) {
   const line = document.getElementById("connection");
-  line.hidden = isThere;
-  line.textContent = isThere ? "" : "The server does not answer. The page reconnects automatically.";
+  line.hidden = trouble === "";
+  line.textContent = trouble;
 }
 
-function chooseTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  localStorage.setItem("theme", theme);
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+/** Shows the theme that was chosen here, or else the system's. */
+function showTheme() {
+  document.documentElement.dataset.theme = localStorage.getItem("theme") ?? (dark.matches ? "dark" : "light");
 }
 
-const dark = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-chooseTheme(localStorage.getItem("theme") ?? dark);
+showTheme();
+dark.addEventListener("change", showTheme);
 document.getElementById("theme").addEventListener("click", () => {
-  chooseTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  showTheme();
 });
-addEventListener("hashchange", route);
+addEventListener("hashchange", navigate);
 addEventListener("keydown", (event) => {
   const filter = document.getElementById("filter");
-  if (event.key === "/" && filter && document.activeElement !== filter) {
-    event.preventDefault();
-    filter.focus();
-  }
+  if (event.key !== "/" || !filter || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.matches("input, select, textarea")) return;
+  event.preventDefault();
+  filter.focus();
 });
-
-try {
-  receive(await api.runs());
-  route();
-} catch (error) {
-  place.replaceChildren(element("p", { class: "trouble" }, `The runs cannot be read: ${error.message}`));
-}
-api.listen(receive, connected);
+api.listen(receive, complain);

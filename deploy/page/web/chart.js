@@ -12,12 +12,12 @@ export class Chart {
     [this.title, this.height] = [title, height];
     // A share of episodes or samples is drawn from 0 to 100 %.
     [this.least, this.most, this.show] = share ? [0, 1, percent] : [Infinity, -Infinity, short];
-    this.lines = [];
+    [this.lines, this.told] = [[], null];
     // Called with the x at which the pointer is pressed.
     this.onpoint = null;
     this.readout = element("div", { class: "readout" });
     this.svg = drawn("svg", {
-      class: "chart", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", tabindex: 0,
+      class: "chart", viewBox: `0 0 ${WIDTH} ${height}`, tabindex: 0,
       onpointermove: (event) => this.point(event), onpointerdown: (event) => this.point(event), onpointerleave: () => this.leave(),
       onkeydown: (event) => this.step(event), onblur: () => this.leave(),
     });
@@ -37,6 +37,8 @@ export class Chart {
   draw(lines, xName, marks = []) {
     [this.lines, this.xName] = [lines.filter((line) => line.points.length > 0), xName];
     this.svg.setAttribute("aria-label", this.summary());
+    // As a slider, the chart gets the arrow keys, and a screen reader says the values below the cursor.
+    this.svg.setAttribute("role", this.lines.length > 0 ? "slider" : "img");
     if (this.lines.length === 0) {
       [this.told, this.readout.textContent] = [null, ""];
       this.svg.replaceChildren(words(WIDTH / 2, this.height / 2, "no values", "middle"));
@@ -46,6 +48,10 @@ export class Chart {
     const parts = [...marks.map((mark) => this.drawnMark(mark)), ...this.lines.flatMap((line) => this.drawnLine(line))];
     this.cursor = drawn("line", { y1: TOP, y2: this.height - BOTTOM, stroke: "var(--soft)", visibility: "hidden" });
     this.svg.replaceChildren(...this.axes(), ...parts, this.cursor);
+    this.svg.setAttribute("aria-valuemin", this.range.left);
+    this.svg.setAttribute("aria-valuemax", this.range.right);
+    this.svg.setAttribute("aria-valuenow", this.range.left);
+    if (this.told !== null) this.tell(this.told);
   }
 
   summary() {
@@ -134,9 +140,11 @@ export class Chart {
     this.told = Math.min(Math.max(x, left), right);
     this.cursor.setAttribute("x1", this.x(this.told));
     this.cursor.setAttribute("x2", this.x(this.told));
-    this.cursor.setAttribute("visibility", "visible");
+    this.cursor.setAttribute("visibility", "inherit");
     const values = this.lines.map((line) => `${line.name} ${this.show(at(line.points, this.told))}`);
     this.readout.textContent = `${this.xName} ${short(this.told)}: ${values.join(" · ")}`;
+    this.svg.setAttribute("aria-valuenow", this.told);
+    this.svg.setAttribute("aria-valuetext", this.readout.textContent);
   }
 
   /** Keeps the cursor at `x`, for example at the step that is shown. */
@@ -152,6 +160,7 @@ export class Chart {
     }
     this.told = null;
     this.readout.textContent = "";
+    this.svg.removeAttribute("aria-valuetext");
     this.cursor?.setAttribute("visibility", "hidden");
   }
 
@@ -161,6 +170,7 @@ export class Chart {
     copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
     copy.setAttribute("width", 2 * WIDTH);
     copy.setAttribute("height", 2 * this.height);
+    copy.setAttribute("role", "img");
     const style = getComputedStyle(document.documentElement);
     const paper = drawn("rect", { width: WIDTH, height: this.height, fill: style.getPropertyValue("--paper") });
     copy.prepend(paper);

@@ -39,6 +39,7 @@ export class EpisodesView {
     this.wanted = [row, beside].map((text) => (text === "" ? null : Number(text)));
     this.trouble = element("div");
     this.told = element("span", { class: "soft", role: "status" });
+    this.nothing = element("p");
     this.filter = element("input", {
       id: "filter", type: "search", "aria-label": "Filter episodes", oninput: () => this.draw(),
       placeholder: "Filter ( / ): failed, evaluation, steps<20, uncertainty>0.1",
@@ -55,7 +56,7 @@ export class EpisodesView {
       element("h1", {}, "Episodes"), this.trouble, this.players,
       element("div", { class: "controls" }, this.collections, this.filter, SHORTCUTS.map((known) => this.shortcut(known)),
         this.beside, this.told),
-      this.table.place,
+      this.nothing, this.table.place,
     );
     this.first = new Player();
     this.second = null;
@@ -91,6 +92,8 @@ export class EpisodesView {
     this.collection = collection;
     [this.rows, this.known] = [new Rows(this.run, collection), null];
     this.refresh = oneAtATime(() => this.read());
+    this.told.textContent = "Reading the episodes…";
+    [this.nothing.hidden, this.table.place.hidden] = [true, true];
     await this.refresh();
   }
 
@@ -105,7 +108,10 @@ export class EpisodesView {
       this.know(details);
       await rows.read();
     } catch (error) {
-      if (!isLeft()) this.tell([error.message]);
+      if (!isLeft()) {
+        this.told.textContent = "";
+        this.tell([error.message]);
+      }
       return false;
     }
     if (isLeft()) return true;
@@ -145,8 +151,13 @@ export class EpisodesView {
   }
 
   draw() {
+    // The rows have not been read yet.
+    if (this.known === null) return;
     this.shown = this.rows.chosen(this.filter.value, this.table.head.sorting);
-    this.told.textContent = `${count(this.shown.length)} of ${count(this.rows.rows.length)} episodes`;
+    const [all, isEmpty] = [this.rows.rows.length, this.shown.length === 0];
+    this.told.textContent = `${count(this.shown.length)} of ${count(all)} episodes`;
+    this.nothing.textContent = all === 0 ? "No episodes yet." : "No episode matches the filter.";
+    [this.nothing.hidden, this.table.place.hidden] = [!isEmpty, isEmpty];
     this.table.show(this.shown);
   }
 

@@ -18,6 +18,9 @@ export class GridStage {
     this.legend = element("p", { class: "soft" });
     this.place = element("div", { class: "grid" }, this.canvas, this.legend);
     this.map = null;
+    // A canvas keeps the colors that it was drawn with.
+    this.themes = new MutationObserver(() => this.show(this.at));
+    this.themes.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   }
 
   take({ task, cells }) {
@@ -25,8 +28,6 @@ export class GridStage {
     Object.assign(this, { height, width, cells, labels: task.labels ?? [], map: null, at: 0 });
     this.legend.textContent = "";
     [this.canvas.width, this.canvas.height] = [width * CELL, height * CELL];
-    const style = getComputedStyle(document.documentElement);
-    this.colors = this.labels.map((label) => style.getPropertyValue(KNOWN[label] ?? "--soft").trim());
     this.show(0);
   }
 
@@ -36,8 +37,10 @@ export class GridStage {
     const [context, count] = [this.canvas.getContext("2d"), this.height * this.width];
     const seen = this.cells.slice(step * count, (step + 1) * count);
     const path = this.path(step);
+    const style = getComputedStyle(this.canvas);
+    this.colors = this.labels.map((label) => style.getPropertyValue(KNOWN[label] ?? "--soft"));
     seen.forEach((kind, place) => this.fill(context, place, this.color(kind, place)));
-    context.strokeStyle = getComputedStyle(this.canvas).getPropertyValue("--agent");
+    context.strokeStyle = style.getPropertyValue("--agent");
     context.lineWidth = 2;
     context.beginPath();
     for (const place of path) context.lineTo(...this.center(place));
@@ -89,7 +92,9 @@ export class GridStage {
     this.show(this.at);
   }
 
-  close() {}
+  close() {
+    this.themes.disconnect();
+  }
 }
 
 function shade(share) {

@@ -23,7 +23,7 @@ export class Otherwise {
 
   /** Takes another episode. The models of other runs of its task can be selected. */
   take(name, task, runs) {
-    [this.name, this.ticket] = [name, this.ticket + 1];
+    this.name = name;
     const others = runs.filter((run) => run.task === task && run.id !== name[0]);
     const chosen = this.model.value;
     this.model.replaceChildren(element("option", { value: "" }, "this run's model"),
@@ -31,9 +31,13 @@ export class Otherwise {
     if (this.isAsked) this.ask();
   }
 
-  async ask() {
-    // The response is dropped if another request was made, or the reward was cleared, before it arrived.
+  /** Drops the response to what was asked before. */
+  drop() {
     this.ticket += 1;
+  }
+
+  async ask() {
+    this.drop();
     const { name, ticket } = this;
     this.isAsked = this.settings.value !== "" || this.model.value !== "";
     if (!this.isAsked) {

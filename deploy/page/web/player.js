@@ -40,7 +40,7 @@ export class Player {
     };
     this.otherwise = new Otherwise((told) => { this.other = told; this.complain(""); this.draw(); }, (line) => this.complain(line));
     for (const chart of Object.values(this.charts)) chart.onpoint = (step) => this.seek(Math.round(step));
-    this.place = element("section", { class: "player" },
+    this.place = element("section", { class: "player", hidden: true },
       element("div", { class: "seen" }, this.stagePlace, this.extras,
         element("div", { class: "controls" }, ...(follows ? [] : [this.button, this.timeline, this.speed]), this.told),
         this.caption, this.trouble),
@@ -50,27 +50,41 @@ export class Player {
   /** Opens an episode. `name` is its run, collection and row; `runs` are all runs. */
   async open(name, details, runs) {
     [this.name, this.details, this.runs] = [name, details, runs];
+    this.clear();
+    this.caption.textContent = "Reading the episode…";
     try {
       const episode = await api.episode(...name);
       if (this.name === name) await this.take(episode);
     } catch (error) {
-      if (this.name === name) this.complain(error.message);
+      if (this.name !== name) return;
+      this.caption.textContent = "";
+      this.complain(error.message);
     }
   }
 
-  async take(episode) {
-    this.episode = episode;
+  /** Leaves the episode. Its place stays, so that nothing below it moves. */
+  clear() {
+    this.stop();
+    this.episode = null;
+    this.otherwise.drop();
     this.complain("");
+    this.place.hidden = false;
+    this.place.classList.add("blank");
+  }
+
+  async take(episode) {
+    const { name } = this;
     this.last = episode.steps;
     this.timeline.max = episode.steps;
-    this.caption.textContent = caption(this.name, episode);
-    const { name } = this;
     this.drawCurves(episode);
     this.otherwise.take(name, episode.task.name, this.runs);
     await this.stage(episode);
     if (this.name !== name) return;
+    this.episode = episode;
+    this.caption.textContent = caption(name, episode);
+    this.place.classList.remove("blank");
     this.seek(0);
-    if (!this.follows) this.start();
+    if (!this.follows && !matchMedia("(prefers-reduced-motion: reduce)").matches) this.start();
   }
 
   /** Updates the details of the run, such as its checkpoints. */

@@ -1,7 +1,7 @@
 // The processes of a run while it is trained, and their output.
 
 import * as api from "./api.js";
-import { button, element } from "./dom.js";
+import { button, element, renew } from "./dom.js";
 
 const LOOK_EVERY_MS = 2000;
 
@@ -9,37 +9,44 @@ const LOOK_EVERY_MS = 2000;
 export class Processes {
   constructor(id) {
     this.id = id;
-    this.table = element("div");
+    this.isLive = false;
+    this.trouble = element("div", { role: "status" });
+    [this.head, this.body, this.hosts] = [element("tr"), element("tbody"), element("div")];
+    this.table = element("div", { hidden: true },
+      element("h2", {}, "Processes"), this.trouble,
+      element("div", { class: "scroll" }, element("table", { class: "processes" }, element("thead", {}, this.head), this.body)),
+      this.hosts);
     this.output = element("div");
     this.place = element("div", {},
       this.table,
       element("h2", {}, "Output of the processes"),
       element("p", {}, button("Show", () => this.read())), this.output);
-    this.look();
+  }
+
+  /** Shows the processes of a run while it is live. */
+  follow(isLive) {
+    if (isLive === this.isLive) return;
+    this.isLive = isLive;
+    clearTimeout(this.timer);
+    if (isLive) this.look();
+    else this.table.hidden = true;
   }
 
   async look() {
-    try {
-      this.show(await api.processes(this.id));
-    } catch (error) {
-      this.table.replaceChildren(element("p", { class: "trouble" }, error.message));
-    }
-    if (!this.isClosed) this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
+    const failed = (error) => ({ trouble: error.message, head: [], rows: [], hosts: [] });
+    const found = await api.processes(this.id).catch(failed);
+    if (!this.isLive) return;
+    this.table.hidden = !found;
+    if (found) this.show(found);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
   }
 
-  show(found) {
-    if (!found) {
-      this.table.replaceChildren();
-      return;
-    }
-    const head = found.head.map((name) => element("th", { class: "text", scope: "col" }, name));
-    const rows = found.rows.map((row) => element("tr", {}, row.map((cell) => element("td", { class: "text" }, cell))));
-    this.table.replaceChildren(
-      element("h2", {}, "Processes"),
-      found.trouble ? element("p", { class: "trouble", role: "status" }, found.trouble) : "",
-      element("div", { class: "scroll" }, element("table", { class: "processes" },
-        element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
-      ...found.hosts.map((host) => element("p", { class: "soft" }, `Host ${host}`)));
+  show({ trouble, head, rows, hosts }) {
+    renew(this.trouble, trouble ? [element("p", { class: "trouble" }, trouble)] : []);
+    renew(this.head, head.map((name) => element("th", { class: "text", scope: "col" }, name)));
+    renew(this.body, rows.map((row) => element("tr", {}, row.map((cell) => element("td", { class: "text" }, cell)))));
+    renew(this.hosts, hosts.map((host) => element("p", { class: "soft" }, `Host ${host}`)));
   }
 
   async read() {
@@ -50,7 +57,6 @@ export class Processes {
   }
 
   close() {
-    this.isClosed = true;
-    clearTimeout(this.timer);
+    this.follow(false);
   }
 }

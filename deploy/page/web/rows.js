@@ -12,7 +12,7 @@ export class Rows {
     [this.rows, this.generation, this.trouble] = [[], 0, []];
   }
 
-  /** Reads new rows; returns whether there were any. */
+  /** Reads new rows. */
   async read() {
     const found = await api.episodes(this.run, this.collection, this.generation, this.rows.length);
     this.rows.length = found.from;
@@ -24,7 +24,6 @@ export class Rows {
       this.rows.push(row);
     }
     [this.generation, this.trouble] = [generation, trouble];
-    return rows.length > 0;
   }
 
   /** Returns the rows that match a filter, sorted. */

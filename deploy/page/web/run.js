@@ -104,7 +104,10 @@ export class RunView {
       [updates.run, updates.details] = [found.run, found];
       this.known.set(id, line);
       this.troubles.set(id, found.trouble);
-      if (this.ids.length === 1 && this.isOpen) renew(this.facts, facts(found));
+      if (this.processes && this.isOpen) {
+        renew(this.facts, facts(found));
+        this.processes.follow(found.run.state === "live");
+      }
       return true;
     } catch (error) {
       this.troubles.set(id, [`${id}: ${error.message}`]);

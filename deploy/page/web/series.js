@@ -2,6 +2,11 @@
 
 import * as api from "./api.js";
 
+// Steps over the x axis at which the lines of a band are compared.
+const BAND_STEPS = 200;
+// Points of a line that are drawn, about: more than a chart has pixels could not be told apart.
+const DRAWN_POINTS = 600;
+
 /** The updates of a run that have been read so far. */
 export class Updates {
   constructor(id) {
@@ -10,7 +15,7 @@ export class Updates {
     this.rows = [];
   }
 
-  /** Reads new updates; returns whether there were any. */
+  /** Reads new updates. */
   async read() {
     let found = await api.updates(this.id, this.rows.length);
     if (found.next < this.rows.length) {
@@ -20,7 +25,6 @@ export class Updates {
     }
     this.columns = found.columns;
     this.rows.push(...found.rows);
-    return found.rows.length > 0;
   }
 
   /** Returns the numbers of a column. */
@@ -87,14 +91,14 @@ export function smoothed(line, weight) {
  * Returns the mean and the range of several lines, over the x that all of them cover, and the number of lines. Lines of
  * fewer than two points are left out.
  */
-export function band(lines, count = 200) {
+export function band(lines) {
   const full = lines.filter((line) => line.length > 1);
   if (full.length === 0) return { mean: [], low: [], high: [], seeds: 0 };
   const first = Math.max(...full.map((line) => line[0][0]));
   const last = Math.min(...full.map((line) => line.at(-1)[0]));
   const found = { mean: [], low: [], high: [], seeds: full.length };
-  for (let i = 0; i <= count && last > first; i += 1) {
-    const x = first + ((last - first) * i) / count;
+  for (let i = 0; i <= BAND_STEPS && last > first; i += 1) {
+    const x = first + ((last - first) * i) / BAND_STEPS;
     const values = full.map((line) => at(line, x));
     found.mean.push([x, values.reduce((a, b) => a + b, 0) / values.length]);
     found.low.push([x, Math.min(...values)]);
@@ -122,10 +126,10 @@ function firstBehind(line, x) {
   return low;
 }
 
-/** Reduces a line to about `count` points: the lowest and the highest of each section. */
-export function thinned(line, count = 600) {
-  if (line.length <= count) return line;
-  const stretch = Math.ceil(line.length / (count / 2));
+/** Reduces a line to few points: the lowest and the highest of each section. */
+export function thinned(line) {
+  if (line.length <= DRAWN_POINTS) return line;
+  const stretch = Math.ceil(line.length / (DRAWN_POINTS / 2));
   const kept = [];
   for (let i = 0; i < line.length; i += stretch) {
     const part = line.slice(i, i + stretch);

@@ -13,8 +13,8 @@ export class SolidStage {
 
   /** Returns whether this browser supports WebGL. */
   static isPossible() {
-    const canvas = document.createElement("canvas");
-    return canvas.getContext("webgl2") !== null;
+    SolidStage.hasWebGl ??= probe();
+    return SolidStage.hasWebGl;
   }
 
   async take(_, { parts, frames }) {
@@ -124,4 +124,11 @@ export class SolidStage {
     this.renderer?.dispose();
     this.renderer?.forceContextLoss();
   }
+}
+
+/** Tries to get a WebGL context, and gives it back: a browser has few of them. */
+function probe() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return context !== null;
 }

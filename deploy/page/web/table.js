@@ -3,7 +3,6 @@
 import { element } from "./dom.js";
 import { Head } from "./sorting.js";
 
-const ROW_HEIGHT = 28;
 const ROWS_BEYOND = 8;
 
 /** A table with `columns` of `{key, label, text, show}`. `onchoose` is called with the selected row. */
@@ -15,25 +14,28 @@ export class LongTable {
     this.body = element("tbody");
     this.above = element("tr", { "aria-hidden": "true" });
     this.below = element("tr", { "aria-hidden": "true" });
-    this.place = element("div", {
-      class: "long", tabindex: 0, role: "region", "aria-label": "Episodes",
-      onscroll: () => this.draw(), onkeydown: (event) => this.step(event),
-    }, element("table", {}, element("thead", {}, this.head.row), this.body));
+    this.head.row.setAttribute("aria-rowindex", 1);
+    this.grid = element("table", {
+      role: "grid", tabindex: 0, "aria-label": "Episodes", onkeydown: (event) => this.step(event),
+    }, element("thead", {}, this.head.row), this.body);
+    this.place = element("div", { class: "long", onscroll: () => this.draw() }, this.grid);
   }
 
   /** Shows other rows. */
   show(rows) {
     this.rows = rows;
+    this.grid.setAttribute("aria-rowcount", rows.length + 1);
     this.draw();
   }
 
   /** Marks a row as selected, and scrolls to it if it is out of view. */
   choose(row) {
-    this.chosen = row?.place;
+    this.chosen = row.place;
     const at = this.rows.indexOf(row);
-    const [top, height] = [at * ROW_HEIGHT, this.place.clientHeight - 2 * ROW_HEIGHT];
+    const [top, height] = [at * this.rowHeight, this.place.clientHeight - 2 * this.rowHeight];
     if (at >= 0 && (top < this.place.scrollTop || top > this.place.scrollTop + height)) this.place.scrollTop = top;
     this.draw();
+    this.grid.setAttribute("aria-activedescendant", name(row));
   }
 
   step(event) {
@@ -44,23 +46,39 @@ export class LongTable {
     this.onchoose(next);
   }
 
-  draw() {
-    const first = Math.max(0, Math.floor(this.place.scrollTop / ROW_HEIGHT) - ROWS_BEYOND);
-    const count = Math.ceil((this.place.clientHeight || 400) / ROW_HEIGHT) + 2 * ROWS_BEYOND;
-    const seen = this.rows.slice(first, first + count);
-    this.above.style.height = `${first * ROW_HEIGHT}px`;
-    this.below.style.height = `${Math.max(0, this.rows.length - first - seen.length) * ROW_HEIGHT}px`;
-    this.body.replaceChildren(this.above, ...seen.map((row) => this.drawn(row)), this.below);
+  /** Draws one row to learn the height of all, which depends on the browser's fonts. */
+  measure() {
+    this.body.replaceChildren(this.drawn(this.rows[0], 0));
+    this.rowHeight = this.body.firstChild.offsetHeight;
   }
 
-  drawn(row) {
+  draw() {
+    if (this.rows.length === 0) {
+      this.body.replaceChildren();
+      return;
+    }
+    if (!this.rowHeight) this.measure();
+    const first = Math.max(0, Math.floor(this.place.scrollTop / this.rowHeight) - ROWS_BEYOND);
+    // The table is lower than the window. Its own height depends on the rows that are drawn.
+    const count = Math.ceil(innerHeight / this.rowHeight) + 2 * ROWS_BEYOND;
+    const seen = this.rows.slice(first, first + count);
+    this.above.style.height = `${first * this.rowHeight}px`;
+    this.below.style.height = `${Math.max(0, this.rows.length - first - seen.length) * this.rowHeight}px`;
+    this.body.replaceChildren(this.above, ...seen.map((row, index) => this.drawn(row, first + index)), this.below);
+  }
+
+  drawn(row, index) {
     const cells = this.columns.map(({ key, text, show }) => {
       const shown = show ? show(row) : String(row[key]);
       return element("td", { class: text ? "text" : null }, shown);
     });
-    const isChosen = row.place === this.chosen;
     return element("tr", {
-      class: isChosen ? "chosen" : null, "aria-selected": String(isChosen), onclick: () => this.onchoose(row),
+      id: name(row), "aria-rowindex": index + 2, "aria-selected": String(row.place === this.chosen),
+      onclick: () => this.onchoose(row),
     }, cells);
   }
+}
+
+function name(row) {
+  return `row-${row.place}`;
 }

@@ -7,7 +7,7 @@ const AGAIN_AFTER_MS = 5000;
  * afterwards. Work that returns false has failed and is repeated after a while.
  */
 export function oneAtATime(work) {
-  let [isBusy, isAsked] = [false, false];
+  let [isBusy, isAsked, timer] = [false, false, null];
   const ask = async () => {
     isAsked = true;
     if (isBusy) return;
@@ -15,7 +15,8 @@ export function oneAtATime(work) {
     try {
       while (isAsked) {
         isAsked = false;
-        if (await work() === false) setTimeout(ask, AGAIN_AFTER_MS);
+        clearTimeout(timer);
+        if (await work() === false) timer = setTimeout(ask, AGAIN_AFTER_MS);
       }
     } finally {
       isBusy = false;
