@@ -2,16 +2,16 @@
 
 Usage: curves.py OUT TITLE LABEL=RUN[,RUN...] [LABEL=FILE.csv:LABEL_THERE]...
 
-It reads every RUN's log/updates-*.mcap with the public MCAP packages (requirements.txt beside this file) into
-OUT.csv, one row per policy update. Rows that OUT.csv already has stay, unless a run with the same label and
-seed replaces them. Then it draws all curves of OUT.csv, and those named in other tables, as OUT.svg: success
-rate of the last 100 training episodes against environment steps and against wall time, with a thin line per
-seed and a thick mean (published curves have no times). It prints the mean success rate around certain step
-counts.
+    pip install -r docs/results/requirements.txt ./python
+
+It reads the logs of all runs into OUT.csv, one row per policy update. Rows that OUT.csv already has stay,
+unless a run with the same label and seed replaces them. Then it draws all curves of OUT.csv, and those named
+in other tables, as OUT.svg: success rate of the last 100 training episodes against environment steps and
+against wall time, with a thin line per seed and a thick mean (published curves have no times). It prints the
+mean success rate around certain step counts.
 """
 
 import csv
-import glob
 import os
 import sys
 
@@ -20,64 +20,33 @@ import matplotlib
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
 import numpy as np
-from mcap.exceptions import EndOfFile
-from mcap.reader import NonSeekingReader
-from mcap_protobuf.decoder import DecoderFactory
 
-COLUMNS = [
-    "label",
-    "seed",
-    "iteration",
-    "env_steps",
-    "wall_s",
-    "success_rate",
-    "entropy",
-    "approximate_kl",
-    "mean_proximity",
-    "mean_uncertainty",
-]
+from goalward.log import Log
+
+# The columns that a log fills, and their decimal places.
+DIGITS = {
+    "iteration": 0,
+    "env_steps": 0,
+    "wall_s": 1,
+    "success_rate": 2,
+    "entropy": 4,
+    "approximate_kl": 5,
+    "mean_proximity": 4,
+    "mean_uncertainty": 4,
+}
+COLUMNS = ["label", "seed", *DIGITS]
 PRINTED_STEPS = [0.25e6, 0.5e6, 1e6, 1.5e6, 2e6, 3e6, 4e6, 5e6]
 WINDOW_STEPS = 50_000
 
 
-def updates(run):
-    """Returns the policy updates of a run in order; the last record of an iteration counts."""
-    found = {}
-    for path in sorted(glob.glob(f"{run}/log/updates-*.mcap*")):
-        with open(path, "rb") as file:
-            reader = NonSeekingReader(file, decoder_factories=[DecoderFactory()])
-            try:
-                for _, channel, message, update in reader.iter_decoded_messages(log_time_order=False):
-                    if channel.topic == "/policy/update":
-                        found[update.iteration] = (message.log_time, update)
-            except EndOfFile:
-                pass  # the file is still being written
-    return [found[iteration] for iteration in sorted(found)]
-
-
-def seed_of(run):
-    with open(f"{run}/config.toml") as file:
-        return next(line.split("=")[1].strip() for line in file if line.startswith("seed"))
-
-
-def rows_of(label, run):
-    """Yields a run as rows of the table."""
-    recorded, seed = updates(run), seed_of(run)
-    first_time, first = recorded[0]
-    start = first_time - int(1e9 * (first.rollout_s + first.update_s))
-    for time, u in recorded:
-        yield [
-            label,
-            seed,
-            u.iteration,
-            u.environment_steps,
-            f"{(time - start) / 1e9:.1f}",
-            f"{u.success_rate:.2f}",
-            f"{u.entropy:.4f}",
-            f"{u.approximate_kl:.5f}",
-            f"{u.mean_proximity:.4f}",
-            f"{u.mean_uncertainty:.4f}",
-        ]
+def rows_of(label, seed, updates):
+    """Yields the policy updates of a run as rows of the table."""
+    # `wall_s` of a log includes offline training; a curve begins with the first rollout.
+    start = updates["wall_s"][0] - updates["rollout_s"][0] - updates["update_s"][0]
+    own = updates | {"env_steps": updates["environment_steps"], "wall_s": updates["wall_s"] - start}
+    texts = ([f"{value:.{digits}f}" for value in own[name]] for name, digits in DIGITS.items())
+    for values in zip(*texts):
+        yield [label, seed, *values]
 
 
 def read(path):
@@ -172,7 +141,9 @@ def main():
             others |= beside(label, sources)
             continue
         for run in sources.split(","):
-            curves[(label, seed_of(run))] = list(rows_of(label, run))
+            log = Log(run)
+            seed = str(log.config["seed"])
+            curves[(label, seed)] = list(rows_of(label, seed, log.updates()))
     write(f"{out}.csv", curves)
     curves |= others
     draw(f"{out}.svg", title, curves)

@@ -3,11 +3,13 @@
 Usage: hosts.py scaling    (up to 64 actors of an environment that waits, on up to eight machines)
        hosts.py distance [ROUNDS]    (one actor here, or on a machine 0, 1 and 20 milliseconds away)
 
-It needs requirements.txt beside this file, `goalward` with its gateway in PATH, and the program of
-deploy/examples/reacher. Another machine is a `goalward join` with its own folder and bus. A distance is
-simulated by a relay between it and the run, which delays every byte by half of the distance. Steps per second
-are measured from the first policy update to the last. The results go to hosts_scaling.csv and
-hosts_scaling.svg, or to hosts_distance.csv, beside this file; a table is printed.
+    pip install -r docs/results/requirements.txt ./python
+
+It also needs `goalward` with its gateway in PATH, and the program of deploy/examples/reacher. Another machine
+is a `goalward join` with its own folder and bus. A distance is simulated by a relay between it and the run,
+which delays every byte by half of the distance. Steps per second are measured from the first policy update to
+the last. The results go to hosts_scaling.csv and hosts_scaling.svg, or to hosts_distance.csv, beside this
+file; a table is printed.
 """
 
 import asyncio
@@ -26,7 +28,9 @@ import matplotlib
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
-from curves import updates
+from scaling import steps_per_second
+
+from goalward.log import Log
 
 TICKS = os.sysconf("SC_CLK_TCK")
 HERE = pathlib.Path(__file__).resolve().parent
@@ -136,10 +140,10 @@ def train(arguments, hosts, actors, milliseconds=None):
             relay.end()
         if ended:
             sys.exit(run.with_suffix(".txt").read_text())
-        (first_ns, first), *_, (last_ns, last) = updates(run)
-        rate = 1e9 * (last.environment_steps - first.environment_steps) / (last_ns - first_ns)
+        updates = Log(run).updates()
+        rate, steps = steps_per_second(updates), updates["environment_steps"][-1]
         taken = [sum(s for own, s in seconds.values() if own == side) for side in (True, False)]
-        return rate, *(round(100 * seconds / (last.environment_steps / 1e4), 2) for seconds in taken)
+        return rate, *(round(100 * seconds / (steps / 1e4), 2) for seconds in taken)
 
 
 def join(run, address, actors, number, said):

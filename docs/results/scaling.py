@@ -1,6 +1,8 @@
 """Measures steps per second of whole training runs against the number of actors.
 
-Usage: scaling.py [ROUNDS]      (needs requirements.txt beside this file)
+Usage: scaling.py [ROUNDS]
+
+    pip install -r docs/results/requirements.txt ./python
 
 It trains short runs of two tasks in turns, with one actor up to twice as many as cores, and measures steps
 per second from the first policy update to the last. It checks that all runs of a task end with the same
@@ -20,7 +22,8 @@ import matplotlib
 
 matplotlib.use("svg")
 import matplotlib.pyplot as plt
-from curves import updates
+
+from goalward.log import Log
 
 HERE = pathlib.Path(__file__).resolve().parent
 RUN_LOCAL = HERE.parents[1] / "deploy/run_local.sh"
@@ -28,14 +31,18 @@ CORES = len(os.sched_getaffinity(0))
 STEPS = {"navigation": 80_000, "ant-reach": 48_000}
 
 
+def steps_per_second(updates):
+    """Returns the environment steps per second from the first policy update of a run to the last."""
+    steps, seconds = updates["environment_steps"], updates["wall_s"]
+    return (steps[-1] - steps[0]) / (seconds[-1] - seconds[0])
+
+
 def train(task, actors, folder):
     """Trains a short run; returns its steps per second and its policy's hash."""
     command = [RUN_LOCAL, task, "--steps", str(STEPS[task]), "--actors", str(actors), "--run", folder]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    (first_ns, first), *_, (last_ns, last) = updates(folder)
-    steps = last.environment_steps - first.environment_steps
     summary = json.loads((pathlib.Path(folder) / "summary.json").read_text())
-    return 1e9 * steps / (last_ns - first_ns), summary["policy_sha256"]
+    return steps_per_second(Log(folder).updates()), summary["policy_sha256"]
 
 
 def measure(rounds):

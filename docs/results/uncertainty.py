@@ -128,4 +128,5 @@ def main(goalward: str, settings: str, *runs: str) -> None:
     write(DATA, sorted([*others, *new], key=place))
 
 
-main(*sys.argv[1:])
+if __name__ == "__main__":
+    main(*sys.argv[1:])

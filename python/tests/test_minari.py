@@ -13,6 +13,7 @@ from walks import REACH, walk
 
 from goalward import Error, Task, Vector
 from goalward.demonstrations import load
+from goalward.spaces import observations_of
 
 PARTS = spaces.Dict(
     {
@@ -43,6 +44,15 @@ def buffer(number: int, observations: Any, steps: int, infos: dict[str, Any] | N
 
 def parts(states: Any) -> dict[str, Any]:
     return {"observation": states[:, 1:], "goal": states[:, :1]}
+
+
+def stacked(seen: list[Any]) -> Any:
+    """Stack observations as Minari does, each part on its own."""
+    if isinstance(seen[0], dict):
+        return {key: stacked([one[key] for one in seen]) for key in seen[0]}
+    if isinstance(seen[0], tuple):
+        return tuple(stacked(list(part)) for part in zip(*seen, strict=True))
+    return seen if isinstance(seen[0], str) else np.stack(seen)
 
 
 def stored(buffers: list[EpisodeBuffer], space: spaces.Space[Any], data_format: str = "hdf5") -> Path:
@@ -96,6 +106,28 @@ def test_nested_parts_have_paths() -> None:
     task = replace(REACH, labels=("arm/joints[0]", "arm/joints[1]", "goal"))
     [episode] = load(stored([buffer(0, seen, 3)], space), task, success="all").episodes
     np.testing.assert_array_equal(episode.observations, states)
+
+
+def test_parts_are_those_that_an_actor_sees() -> None:
+    space = spaces.Dict(
+        {
+            "b": spaces.Tuple((spaces.Discrete(3, start=1), spaces.MultiBinary((2, 2)))),
+            "a": spaces.Dict(
+                {"x": spaces.Box(-9, 9, (2, 1)), "n": spaces.MultiDiscrete([2, 3], start=[0, 5])}
+            ),
+            "say": spaces.Text(4),
+        }
+    )
+    space.seed(1)
+    seen = [space.sample() for _ in range(4)]
+    numbers = observations_of(space)
+    rows = np.array([numbers.row() for _ in seen])
+    for row, observation in zip(rows, seen, strict=True):
+        numbers.write(observation, row)
+    _, labels = numbers.layout()
+    task = replace(REACH, observation=Vector(len(labels)), labels=tuple(labels))
+    [episode] = load(stored([buffer(0, stacked(seen), 3)], space), task, success="all").episodes
+    np.testing.assert_array_equal(episode.observations, rows)
 
 
 def test_a_space_without_parts_is_called_observation() -> None:

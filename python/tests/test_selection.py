@@ -68,6 +68,12 @@ def test_another_length_is_refused_with_that_of_each_key() -> None:
     assert refusal(Selection(REACH, ["goal"], "all"), recording()) == expected
 
 
+def test_the_only_key_that_fits_is_named() -> None:
+    table = Recording("7", {"observations": np.zeros((5, 3)), "actions": np.zeros((5, 2))})
+    words = refusal(Selection(REACH, None, "all"), table)
+    assert words.endswith("found observations (3), actions (2); --keys observations fits")
+
+
 def test_keys_of_differing_rows_are_refused() -> None:
     uneven = Recording("7", {"a": np.zeros((4, 1)), "b": np.zeros((5, 2))})
     expected = "episode 7: expected keys with as many rows, found a (4), b (5)"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,7 @@ from goalward.error import Error, expecting
 from goalward.packages import optional
 from goalward.scale import scaled
 from goalward.task import Discrete, Task, Vector
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from goalward.toml import tomllib
 
 
 class Policy:

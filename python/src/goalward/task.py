@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from goalward.error import Error, expecting, one_line
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from goalward.toml import tomllib
 
 MOST_OBSERVATION_BYTES = 1 << 20
 MOST_ACTIONS = 256

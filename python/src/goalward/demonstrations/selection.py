@@ -87,7 +87,9 @@ class Selection:
         if sum(_width(found[key]) for key in keys) != expected:
             own = {key: found[key] for key in keys}
             wanted = f"{expected} numbers, the observation of {self.task.name}"
-            raise Error(f"{where}: expected {wanted}, found {_listed(own)}")
+            fitting = [key for key, array in found.items() if _width(array) == expected]
+            hint = f"; --keys {fitting[0]} fits" if len(fitting) == 1 else ""
+            raise Error(f"{where}: expected {wanted}, found {_listed(own)}{hint}")
         if self.labels == "match" and len(keys) > 1 and self.task.labels:
             _require_labels(self.task.labels, [(key, _width(found[key])) for key in keys])
         return keys

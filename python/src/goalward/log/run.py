@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -21,11 +20,7 @@ from goalward.log.undone import Mark, returns
 from goalward.recorded import ACTIVE, Ending, RecordedFile
 from goalward.scale import scaled
 from goalward.task import Discrete, Task
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from goalward.toml import tomllib
 
 Source = Literal["training", "evaluation"]
 
