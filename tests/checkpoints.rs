@@ -186,6 +186,11 @@ fn training_that_diverges_ends_the_run_at_once_and_says_why() {
     ] {
         let run = TestRun::new(programs!());
         assert_eq!(run.train(&[setting]).end(), Some(1), "{setting}: {}", run.remarks());
+        let log = fs::read_dir(run.folder().log()).unwrap();
+        let unsealed = log.filter(|file| {
+            file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "active")
+        });
+        assert_eq!(unsealed.count(), 0, "{setting}: the log is sealed");
         let remarks = run.remarks();
         for part in parts {
             assert!(remarks.contains(part), "{setting}: expected {part} in {remarks}");

@@ -80,6 +80,14 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     assert!(other.to_string_lossy().ends_with("-3-sample-seed77.mcap"), "{}", other.display());
     let (well, said) = run.goalward(&["evaluate", "run", "--episodes", "3", "--seed", "1"]);
     assert!(!well && said.contains("-3-sample.mcap exists"), "{said}");
+    let first = run.folder().checkpoint_folders()[0].0;
+    let shown = first.to_string();
+    let chosen = ["evaluate", "run", "--episodes", "3", "--out", "e.mcap", "--checkpoint", &shown];
+    let chosen = json(&run, &chosen);
+    assert_eq!((&chosen["policy_version"], &chosen["file"]), (&first.into(), &"e.mcap".into()));
+    assert_eq!(seeds(&run.path("e.mcap")), vec![1; 3]);
+    let (well, said) = run.goalward(&["evaluate", "run", "--checkpoint", "99999"]);
+    assert!(!well && said.contains("expected one of the checkpoints"), "{said}");
     let exported = json(&run, &["export", "run"]);
     assert_eq!(exported.as_array().unwrap().len(), 2);
     assert_eq!(exported[0]["of"], "policy");
@@ -100,6 +108,9 @@ fn a_log_is_told_as_figures() {
     let files = json(&run, &["log", "info", "run"]);
     let messages = files[0]["messages"]["/trajectory"].as_u64();
     assert!(messages >= Some(summary.episodes) && files[0]["lost"] == false, "{files}");
+    let (well, said) = run.goalward(&["log", "scene", "run", "0:0", "--out", "scene.mcap"]);
+    assert!(!well && said.contains("navigation has no solids to draw"), "{said}");
+    assert!(!run.path("scene.mcap").exists());
     let out = run.path("log").to_str().unwrap().to_owned();
     assert_eq!(json(&run, &["log", "restore", "run", "--out", &out])["restored"], 0);
     let verified = json(&run, &["-q", "replay", "run", "--verify"]);

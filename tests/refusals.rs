@@ -117,9 +117,11 @@ fn what_would_be_mistaken() {
     fs::write(run.path("file"), "").unwrap();
     refused(&run, 2, &["train", "--tensorboard", "file"], &["file"]);
     let recording = ["demonstrate", "fetch-push", "--episodes", "1", "--out", "d.mcap", "--set"];
-    for other in ["ppo.clip=0.1", "demonstrations.episodes=3"] {
-        let parts = ["environment.KEY=VALUE", other];
-        refused(&run, 2, &[&recording[..], &[other]].concat(), &parts);
+    for (other, why) in [
+        ("ppo.clip=0.1", "environment.KEY=VALUE"),
+        ("demonstrations.episodes=3", "--episodes sets it"),
+    ] {
+        refused(&run, 2, &[&recording[..], &[other]].concat(), &[other, why]);
     }
 }
 

@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use crate::demonstrate::{Recorded, Request, demonstrate};
 use crate::describe::describe;
+use crate::evaluate::{Wanted, evaluate};
 use crate::expert::Expert;
 use crate::factory::{Factory, Tasks};
 use crate::replay::{Recording, replay};
@@ -110,7 +111,7 @@ enum Command {
         #[arg(long, default_value = "{}")]
         setting: String,
     },
-    /// Runs evaluation episodes with a run's newest checkpoint.
+    /// Runs evaluation episodes with a checkpoint of a run.
     Evaluate {
         /// Folder of the run.
         #[arg(long)]
@@ -124,6 +125,12 @@ enum Command {
         /// Seed of the episodes, where it is not the run's.
         #[arg(long)]
         seed: Option<u64>,
+        /// Iterations that the checkpoint is after; without it the newest.
+        #[arg(long)]
+        checkpoint: Option<u64>,
+        /// The file to write; by default one in the run's folder.
+        #[arg(long)]
+        out: Option<PathBuf>,
     },
     /// Acts recorded episodes of a run again, which standard input has, each behind its length, and writes
     /// them with what a viewer draws of them.
@@ -245,11 +252,11 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             crate::serve::serve(&factory, &mut std::io::stdin(), &mut std::io::stdout())
         }
-        Command::Evaluate { run, episodes, actions, seed } => {
+        Command::Evaluate { run, episodes, actions, seed, checkpoint, out } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             process::end_with_parent()?;
-            let folder = RunFolder::new(run);
-            print(&crate::evaluate::evaluate(tasks, &folder, episodes, actions, seed)?)
+            let wanted = Wanted { episodes, actions, other_seed: seed, checkpoint, file: out };
+            print(&evaluate(tasks, &RunFolder::new(run), wanted)?)
         }
         Command::Scenes { run, setting, pictures, out } => {
             let setting = setting.map(|json| setting_of(&json, "--setting")).transpose()?;
@@ -280,13 +287,22 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
 
 /// Records demonstrations and reports how many they are.
 fn record(request: &Request<'_>, expert: Expert) -> Result<()> {
+    let tells_success = request.factory.make()?.tells_success();
     let Recorded { steps, failures } = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
     let (episodes, out) = (request.episodes, request.file.display());
-    tracing::info!(
-        "{episodes} demonstrations with {steps} steps in {out}; the expert failed in {failures} \
-         further episodes"
-    );
+    let left_out = left_out(failures, tells_success);
+    tracing::info!("{episodes} demonstrations with {steps} steps in {out}; {left_out}");
     Ok(())
+}
+
+/// Says what was recorded but is not in a file of demonstrations.
+fn left_out(failures: u64, tells_success: bool) -> String {
+    match tells_success {
+        true => format!("the expert failed in {failures} further episodes"),
+        false => {
+            "the task tells no success, so all were kept and none was cut at a goal".to_owned()
+        }
+    }
 }
 
 fn standard_input() -> Result<Bytes> {
@@ -307,4 +323,15 @@ fn check_name(name: &str) -> Result<()> {
 /// Prints a result for `goalward`, as JSON.
 fn print(result: &impl Serialize) -> Result<()> {
     Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(result)?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_failure_is_counted_where_success_is_not_told() {
+        assert_eq!(left_out(0, true), "the expert failed in 0 further episodes");
+        assert!(left_out(0, false).starts_with("the task tells no success"));
+    }
 }

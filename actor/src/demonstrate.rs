@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::slice;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mcap_log::{FileWriter, Kind, Topic};
 use protocol::messages::Lease;
 use protocol::task::Task;
@@ -65,8 +65,8 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
     let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
-    if recorded.is_err() {
-        writer.discard()?;
+    if let Err(why) = &recorded {
+        writer.discard().with_context(|| format!("{why:#}"))?;
     }
     recorded
 }

@@ -8,8 +8,9 @@ use mcap_log::{FileWriter, Topic};
 use protocol::messages::Lease;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use protocol::weights::Weights;
+use run::checkpoint;
 use run::config::{ActionChoice, RunConfig};
-use run::folder::RunFolder;
+use run::folder::{POLICY_FILE, RunFolder};
 use run::headway::{Headway, Teller};
 use run::metadata;
 use serde::Serialize;
@@ -17,10 +18,25 @@ use serde::Serialize;
 use crate::drawing::draw;
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
-use crate::policy::{Policy, newest_weights};
+use crate::policy::Policy;
 
 /// Number of episodes in a file, from the first, that a viewer can draw.
 const DRAWN_EPISODES: usize = 20;
+
+/// What is to be evaluated.
+#[derive(Debug)]
+pub struct Wanted {
+    /// Episodes to run.
+    pub episodes: u64,
+    /// How actions are chosen; `None` for as at the end of training.
+    pub actions: Option<ActionChoice>,
+    /// Seed of the episodes, if it is not the run's.
+    pub other_seed: Option<u64>,
+    /// Iterations that the checkpoint is after; `None` for the newest.
+    pub checkpoint: Option<u64>,
+    /// File for the episodes; `None` for one in the run's folder.
+    pub file: Option<PathBuf>,
+}
 
 /// The result of an evaluation, as it is printed.
 #[derive(Debug, Serialize)]
@@ -39,26 +55,22 @@ pub struct Evaluation {
     pub file: PathBuf,
 }
 
-/// Runs evaluation episodes with the newest checkpoint of a run: the same episodes, in the same lanes, that the
-/// run itself ends with, and more if asked for. With `other_seed`, the episodes are those of that seed.
+/// Runs evaluation episodes with a checkpoint of a run: the same episodes, in the same lanes, that the run itself ends
+/// with, and more if asked for. With another seed, the episodes are those of that seed.
 ///
 /// # Errors
-/// When the run has no intact checkpoint, an environment fails, or the file cannot be written.
-pub fn evaluate(
-    tasks: Tasks,
-    folder: &RunFolder,
-    episodes: u64,
-    actions: Option<ActionChoice>,
-    other_seed: Option<u64>,
-) -> Result<Evaluation> {
+/// When there is no such intact checkpoint, an environment fails, or the file cannot be written.
+pub fn evaluate(tasks: Tasks, folder: &RunFolder, wanted: Wanted) -> Result<Evaluation> {
+    let Wanted { episodes, actions, other_seed, checkpoint, file } = wanted;
     let mut config = folder.config()?;
     let actions = actions.unwrap_or(config.evaluation.actions);
     config.evaluation.actions = actions;
-    let weights = newest_weights(folder)?;
+    let weights = checkpoint::chosen(folder, checkpoint, &[POLICY_FILE])?.policy()?;
     let factory = Factory::of_run(tasks, &config)?;
     let seed = other_seed.unwrap_or(config.seed);
     let trajectories = act(&factory, &config, &weights, episodes, seed)?;
-    let file = folder.evaluation_file(weights.version, episodes, actions, other_seed);
+    let own_file = || folder.evaluation_file(weights.version, episodes, actions, other_seed);
+    let file = file.unwrap_or_else(own_file);
     record(&file, &config, &mut *factory.make()?, &trajectories)?;
     let count = trajectories.len() as f64;
     let reached = trajectories.iter().filter(|trajectory| trajectory.success).count();

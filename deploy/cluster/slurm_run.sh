@@ -21,7 +21,9 @@ cores=${SLURM_CPUS_PER_TASK:-${SLURM_CPUS_ON_NODE:-1}}
 # Two jobs may have the same first node, so each has a port of its own.
 port=${GOALWARD_PORT:-$((20000 + SLURM_JOB_ID % 10000))}
 
-started=$(mktemp)
+# Beside the run, because the node's clock may differ from that of the file server.
+mkdir -p "$(dirname "$run")"
+started=$(mktemp "$(dirname "$run")/.started.XXXXXX")
 if [ -e "$run/config.toml" ]; then
     set -- "$@" --resume
 fi

@@ -33,7 +33,7 @@ const MOST_TASKS: usize = 64;
 
 /// Flags of what a cluster does.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Wishes {
+pub(crate) struct ClusterArguments {
     /// Trains the missing runs on a cluster; the folder of the runs must be on a disk with file locks that all its
     /// machines share.
     #[arg(long, value_name = "ENGINE")]
@@ -132,7 +132,7 @@ pub(crate) struct Submitted {
     pub(crate) name: String,
 }
 
-impl Wishes {
+impl ClusterArguments {
     /// Returns the job for `engine` if `missing` runs are left, with absolute paths of the plans and the folder of the
     /// runs.
     ///
@@ -258,7 +258,10 @@ impl Submitted {
                 let path = "--output=jsonpath={.status.conditions[?(@.status==\"True\")].type}";
                 let mut kubectl = Command::new("kubectl");
                 let told = told_by(kubectl.args(["get", "job", &self.name, path]), "");
-                told.is_ok_and(|told| told.contains("Complete") || told.contains("Failed"))
+                match told {
+                    Ok(told) => told.contains("Complete") || told.contains("Failed"),
+                    Err(error) => error.to_string().contains("NotFound"),
+                }
             }
         }
     }

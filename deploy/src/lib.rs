@@ -30,11 +30,11 @@
 //! | `answer` | runs a program for one answer, for the page |
 //! | `other_reward` | another reward for the recorded episodes of a run |
 //! | `scenes` | recorded episodes as scenes for viewers |
-//! | `figures` | the results of a verb, as a table or as JSON |
 //! | `headway` | progress of a program that was started for one piece of work |
 //! | `limits` | whether the system's resource limits suffice for a run |
 //! | `tasks` | tasks as the user names them |
 //! | `output` | the output of processes |
+//! | `output_format` | the results of a verb, as a table or as JSON |
 //! | `summary` | the summary of a finished run, as a table |
 //! | `full_log` | a log with observations, restored from one with only actions |
 
@@ -50,7 +50,6 @@ mod description;
 mod destination;
 mod event_files;
 mod experiment;
-mod figures;
 mod full_log;
 mod headway;
 mod limits;
@@ -59,6 +58,7 @@ mod lock;
 mod machine;
 mod other_reward;
 mod output;
+mod output_format;
 mod plan;
 mod processes;
 mod processor;

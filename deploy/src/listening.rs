@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::fmt;
 use std::fs;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
@@ -27,11 +27,11 @@ const AUDITED: f64 = 0.01;
 #[derive(Clone, Copy, Debug, Default, clap::Args, Serialize, Deserialize)]
 pub(crate) struct ListenOptions {
     /// Accepts actors of other machines, started there by `goalward join`, at this address, such as 0.0.0.0:7447.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = own_address)]
     listen: Option<SocketAddr>,
     /// Fraction of other machines' episodes that is re-simulated here; a machine whose episodes differ is expelled. By default
     /// 0.01, or 0 for a task that is not deterministic.
-    #[arg(long, value_name = "SHARE", requires = "listen")]
+    #[arg(long, value_name = "SHARE", requires = "listen", allow_negative_numbers = true)]
     audit: Option<f64>,
 }
 
@@ -42,6 +42,23 @@ pub(crate) struct Listening {
     golden: String,
     audit: f64,
     actor: PathBuf,
+}
+
+/// Parses an address to listen at; its host may be a name.
+fn own_address(text: &str) -> Result<SocketAddr, String> {
+    let found = resolved(text).map_err(|error| format!(" ({error})"));
+    let refused =
+        |why: String| format!("expected an address such as 0.0.0.0:7447, found {text}{why}");
+    found.and_then(|found| found.ok_or_else(String::new)).map_err(refused)
+}
+
+/// Returns the first address of a host, of version 4 if there is one; `None` if it has none.
+///
+/// # Errors
+/// When the name is not known, or is not one.
+pub(crate) fn resolved(host: impl ToSocketAddrs) -> std::io::Result<Option<SocketAddr>> {
+    let found: Vec<SocketAddr> = host.to_socket_addrs()?.collect();
+    Ok(found.iter().find(|address| address.is_ipv4()).or(found.first()).copied())
 }
 
 /// Formats the options as they are typed after a command.
@@ -181,8 +198,8 @@ impl Listening {
 
     /// Returns a line that says what to type on another machine.
     pub(crate) fn how_to_join(&self, folder: &RunFolder) -> String {
-        let (address, run) = (self.address(), folder.path().display());
-        format!("other machines: goalward join {address} --key {run}/join.toml")
+        let (address, key) = (self.address(), quoted(folder.join_file().display()));
+        format!("other machines: goalward join {address} --key {key}")
     }
 
     /// Returns the address at which other machines find the run.
@@ -213,6 +230,18 @@ mod tests {
         assert!(how_to_resume(&folder).ends_with(&alone), "what says nothing is passed over");
         ListenOptions::default().keep(&folder).unwrap();
         assert!(!folder.listening_file().exists());
+    }
+
+    #[test]
+    fn a_run_listens_at_a_name() {
+        let address = own_address("127.0.0.1:7447").unwrap();
+        assert_eq!(own_address("localhost:7447").map(|found| found.port()), Ok(7447));
+        assert_eq!(resolved(("127.0.0.1", 7447)).unwrap(), Some(address));
+        for wrong in ["7447", "127.0.0.1", "127.0.0.1:70000"] {
+            let said = own_address(wrong).unwrap_err();
+            let expected = format!("expected an address such as 0.0.0.0:7447, found {wrong}");
+            assert!(said.starts_with(&expected), "{said}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! another machine.
 
 use std::fs::{self, File, TryLockError};
-use std::os::unix::fs::{FileExt, MetadataExt};
+use std::os::unix::fs::FileExt;
 
 use anyhow::{Context, Result};
 use protocol::durable;
@@ -12,6 +12,9 @@ use rustix::process::Pid;
 use terminal::refusal::wrong_usage;
 
 use crate::listening::node_name;
+
+/// Bytes of an earlier holder's text to overwrite at most.
+const LONGEST: usize = 1 << 16;
 
 /// The lock of a run's folder, held until this is dropped.
 #[derive(Debug)]
@@ -53,10 +56,12 @@ impl Lock {
         }
     }
 
+    /// Writes the holder with one call, so that nobody reads it mixed with an earlier one: what is left of that becomes
+    /// white space.
     fn tell(&self) -> std::io::Result<()> {
         let text = serde_json::to_string(&self.holder)?;
-        self.file.write_all_at(text.as_bytes(), 0)?;
-        self.file.set_len(text.len() as u64)
+        let length = usize::try_from(self.file.metadata()?.len()).unwrap_or(0).min(LONGEST);
+        self.file.write_all_at(format!("{text:length$}").as_bytes(), 0)
     }
 }
 
@@ -110,7 +115,7 @@ pub(crate) fn process_here(folder: &RunFolder, holder: &Holder) -> Result<Pid> {
 /// container or on another machine.
 fn has_open(process: u32, folder: &RunFolder) -> std::io::Result<bool> {
     let wanted = fs::metadata(folder.lock_file())?;
-    let is_it = |found: fs::Metadata| (found.dev(), found.ino()) == (wanted.dev(), wanted.ino());
+    let is_it = |found| durable::identity(&found) == durable::identity(&wanted);
     let open = fs::read_dir(format!("/proc/{process}/fd"))?;
     Ok(open.flatten().any(|entry| fs::metadata(entry.path()).is_ok_and(is_it)))
 }

@@ -13,6 +13,7 @@ use protocol::durable::{self, is_unfinished};
 use protocol::table::MODULES;
 use run::actors_wanted::ActorsWanted;
 use run::config::RunConfig;
+use run::demonstrations::{existing_file_of, keep_copy};
 use run::folder::RunFolder;
 use run::holder::Work;
 use run::origin::recorded_configs;
@@ -94,6 +95,10 @@ impl Plan {
         let old = folder.config()?;
         refuse_unless_text(folder.path())?;
         refuse_if_changed(&folder, &old)?;
+        // A finished run needs its demonstrations no more.
+        if old.demonstrations.file.is_some() && !matches!(Summary::of_run(&folder), Ok(Some(_))) {
+            existing_file_of(&folder, &old).map_err(Refusal::usage)?;
+        }
         let refuse = |wish: &str| {
             let shown = folder.path().display();
             wrong_usage(format!(
@@ -142,6 +147,7 @@ impl Plan {
         self.clear().with_context(failed)?;
         // The configuration marks the beginning of a run: a folder without one is free.
         durable::write(&self.folder.config_file(), self.config.to_text()).with_context(failed)?;
+        keep_copy(&self.folder, &self.config).context("copying the demonstrations")?;
         fs::create_dir_all(self.folder.output()).with_context(failed)?;
         ActorsWanted::here(&self.folder).forget()?;
         Ok(lock)
@@ -335,6 +341,12 @@ mod tests {
         }
     }
 
+    fn demonstrations_in(file: &Path) -> String {
+        let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
+        FileWriter::create(file, &metadata, &[Topic::Trajectory]).unwrap().seal().unwrap();
+        format!("demonstrations.file={:?}", file.to_str().unwrap())
+    }
+
     #[test]
     fn run_names_count_up() {
         let directory = tempfile::tempdir().unwrap();
@@ -410,9 +422,7 @@ mod tests {
         let [before, now] = ["before", "now"].map(|name| place.join(name));
         let shown = before.join("demonstrations/shown.mcap");
         fs::create_dir_all(before.join("demonstrations")).unwrap();
-        let metadata = Metadata::new(Kind::Demonstrations, "navigation", 1);
-        FileWriter::create(&shown, &metadata, &[Topic::Trajectory]).unwrap().seal().unwrap();
-        let given = format!("demonstrations.file={:?}", shown.to_str().unwrap());
+        let given = demonstrations_in(&shown);
         let mut first =
             Plan::new_run(wishes(&before.join("runs/one"), &["seed=1", given.as_str()])).unwrap();
         drop(first.lay_out().unwrap());
@@ -429,6 +439,20 @@ mod tests {
             assert_eq!(found, now.join("demonstrations/shown.mcap"));
             drop(resumed.lay_out().unwrap());
         }
+    }
+
+    #[test]
+    fn a_run_does_not_depend_on_the_file_of_its_demonstrations() {
+        let directory = tempfile::tempdir().unwrap();
+        let [folder, shown] = ["run", "shown.mcap"].map(|name| directory.path().join(name));
+        let given = demonstrations_in(&shown);
+        drop(Plan::new_run(wishes(&folder, &[given.as_str()])).unwrap().lay_out().unwrap());
+        fs::remove_file(&shown).unwrap();
+        let resumed = Plan::resumed_run(wishes(&folder, &[])).unwrap();
+        let copy = file_of(&resumed.folder, &resumed.config);
+        assert!(copy.is_file() && copy.starts_with(&folder), "{}", copy.display());
+        fs::remove_file(&copy).unwrap();
+        Plan::resumed_run(wishes(&folder, &[])).expect_err("its demonstrations are gone");
     }
 
     #[test]

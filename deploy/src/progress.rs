@@ -98,6 +98,7 @@ fn line(progress: &Progress, per_second: f64) -> String {
         let received = numbers::count(progress.steps_received);
         return match phase {
             Ok(Phase::Pretraining) => offline(progress),
+            _ if progress.steps_wanted == 0 => "learning from the demonstrations".to_owned(),
             _ => format!("rolling out: {received} steps received"),
         };
     };
@@ -142,13 +143,15 @@ fn line(progress: &Progress, per_second: f64) -> String {
     )
 }
 
-/// Describes offline training, with its progress once the service has begun it.
+/// Describes the progress of offline training. There is none before the service has begun it, or if the method has no
+/// offline training: then the run waits for the service to be ready.
 pub(crate) fn offline(progress: &Progress) -> String {
-    let doing = "training the reward model offline";
-    let Some(Pretraining { done, total }) = progress.pretraining else { return doing.to_owned() };
+    let Some(Pretraining { done, total }) = progress.pretraining else {
+        return "waiting for the proximity service".to_owned();
+    };
     let percent = numbers::percent_done(done, total);
     let [done, total] = [done, total].map(numbers::count);
-    format!("{doing}: {done} of {total} gradient steps ({percent} %)")
+    format!("training the reward model offline: {done} of {total} gradient steps ({percent} %)")
 }
 
 /// The pace of the run in the last seconds.
@@ -245,12 +248,13 @@ mod tests {
     #[test]
     fn before_the_first_update_it_says_what_is_going_on() {
         let mut progress = Progress::default();
-        assert_eq!(line(&progress, f64::NAN), "training the reward model offline");
+        assert_eq!(line(&progress, f64::NAN), "waiting for the proximity service");
         progress.pretraining = Some(Pretraining { done: 1500, total: 6000 });
         let expected = "training the reward model offline: 1,500 of 6,000 gradient steps (25 %)";
         assert_eq!(line(&progress, f64::NAN), expected);
         progress.phase = Phase::Training as i32;
-        progress.steps_received = 1024;
+        assert_eq!(line(&progress, f64::NAN), "learning from the demonstrations");
+        (progress.steps_received, progress.steps_wanted) = (1024, 8000);
         assert_eq!(line(&progress, f64::NAN), "rolling out: 1,024 steps received");
     }
 

@@ -1,10 +1,13 @@
 //! The summary of a finished run, as people read it.
 
-use protocol::build;
+use protocol::{build, weights};
 use run::summary::{Seconds, Summary};
 use run::time_to_success::TimeToSuccess;
 
 use terminal::numbers;
+
+/// Less time than this, in seconds, is not split into shares.
+const SPLIT_FROM_S: f64 = 1e-3;
 
 /// Returns the summary as a table, one row per line.
 pub(crate) fn table(summary: &Summary) -> String {
@@ -35,7 +38,6 @@ pub(crate) fn table(summary: &Summary) -> String {
         0 => "none: it learned from demonstrations alone".to_owned(),
         _ => rate(summary.success_rate),
     };
-    let [stages, actors] = shares(&summary.seconds);
     let mut rows = vec![
         ("run", format!("{}, {}, preset {}", summary.task, summary.method, summary.preset)),
         ("seed", summary.seed.to_string()),
@@ -46,14 +48,12 @@ pub(crate) fn table(summary: &Summary) -> String {
         ("time", time),
     ];
     rows.extend(times_to_success(&summary.time_to_success));
-    rows.extend([
-        ("policy sha256", summary.policy_sha256.clone()),
-        ("proximity sha256", summary.proximity_sha256.clone()),
-        ("build", build::shown(&summary.builds)),
-        ("log", log),
-        stages,
-        actors,
-    ]);
+    rows.push(("policy sha256", summary.policy_sha256.clone()));
+    if summary.proximity_sha256 != weights::sha256([]) {
+        rows.push(("proximity sha256", summary.proximity_sha256.clone()));
+    }
+    rows.extend([("build", build::shown(&summary.builds)), ("log", log)]);
+    rows.extend(shares(&summary.seconds));
     numbers::table(&rows)
 }
 
@@ -93,9 +93,10 @@ pub(crate) fn success(rate: Option<f64>, episodes: u64, mean_return: Option<f64>
     rate + &mean_return.unwrap_or_default()
 }
 
-/// Returns two rows: shares of the wall time of iterations, and shares of the actors' work within the rollouts.
-fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
-    let share = |part: f64, whole: f64| numbers::percent(part / whole.max(1e-9), 1);
+/// Returns shares of the wall time of iterations, and shares of the actors' work within the rollouts: a row for each of
+/// the two, unless there was no such work.
+fn shares(seconds: &Seconds) -> impl Iterator<Item = (&'static str, String)> {
+    let share = |part: f64, whole: f64| numbers::percent(part / whole, 1);
     let wall = seconds.rollout + seconds.scoring + seconds.policy_update + seconds.reward_update;
     let work = seconds.environment + seconds.inference + seconds.transport;
     let stages = format!(
@@ -113,7 +114,12 @@ fn shares(seconds: &Seconds) -> [(&'static str, String); 2] {
         share(seconds.environment, work),
         numbers::duration(work),
     );
-    [("where the time went since the last start", stages), ("where its actors' time went", actors)]
+    let rows = [
+        (wall, "where the time went since the last start", stages),
+        (work, "where its actors' time went", actors),
+    ];
+    let rows = rows.into_iter().filter(|(whole, ..)| *whole >= SPLIT_FROM_S);
+    rows.map(|(_, name, shares)| (name, shares))
 }
 
 #[cfg(test)]
@@ -149,5 +155,23 @@ mod tests {
         ] {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }
+    }
+
+    #[test]
+    fn what_a_run_did_not_do_has_no_row() {
+        let whole: Summary = serde_json::from_str(TEXT).unwrap();
+        let named = ["proximity sha256", "where the time went", "where its actors' time went"];
+        let shown = |summary: &Summary| {
+            let table = table(summary);
+            named.map(|name| table.contains(name))
+        };
+        assert_eq!(shown(&whole), [true; 3]);
+        let seconds = Seconds { log: 0.03, ..Seconds::default() };
+        let resumed_at_its_end = Summary { seconds, ..whole.clone() };
+        assert_eq!(shown(&resumed_at_its_end), [true, false, false]);
+        let seconds = Seconds { policy_update: 3.0, ..seconds };
+        let proximity_sha256 = weights::sha256([]);
+        let cloning = Summary { seconds, proximity_sha256, ..whole };
+        assert_eq!(shown(&cloning), [false, true, false]);
     }
 }

@@ -38,11 +38,6 @@ pub struct HubKey {
     key: String,
 }
 
-/// Returns the path of the file that hosts join with, in the folder of the run.
-pub fn join_file(folder: &RunFolder) -> PathBuf {
-    folder.path().join("join.toml")
-}
-
 fn hub_file(folder: &RunFolder) -> PathBuf {
     folder.path().join("hub.toml")
 }
@@ -53,7 +48,7 @@ fn hub_file(folder: &RunFolder) -> PathBuf {
 /// # Errors
 /// When a file cannot be read or written, or does not contain keys.
 pub fn of_run(folder: &RunFolder, address: &str) -> Result<HubKey> {
-    let (join_file, hub_file) = (join_file(folder), hub_file(folder));
+    let (join_file, hub_file) = (folder.join_file(), hub_file(folder));
     let (mut join, hub) = if join_file.exists() && hub_file.exists() {
         (read::<JoinKey>(&join_file)?, read(&hub_file)?)
     } else {
@@ -145,16 +140,16 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
         let hub = of_run(&folder, "one:1").unwrap();
-        let first = JoinKey::of_file(&join_file(&folder)).unwrap();
+        let first = JoinKey::of_file(&folder.join_file()).unwrap();
         assert_eq!(first.address, "one:1");
-        for file in [join_file(&folder), hub_file(&folder)] {
+        for file in [folder.join_file(), hub_file(&folder)] {
             assert_eq!(fs::metadata(file).unwrap().permissions().mode() & 0o777, 0o600);
         }
         let again = of_run(&folder, "two:2").unwrap();
-        let second = JoinKey::of_file(&join_file(&folder)).unwrap();
+        let second = JoinKey::of_file(&folder.join_file()).unwrap();
         assert_eq!((hub.key, first.key), (again.key, second.key));
         assert_eq!(second.address, "two:2");
-        fs::write(join_file(&folder), "address = 3").unwrap();
+        fs::write(folder.join_file(), "address = 3").unwrap();
         let error = format!("{:#}", of_run(&folder, "two:2").unwrap_err());
         assert!(error.contains("join.toml: expected the keys"), "{error}");
     }

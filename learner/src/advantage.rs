@@ -1,4 +1,5 @@
-//! Generalized advantage estimation over one whole episode (paper, Section 3.3: "any RL algorithm").
+//! Generalized advantage estimation over one whole episode (Schulman et al., 2016): the advantage of step `t` is the sum
+//! over `k >= 0` of `(gamma lambda)^k d(t + k)`, where `d(t) = r(t) + gamma V(s(t + 1)) - V(s(t))`.
 
 /// Computes the advantages and returns of one episode's steps.
 ///

@@ -1,7 +1,7 @@
 //! The small neural networks of the paper (Appendix G.2), their losses and their optimizer, with
 //! explicit back-propagation.
 //!
-//! Inputs are observation bytes as the environments wrote them. Outputs are action parameters, values and
+//! Inputs are observation bytes in the environments' layout, vectors normalized by the caller. Outputs are action parameters, values and
 //! proximities, as `features x rows` matrices, so that a row of a batch is one contiguous column. All parameters of
 //! a network are one flat slice. This slice is optimized, clipped, hashed, published and checkpointed; the network
 //! itself holds only shapes.

@@ -32,7 +32,16 @@ TERMINATED, TRUNCATED, SUCCESS = 1, 2, 4
 
 LARGEST = 400  # maximum pixels of a picture's side
 
-PACKAGES = ("gymnasium", "numpy", "gymnasium-robotics", "mujoco", "minigrid", "box2d-py", "box2d", "pygame")
+# Packages that environments use, by their modules.
+PACKAGES = {
+    "gymnasium": ("gymnasium",),
+    "numpy": ("numpy",),
+    "gymnasium_robotics": ("gymnasium-robotics",),
+    "mujoco": ("mujoco",),
+    "minigrid": ("minigrid",),
+    "Box2D": ("box2d-py", "box2d"),
+    "pygame": ("pygame",),
+}
 
 
 def take_link():
@@ -273,17 +282,25 @@ def time_limit(environment):
     return None if limit is None else int(limit)
 
 
-def versions(modules=()):
-    """Returns versions of Python, of packages that environments use, and of the packages of these modules."""
+def versions(modules):
+    """Returns versions of Python, of known packages that have been imported, and of the packages of these modules."""
     found = {"python": ".".join(str(number) for number in sys.version_info[:3])}
-    packages = metadata.packages_distributions() if modules else {}
+    packages = metadata.packages_distributions()
     own = (packages.get(module.partition(".")[0], ()) for module in modules)
-    for package in (*PACKAGES, *itertools.chain.from_iterable(own)):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            pass
+    used = (names for module, names in PACKAGES.items() if module in sys.modules)
+    for package in itertools.chain(*used, *own):
+        version = version_of(package)
+        if version is not None:
+            found[package] = version
     return found
+
+
+def version_of(package):
+    """Returns the version of a package; None if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def modules_of(reference, rule, environment):
@@ -318,8 +335,7 @@ def source_file(module):
 
 def advice():
     """Returns what to install, if packages are installed that are known to be incompatible."""
-    found = versions()
-    robotics, mujoco = found.get("gymnasium-robotics"), found.get("mujoco")
+    robotics, mujoco = version_of("gymnasium-robotics"), version_of("mujoco")
     if "gymnasium_robotics" not in sys.modules or robotics is None or mujoco is None:
         return ""
     if tuple(int(part) for part in mujoco.split(".")[:2]) < (3, 12):

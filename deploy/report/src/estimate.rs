@@ -54,10 +54,9 @@ pub(crate) fn episodes(
                 episodes.push(Episode { trajectory, scenes: Vec::new() });
             }
             Record::Scene(scene) => {
-                episodes
-                    .last_mut()
-                    .into_iter()
-                    .for_each(|episode| episode.scenes.push(scene.clone()));
+                if let Some(episode) = episodes.last_mut() {
+                    episode.scenes.push(scene);
+                }
             }
             _ => {}
         }

@@ -5,6 +5,7 @@ use protocol::task::Task;
 use run::folder::RunFolder;
 
 /// A figure of the paper, or any comparison: panels of curves, planned or measured.
+#[derive(Debug)]
 pub struct Figure<C = Curve> {
     /// Its name, such as `figure3`.
     pub name: String,
@@ -15,6 +16,7 @@ pub struct Figure<C = Curve> {
 }
 
 /// A panel: curves of one task in one setting.
+#[derive(Debug)]
 pub struct Panel<C = Curve> {
     /// Its name within the figure.
     pub name: String,
@@ -38,12 +40,14 @@ pub struct Curve {
 
 impl<C> Figure<C> {
     /// Returns the same figure with `curve` applied to each curve.
-    pub fn map<D>(self, curve: impl Fn(C) -> D) -> Figure<D> {
-        let panel = |Panel { name, title, task, curves }: Panel<C>| {
-            let curves = curves.into_iter().map(&curve).collect();
-            Panel { name, title, task, curves }
+    pub fn map<D>(&self, mut curve: impl FnMut(&C) -> D) -> Figure<D> {
+        let mut panel = |panel: &Panel<C>| Panel {
+            name: panel.name.clone(),
+            title: panel.title.clone(),
+            task: panel.task.clone(),
+            curves: panel.curves.iter().map(&mut curve).collect(),
         };
-        let panels = self.panels.into_iter().map(panel).collect();
-        Figure { name: self.name, title: self.title, panels }
+        let panels = self.panels.iter().map(&mut panel).collect();
+        Figure { name: self.name.clone(), title: self.title.clone(), panels }
     }
 }

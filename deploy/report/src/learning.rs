@@ -1,5 +1,7 @@
 //! Learning curves of a panel, and the rows of the table below them (the paper's Figures 3 to 9, 11 and 12).
 
+use run::summary::Summary;
+
 use crate::chart::{Axis, Chart, Line};
 use crate::curve::mean;
 use crate::measured::{Measured, MeasuredCurve, MeasuredPanel, Point};
@@ -31,16 +33,18 @@ impl Row {
         let over = |value: &dyn Fn(&Measured) -> Option<f64>| {
             Estimate::of(&curve.runs.iter().filter_map(value).collect::<Vec<f64>>())
         };
-        let acting = |run: &Measured| run.summary.as_ref().filter(|_| run.acts()).cloned();
+        let acting = |value: fn(&Summary) -> Option<f64>| {
+            over(&|run| run.summary.as_ref().filter(|_| run.acts()).and_then(value))
+        };
         let unread =
             curve.missing.len() - curve.runs.iter().filter(|run| !run.is_finished()).count();
         Row {
             finished: curve.runs.iter().filter(|run| run.is_finished()).count(),
             wanted: curve.runs.len() + unread,
             during: SHARES.map(|share| over(&|run| success_at(run, share))),
-            last: over(&|run| acting(run)?.success_rate),
+            last: acting(|summary| summary.success_rate),
             evaluation: Estimate::of(&curve.evaluations()),
-            steps_per_s: over(&|run| Some(acting(run)?.steps_per_s)).map(|estimate| estimate.mean),
+            steps_per_s: acting(|summary| Some(summary.steps_per_s)).map(|estimate| estimate.mean),
         }
     }
 }

@@ -58,12 +58,15 @@ use crate::programs::Programs;
 pub use crate::runs::OF_NO_CURVE;
 pub use crate::tensorboard::TensorBoard;
 
-/// Groups runs into a figure with a curve for each origin.
+/// Groups runs into a figure with a curve for each origin. Runs without a policy update are left out with a remark.
 ///
 /// # Errors
-/// A usage error for the first folder that has no run, no log or no policy update.
+/// A usage error for the first folder that is no run or whose log cannot be read, when no run has a policy update, or
+/// when a curve has a seed twice.
 pub fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
-    Ok(apart(runs::figure(folders)?))
+    let figure = apart(runs::figure(folders)?);
+    runs::refuse_seed_twice(&figure)?;
+    Ok(figure)
 }
 
 /// Writes a report on figures into the folder `out`; returns the path of the page.
@@ -71,13 +74,13 @@ pub fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
 /// # Errors
 /// A usage error when two figures have the same name or no run has anything to show. Other errors when a chart cannot
 /// be drawn or the files cannot be written.
-pub fn write(figures: Vec<Figure>, out: &Path, programs: &dyn Programs) -> Result<PathBuf> {
+pub fn write(figures: &[Figure], out: &Path, programs: &dyn Programs) -> Result<PathBuf> {
     let mut names = BTreeSet::new();
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
         return Err(wrong_usage(format!("expected each figure once, found {} twice", figure.name)));
     }
-    let measured = |figure: Figure| figure.map(MeasuredCurve::of);
-    let figures: Vec<MeasuredFigure> = figures.into_iter().map(measured).collect();
+    let measured = |figure: &Figure| figure.map(MeasuredCurve::of);
+    let figures: Vec<MeasuredFigure> = figures.iter().map(measured).collect();
     refuse_nothing(&figures)?;
     let pictures = Pictures::of(&figures, programs)?;
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;

@@ -74,20 +74,20 @@ pub(crate) struct Point {
 
 impl MeasuredCurve {
     /// Reads the runs of a curve. Runs that do not exist, cannot be read or are unfinished are noted in `missing`.
-    pub(crate) fn of(curve: Curve) -> MeasuredCurve {
+    pub(crate) fn of(curve: &Curve) -> MeasuredCurve {
         let mut measured = MeasuredCurve {
-            name: curve.name,
+            name: curve.name.clone(),
             anchor: curve.anchor,
             runs: Vec::new(),
             missing: Vec::new(),
         };
-        for folder in curve.runs {
-            let name = name(&folder);
+        for folder in &curve.runs {
+            let name = name(folder);
             if !folder.config_file().exists() {
                 measured.missing.push(format!("{name}: not begun"));
                 continue;
             }
-            match Measured::of(folder) {
+            match Measured::of(folder.clone()) {
                 Ok(run) => {
                     measured.missing.extend(run.lacks().map(|lack| format!("{name}: {lack}")));
                     measured.runs.push(run);
@@ -118,20 +118,34 @@ impl Measured {
     /// # Errors
     /// A usage error when the folder has no run, no log, or no policy update yet.
     pub(crate) fn of(folder: RunFolder) -> Result<Measured> {
+        let log = folder.log();
+        Measured::if_it_learned(folder)?.ok_or_else(|| {
+            let message = "expected policy updates in the log, found none yet";
+            wrong_usage(format!("{}: {message}", log.display()))
+        })
+    }
+
+    /// Reads a run; returns `None` if it has no policy update yet.
+    ///
+    /// # Errors
+    /// A usage error when the folder has no run, or its log cannot be read.
+    pub(crate) fn if_it_learned(folder: RunFolder) -> Result<Option<Measured>> {
         let config = folder.config()?;
         let summary = Summary::of_finished(&folder, print_remark);
+        // The log of a finished run was there.
+        if summary.is_none() && folder.log().try_exists().is_ok_and(|exists| !exists) {
+            return Ok(None);
+        }
         let updates = policy_updates(&folder)
             .map_err(Refusal::usage)
             .with_context(|| folder.path().display().to_string())?;
         let updates = updates.collect::<Result<Vec<_>, _>>()?;
         if updates.is_empty() {
-            let log = folder.log();
-            let message = "expected policy updates in the log, found none yet";
-            return Err(wrong_usage(format!("{}: {message}", log.display())));
+            return Ok(None);
         }
         let points = updates.iter().map(point).collect();
         let times_to_success = TimeToSuccess::of_updates(&updates);
-        Ok(Measured { folder, config, summary, points, times_to_success })
+        Ok(Some(Measured { folder, config, summary, points, times_to_success }))
     }
 
     /// Returns the name of its folder, with its seed.
@@ -206,7 +220,7 @@ mod tests {
         assert!(format!("{error:#}").contains("expected policy updates"), "{error:#}");
 
         let runs = vec![folder, RunFolder::new(directory.path().join("nowhere"))];
-        let curve = MeasuredCurve::of(Curve { name: "ours".into(), runs, anchor: None });
+        let curve = MeasuredCurve::of(&Curve { name: "ours".into(), runs, anchor: None });
         assert!(curve.runs.is_empty(), "a run without updates has no curve");
         assert!(curve.missing[0].starts_with("begun: ") && curve.missing.len() == 2);
         assert_eq!(curve.missing[1], "nowhere: not begun");

@@ -303,7 +303,8 @@ fn reading() -> Markup {
                       and values in brackets are 95 % intervals of the mean over seeds (Student's; none for \
                       fewer than three seeds). A dot is the end of a seed." }
                 li { "Against the first: ahead or behind where the 95 % interval of the difference of the \
-                      evaluations' means excludes 0 (Welch's), otherwise not told apart." }
+                      evaluations' means excludes 0 (Welch's); otherwise every seed above or below, if that is so; otherwise not \
+                      told apart." }
                 li { "Over all panels: the mean of the middle half of all evaluations, and the share of pairs \
                       of seeds in which a method is better than the first one, with stratified bootstrap \
                       intervals (Agarwal et al., 2021), which are somewhat narrow for few seeds." }

@@ -12,6 +12,8 @@ use crate::figure::{Curve, Figure, Panel};
 use crate::measured::Measured;
 use run::repeat::{changes, is_of_ours, settings, unquoted};
 use run::tasks::place;
+use terminal::print::print_remark;
+use terminal::refusal::wrong_usage;
 
 /// Keys in which runs of one curve may differ.
 pub const OF_NO_CURVE: [&str; 2] = ["demonstrations.file", "evaluation.episodes"];
@@ -25,19 +27,31 @@ type Described = (RunFolder, String, Phrases);
 /// A run and its configuration.
 type Configured = (RunFolder, RunConfig);
 
-/// Groups runs into a figure.
+/// Groups runs into a figure. Runs without a policy update are left out with a remark.
 ///
 /// # Errors
-/// A usage error for the first folder that has no run, no log or no policy update.
+/// A usage error for the first folder that is no run or whose log cannot be read, or when no run has a policy update.
 pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
     let mut tasks: Vec<(Task, Vec<Configured>)> = Vec::new();
+    let mut left_out = Vec::new();
     for folder in folders {
-        let Measured { folder, config, .. } = Measured::of(folder)?;
+        let Some(Measured { config, .. }) = Measured::if_it_learned(folder.clone())? else {
+            left_out.push(lack(&folder));
+            continue;
+        };
         match tasks.iter_mut().find(|(known, _)| *known == config.task) {
             Some((_, runs)) => runs.push((folder, config)),
             None => tasks.push((config.task.clone(), vec![(folder, config)])),
         }
     }
+    if let (true, Some(first)) = (tasks.is_empty(), left_out.first()) {
+        return Err(wrong_usage(format!(
+            "nothing to report on: expected runs with policy updates, found {} without, such as \
+             {first}",
+            left_out.len()
+        )));
+    }
+    left_out.iter().for_each(|run| print_remark(&format!("left out: {run}")));
     tasks.sort_by_key(|(task, _)| place(&task.name));
     let mut panels: Vec<Panel> = Vec::new();
     for (task, runs) in tasks {
@@ -45,6 +59,33 @@ pub(crate) fn figure(folders: Vec<RunFolder>) -> Result<Figure> {
         panels.push(Panel { name: free_name(&panel.name, &panels), ..panel });
     }
     Ok(Figure { name: "runs".to_owned(), title: "Runs".to_owned(), panels })
+}
+
+/// Names a run without a policy update, and says what it lacks.
+fn lack(folder: &RunFolder) -> String {
+    let what = if folder.log().exists() { "no policy update yet" } else { "not begun" };
+    format!("{}: {what}", folder.path().display())
+}
+
+/// Refuses a curve that has two runs of one seed: they would count as two.
+///
+/// # Errors
+/// A usage error that names the two, or if a configuration cannot be read.
+pub(crate) fn refuse_seed_twice(figure: &Figure) -> Result<()> {
+    for curve in figure.panels.iter().flat_map(|panel| &panel.curves) {
+        let mut runs: BTreeMap<u64, &RunFolder> = BTreeMap::new();
+        for run in &curve.runs {
+            let seed = run.config()?.seed;
+            if let Some(other) = runs.insert(seed, run) {
+                let [one, other] = [other, run].map(|run| run.path().display());
+                return Err(wrong_usage(format!(
+                    "curve {}: expected every seed once, found seed {seed} in {one} and {other}",
+                    curve.name
+                )));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Returns the name, with a number if a panel already has it: tasks of the same name may differ in shapes or programs.
@@ -108,8 +149,66 @@ fn panel(task: Task, runs: Vec<Described>) -> Panel {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
+    use protocol::messages::PolicyUpdate;
+
     use super::*;
     use run::tasks::configuration;
+
+    fn laid_out(path: &Path, seed: u64) -> RunFolder {
+        let folder = RunFolder::new(path);
+        fs::create_dir_all(path).unwrap();
+        let config = configuration("navigation", None, &[format!("seed={seed}")]).unwrap();
+        fs::write(folder.config_file(), config.to_text()).unwrap();
+        folder
+    }
+
+    fn with_log(folder: RunFolder, updates: u64) -> RunFolder {
+        let config = folder.config().unwrap();
+        let metadata = Metadata::new(Kind::Run, &config.task.name, config.seed);
+        let mut log = LogWriter::create(&folder.log(), &metadata, LogOptions::default()).unwrap();
+        for iteration in 0..updates {
+            log.policy_update(&PolicyUpdate { iteration, ..PolicyUpdate::default() }).unwrap();
+        }
+        log.finish().unwrap();
+        folder
+    }
+
+    #[test]
+    fn runs_that_have_not_learned_are_left_out_unless_nothing_remains() {
+        let directory = tempfile::tempdir().unwrap();
+        let place = |name: &str| directory.path().join(name);
+        let interrupted = laid_out(&place("interrupted"), 1);
+        let begun = with_log(laid_out(&place("begun"), 2), 0);
+        let learned = with_log(laid_out(&place("learned"), 3), 2);
+        let found = figure(vec![interrupted.clone(), begun.clone(), learned.clone()]).unwrap();
+        assert_eq!(found.panels[0].curves[0].runs, [learned]);
+        assert!(lack(&begun).ends_with("begun: no policy update yet"), "{}", lack(&begun));
+        let refused = figure(vec![interrupted, begun]).err().unwrap().to_string();
+        assert!(
+            refused.contains("found 2 without") && refused.ends_with("interrupted: not begun"),
+            "{refused}"
+        );
+        let refused = figure(vec![RunFolder::new(place("nowhere"))]).err().unwrap().to_string();
+        assert!(refused.contains("nowhere"), "{refused}");
+    }
+
+    #[test]
+    fn a_seed_counts_once_in_a_curve() {
+        let directory = tempfile::tempdir().unwrap();
+        let run =
+            |(name, seed): (&str, u64)| with_log(laid_out(&directory.path().join(name), seed), 1);
+        let [one, again, other] = [("m1", 1), ("m1again", 1), ("m2", 2)].map(run);
+        let curves = figure(vec![one.clone(), other.clone()]).unwrap();
+        refuse_seed_twice(&curves).unwrap();
+        let curves = figure(vec![one, again, other]).unwrap();
+        let refused = refuse_seed_twice(&curves).unwrap_err().to_string();
+        assert!(refused.starts_with("curve goal-proximity: expected every seed once"), "{refused}");
+        assert!(refused.contains("found seed 1 in") && refused.ends_with("m1again"), "{refused}");
+    }
 
     #[test]
     fn panels_of_one_task_name_are_numbered() {

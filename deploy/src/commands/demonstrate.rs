@@ -5,8 +5,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use anyhow::Result;
-use protocol::setting::{EXPERT, Setting};
+use anyhow::{Result, ensure};
+use protocol::setting::{EXPERT, MAKE, Setting};
 use run::config::{RunConfig, set_by_user};
 use run::folder::RunFolder;
 use toml::Value;
@@ -16,6 +16,10 @@ use crate::tasks;
 use crate::{description, destination, machine, programs, settings};
 use terminal::refusal::{stopped, wrong_usage};
 use terminal::status_line::StatusLine;
+
+/// Keys of the demonstrations that are set by flags of their own.
+const BY_FLAGS: [(&str, &str); 2] =
+    [("demonstrations.episodes", "--episodes"), ("demonstrations.file", "--out")];
 
 /// Flags of `goalward demonstrate`.
 #[derive(Debug, clap::Args)]
@@ -62,6 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         RunFolder::new(run).config()?;
     }
     let config = tasks::configuration(task, None, &arguments.settings)?;
+    refuse_expert_unless_of_python(arguments, &config)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;
     let setting = setting(arguments, &named, &config);
@@ -79,10 +84,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
 fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
     let Arguments { coverage, noise, policy, expert, settings, .. } = arguments;
     let named = set_by_user(settings)?;
+    for (key, flag) in BY_FLAGS {
+        if let Some(value) = named.get(key) {
+            return Err(wrong_usage(format!(
+                "--set: expected no {key}, found {key}={value}: {flag} sets it"
+            )));
+        }
+    }
     let is_own = |key: &String| {
-        let of_runs = ["demonstrations.episodes", "demonstrations.file"];
-        let own = ["demonstrations.", "environment."].iter().any(|table| key.starts_with(table));
-        own && !of_runs.contains(&key.as_str())
+        ["demonstrations.", "environment."].iter().any(|table| key.starts_with(table))
     };
     if let Some((key, value)) = named.iter().find(|(key, _)| !is_own(key)) {
         return Err(wrong_usage(format!(
@@ -102,6 +112,17 @@ fn own_settings(arguments: &Arguments) -> Result<BTreeMap<String, Value>> {
     ];
     settings::refuse_contradiction(&flags.into_iter().flatten().collect::<Vec<_>>(), settings)?;
     Ok(named)
+}
+
+/// Refuses an expert of Python for a task that is not acted in Python, and would take it for a setting.
+fn refuse_expert_unless_of_python(arguments: &Arguments, config: &RunConfig) -> Result<()> {
+    let is_of_python = config.environment.0.contains_key(MAKE);
+    let task = &arguments.task;
+    ensure!(
+        is_of_python || arguments.expert.is_none(),
+        wrong_usage(format!("--expert: expected an environment of Python, found {task}"))
+    );
+    Ok(())
 }
 
 /// Returns the setting that the demonstrations are recorded in, with the flags applied. The coverage and noise of the
@@ -127,21 +148,41 @@ fn setting(arguments: &Arguments, named: &BTreeMap<String, Value>, config: &RunC
 mod tests {
     use super::*;
 
+    fn arguments(settings: &[&str]) -> Arguments {
+        Arguments {
+            task: "fetch-push".to_owned(),
+            episodes: 1,
+            coverage: None,
+            noise: None,
+            policy: None,
+            expert: None,
+            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
+            seed: 1,
+            out: PathBuf::from("d.mcap"),
+            force: false,
+        }
+    }
+
+    #[test]
+    fn what_a_flag_sets_is_no_setting() {
+        let said = own_settings(&arguments(&["demonstrations.episodes=7"])).unwrap_err();
+        assert!(said.to_string().ends_with(": --episodes sets it"), "{said}");
+        own_settings(&arguments(&["demonstrations.noise=2.0"])).unwrap();
+    }
+
+    #[test]
+    fn only_python_has_experts_of_python() {
+        let config = tasks::configuration("fetch-push", None, &[]).unwrap();
+        let given = Arguments { expert: Some("foo:bar".to_owned()), ..arguments(&[]) };
+        let said = refuse_expert_unless_of_python(&given, &config).unwrap_err().to_string();
+        assert_eq!(said, "--expert: expected an environment of Python, found fetch-push");
+        refuse_expert_unless_of_python(&arguments(&[]), &config).unwrap();
+    }
+
     #[test]
     fn what_is_given_holds_and_what_the_file_has_for_runs_does_not() {
         let of = |settings: &[&str], noise| {
-            let arguments = Arguments {
-                task: "fetch-push".to_owned(),
-                episodes: 1,
-                coverage: None,
-                noise,
-                policy: None,
-                expert: None,
-                settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
-                seed: 1,
-                out: PathBuf::from("d.mcap"),
-                force: false,
-            };
+            let arguments = Arguments { noise, ..arguments(settings) };
             let config = tasks::configuration("fetch-push", None, &arguments.settings).unwrap();
             let named = set_by_user(&arguments.settings).unwrap();
             setting(&arguments, &named, &config).0.get("noise").and_then(Value::as_float)

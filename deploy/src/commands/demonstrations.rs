@@ -5,7 +5,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 use crate::{destination, programs, tasks};
 use terminal::refusal::wrong_usage;
 
@@ -14,6 +14,9 @@ const INTERPRETER: &str = "GOALWARD_PYTHON";
 
 /// The part of the package that reads and writes demonstrations.
 const MODULE: &str = "goalward.demonstrations";
+
+/// The formats that the package reads.
+const FORMATS: [&str; 7] = ["auto", "npz", "csv", "minari", "lerobot", "robomimic", "mcap"];
 
 /// The verbs of `goalward demonstrations`.
 #[derive(Debug, clap::Subcommand)]
@@ -25,7 +28,7 @@ pub(crate) enum Verb {
         /// The file.
         file: PathBuf,
         #[command(flatten)]
-        figures: Figures,
+        output: OutputFormat,
     },
 }
 
@@ -46,8 +49,8 @@ pub(crate) struct Import {
     /// Overwrites an existing file, but never one in a run's folder.
     #[arg(long)]
     force: bool,
-    /// Format of the data set: npz, csv, minari, lerobot, robomimic or mcap; detected by default.
-    #[arg(long)]
+    /// Format of the data set, by default detected.
+    #[arg(long, value_parser = FORMATS)]
     format: Option<String>,
     /// Observation keys of the data set, in the order of the task's observation; by default all except
     /// success signals. A bag with several topics needs them.
@@ -56,11 +59,11 @@ pub(crate) struct Import {
     /// Which episodes reach the goal: `all`, each at its last observation, or the key of a success signal.
     #[arg(long, value_name = "all|KEY")]
     success: Option<String>,
-    /// Whether the keys must match the names in the task's labels: match (the default) or ignore.
-    #[arg(long, value_name = "match|ignore")]
+    /// Whether the keys must match the names in the task's labels, by default match.
+    #[arg(long, value_parser = ["match", "ignore"])]
     labels: Option<String>,
     /// Takes at most this many episodes.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..), allow_negative_numbers = true)]
     episodes: Option<u64>,
 }
 
@@ -85,9 +88,9 @@ impl Import {
 pub(crate) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Import(arguments) => import(arguments),
-        Verb::Info { file, figures } => package("info", |package| {
-            package.arg(file).args(figures.are_json().then_some("--json"))
-        }),
+        Verb::Info { file, output } => {
+            package("info", |package| package.arg(file).args(output.is_json().then_some("--json")))
+        }
     }
 }
 
@@ -129,4 +132,26 @@ fn package(verb: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Resul
     let mut command = Command::new(&interpreter);
     let status = with(command.args(["-m", MODULE, verb])).status().context("starting Python")?;
     programs::expect_success(status)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Args;
+
+    use super::*;
+
+    #[test]
+    fn what_the_package_would_refuse_is_no_flag() {
+        let is_understood = |flag: &str, value: &str| {
+            let words = ["import", "d.npz", "--task", "t", "--out", "d.mcap", flag, value];
+            Import::augment_args(clap::Command::new("import")).try_get_matches_from(words).is_ok()
+        };
+        assert!(FORMATS.iter().all(|format| is_understood("--format", format)));
+        assert!(is_understood("--labels", "ignore") && is_understood("--episodes", "3"));
+        for (flag, value) in
+            [("--format", "json"), ("--labels", "foo"), ("--episodes", "0"), ("--episodes", "-1")]
+        {
+            assert!(!is_understood(flag, value), "{flag} {value}");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! `goalward evaluate`: runs episodes with a run's newest policy.
+//! `goalward evaluate`: runs episodes with a policy of a run.
 //!
 //! The actor runs them and prints the result as JSON; this module shows it to people.
 
@@ -10,11 +10,12 @@ use run::config::ActionChoice;
 use run::folder::{POLICY_FILE, RunFolder};
 use serde::{Deserialize, Serialize};
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use crate::summary::success;
 use crate::{choices, destination, machine};
 use terminal::numbers;
+use terminal::refusal::{Refusal, wrong_usage};
 
 /// Flags of `goalward evaluate`.
 #[derive(Debug, clap::Args)]
@@ -30,11 +31,17 @@ pub(crate) struct Arguments {
     /// Seed of the episodes; by default the run's own, whose episodes are those at the end of training.
     #[arg(long)]
     seed: Option<u64>,
-    /// Overwrites the file of an earlier evaluation of this policy.
+    /// Checkpoint to evaluate, by its number of iterations; by default the newest.
+    #[arg(long, value_name = "N")]
+    checkpoint: Option<u64>,
+    /// File for the episodes; by default evaluation-*.mcap in the run's folder.
+    #[arg(long, value_name = "FILE.mcap")]
+    out: Option<PathBuf>,
+    /// Overwrites an existing file, such as that of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// The actor's report.
@@ -53,19 +60,37 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = RunFolder::new(&arguments.run);
     let config = folder.config()?;
     let episodes = arguments.episodes.unwrap_or(config.evaluation.episodes);
+    if episodes == 0 {
+        return Err(wrong_usage(format!(
+            "{}: expected at least 1 episode, found evaluation.episodes = 0; --episodes N says how many",
+            folder.path().display()
+        )));
+    }
     let actions = arguments.actions.unwrap_or(config.evaluation.actions);
     let other_seed = arguments.seed.filter(|seed| *seed != config.seed);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
-    // The checkpoint that the actor takes, which passes over damaged ones, too.
-    if let Some(found) = checkpoint::newest(&folder, &[POLICY_FILE])?.newest {
-        let file = folder.evaluation_file(found.iteration, episodes, actions, other_seed);
-        destination::own_file(&file, arguments.force)?;
+    // A live run may save another checkpoint before the actor looks.
+    let chosen = checkpoint::chosen(&folder, arguments.checkpoint, &[POLICY_FILE]);
+    let iteration = match arguments.checkpoint {
+        Some(_) => chosen.map_err(Refusal::usage)?.iteration,
+        None => chosen?.iteration,
+    };
+    match &arguments.out {
+        Some(file) => destination::file(file, arguments.force)?,
+        None => {
+            let file = folder.evaluation_file(iteration, episodes, actions, other_seed);
+            destination::own_file(&file, arguments.force)?;
+        }
     }
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string(), "--actions", actions.name()]);
     actor.args(other_seed.map(|seed| format!("--seed={seed}")));
-    arguments.figures.print(&programs::result(&mut actor, "evaluating")?, table)
+    actor.args(["--checkpoint", &iteration.to_string()]);
+    if let Some(file) = &arguments.out {
+        actor.arg("--out").arg(file);
+    }
+    arguments.output.print(&programs::result(&mut actor, "evaluating")?, table)
 }
 
 fn table(evaluation: &Evaluation) -> String {

@@ -7,12 +7,12 @@ use anyhow::{Context, Result, bail};
 use run::repeat::quoted;
 use serde::Serialize;
 
-use crate::cluster::{Engine, Order, Submitted, Wishes};
+use crate::cluster::{ClusterArguments, Engine, Order, Submitted};
 use crate::experiment::{
     Archive, CurveStanding, Left, Plan, PlannedRun, Watched, curves, execute, figure_of, left,
     queue, read_all, refuse_other_builds, table, watch,
 };
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 use crate::{description, destination, programs};
 use terminal::print::print_remark;
 use terminal::refusal::stopped;
@@ -43,9 +43,9 @@ pub(crate) struct Arguments {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    cluster: Wishes,
+    cluster: ClusterArguments,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// The runs that plans ask for, and the folder that they are in.
@@ -120,7 +120,7 @@ fn tell_what_is_missing(arguments: &Arguments, planned: &mut Planned) -> Result<
     let left = planned.left();
     if let Some(engine) = arguments.cluster.on.filter(|_| left.runs > 0) {
         let text = order(arguments, engine, left.runs)?.text()?;
-        return arguments.figures.print(&text, String::clone);
+        return arguments.output.print(&text, String::clone);
     }
     let all = planned.runs.len();
     let (finished, words, line) = (all - left.runs, in_words(&left), own_line(arguments));
@@ -212,7 +212,7 @@ fn print_standing(
         core_hours_left: left.core_hours,
         not_measured: left.unknown,
     };
-    arguments.figures.print(&standing, |standing| {
+    arguments.output.print(&standing, |standing| {
         let tables = figures.iter().map(|figure| table(figure, &standing.curves) + "\n");
         tables.collect::<String>() + next
     })

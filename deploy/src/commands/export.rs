@@ -11,7 +11,7 @@ use run::folder::{POLICY_FILE, PROXIMITY_FILE, RunFolder};
 use serde::Serialize;
 
 use crate::destination;
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::refusal::Refusal;
@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     force: bool,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// A file that was written.
@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     };
     let out = arguments.out.display().to_string();
     let exported = export_all(parts, iteration, arguments).with_context(|| out)?;
-    arguments.figures.print(&exported, |exported| table(exported))
+    arguments.output.print(&exported, |exported| table(exported))
 }
 
 /// A file of an export.

@@ -36,7 +36,7 @@ const YOUNG: Duration = Duration::from_secs(10);
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Address at which the run listens; by default the one in its key.
-    #[arg(value_name = "HOST:PORT")]
+    #[arg(value_name = "HOST:PORT", value_parser = host_and_port)]
     address: Option<String>,
     /// The run's file join.toml, or a copy of it.
     #[arg(long, value_name = "FILE", required_unless_present = "run")]
@@ -55,9 +55,21 @@ pub(crate) struct Arguments {
     other_build: bool,
 }
 
+/// Accepts an address with a port; whether the host exists shows when it is connected to.
+fn host_and_port(text: &str) -> Result<String, String> {
+    let parts = text.rsplit_once(':').filter(|(host, port)| {
+        let is_whole = !host.contains(':') || (host.starts_with('[') && host.ends_with(']'));
+        !host.is_empty() && is_whole && port.parse::<u16>().is_ok_and(|port| port > 0)
+    });
+    match parts {
+        Some(_) => Ok(text.to_owned()),
+        None => Err(format!("expected HOST:PORT, found {text}")),
+    }
+}
+
 impl Arguments {
     fn key(&self) -> Result<PathBuf> {
-        let of_run = || self.run.as_ref().map(|run| run.join("join.toml"));
+        let of_run = || self.run.as_ref().map(|run| RunFolder::new(run).join_file());
         let key = self.key.clone().or_else(of_run).context("a key or a run is required")?;
         let shown = key.display();
         if !key.is_file() {
@@ -168,6 +180,17 @@ mod tests {
     use std::time::SystemTime;
 
     use super::*;
+
+    #[test]
+    fn an_address_has_a_port() {
+        for address in ["hub:7447", "127.0.0.1:7447", "[::1]:7447"] {
+            assert_eq!(host_and_port(address), Ok(address.to_owned()));
+        }
+        for address in ["127.0.0.1", "hub:", ":7447", "hub:0", "hub:70000", "::1"] {
+            let said = host_and_port(address).unwrap_err();
+            assert_eq!(said, format!("expected HOST:PORT, found {address}"));
+        }
+    }
 
     #[test]
     fn what_killed_joinings_left_is_swept() {

@@ -5,13 +5,13 @@ use run::tasks;
 use serde::Serialize;
 use terminal::numbers;
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 
 /// Flags of `goalward methods`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// What a method needs, and what it is.
@@ -27,7 +27,7 @@ struct Method {
 /// Prints all methods, as they are configured for NAVIGATION.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let methods = tasks::methods().into_iter().map(method).collect::<Result<Vec<_>>>()?;
-    arguments.figures.print(&methods, |methods| table(methods))
+    arguments.output.print(&methods, |methods| table(methods))
 }
 
 fn method((name, about): (String, String)) -> Result<Method> {

@@ -11,14 +11,16 @@ use protocol::trajectory::Trajectory;
 use report::programs::Estimates;
 use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
+use run::process::at_end_of_input;
 use serde::de::IgnoredAny;
 use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
 use crate::commands::status;
+use crate::listening::resolved;
 use crate::other_reward::OtherReward;
 use crate::programs::Program;
-use crate::supervisor::runtime;
+use crate::supervisor::{Signals, runtime};
 use crate::{answer, processes, progress_file, scenes};
 
 /// Niceness of the page and of what it starts, which yield to training; 19 is most.
@@ -30,8 +32,9 @@ pub(crate) struct Arguments {
     /// Folders of runs, or folders that contain them.
     #[arg(default_value = "runs", value_name = "RUNS")]
     folders: Vec<PathBuf>,
-    /// The address to listen on. If it is not a loopback address, browsers need the token in the printed address.
-    #[arg(long, default_value = "127.0.0.1")]
+    /// The address to listen on, or its name. If it is not a loopback address, browsers need the token in the printed
+    /// address.
+    #[arg(long, default_value = "127.0.0.1", value_parser = own_address)]
     host: IpAddr,
     /// The port; 0 takes a free one.
     #[arg(long, default_value_t = 7878)]
@@ -39,6 +42,15 @@ pub(crate) struct Arguments {
     /// Ends with its standard input, and takes a free port where the port is taken; for `goalward train`.
     #[arg(long, hide = true)]
     beside_training: bool,
+}
+
+/// Parses an address of this machine, or the name of one.
+fn own_address(text: &str) -> Result<IpAddr, String> {
+    let found = text.parse::<IpAddr>().or_else(|_| match resolved((text, 0)) {
+        Ok(found) => found.map(|found| found.ip()).ok_or_else(String::new),
+        Err(error) => Err(format!(" ({error})")),
+    });
+    found.map_err(|why| format!("expected an address such as 0.0.0.0, found {text}{why}"))
 }
 
 /// Serves the page until Ctrl-C.
@@ -64,9 +76,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             wrong_usage(format!("{error:#}; --port chooses another port, 0 a free one"))
         })?;
         print_line(&format!("{}  (Ctrl-C ends it)", server.address()?));
+        let mut signals = Signals::listen()?;
         tokio::select! {
             ended = server.serve() => ended,
-            interrupted = tokio::signal::ctrl_c() => Ok(interrupted?),
+            () = signals.stop.next() => Ok(()),
             () = end_of_input(), if beside_training => Ok(()),
         }
     })
@@ -74,12 +87,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
 
 /// Waits until the standard input ends, because the process that held it is gone.
 async fn end_of_input() {
-    let (ended, wait) = tokio::sync::oneshot::channel();
-    let waiting = std::thread::Builder::new().name("input".to_owned()).spawn(move || {
-        std::io::copy(&mut std::io::stdin(), &mut std::io::sink()).ok();
-        ended.send(()).ok();
-    });
-    if waiting.is_ok() {
+    let (ended, wait) = tokio::sync::oneshot::channel::<()>();
+    if at_end_of_input(move || drop(ended)).is_ok() {
         wait.await.ok();
     }
 }
@@ -148,5 +157,21 @@ impl Programs for OfRuns {
             rows: found.rows(&heard),
             hosts: Hosts::of_run(folder).present.iter().map(Host::line).collect(),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_is_served_at_an_address_or_its_name() {
+        for own in ["127.0.0.1", "localhost"] {
+            assert!(own_address(own).unwrap().is_loopback());
+        }
+        assert_eq!(own_address("::1").map(|found| found.is_ipv6()), Ok(true));
+        // No system looks up such a name.
+        let said = own_address("no\0name").unwrap_err();
+        assert!(said.starts_with("expected an address such as 0.0.0.0, found no"), "{said}");
     }
 }

@@ -60,7 +60,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         figures.push(report::figure_of_runs(folders)?);
     }
     let event_folders = tensorboard.map(|folder| event_folders(&figures, &folder)).transpose()?;
-    let page = destination::filled(&[&out], || report::write(figures, &out, &OfRuns))?;
+    let page = destination::filled(&[&out], || report::write(&figures, &out, &OfRuns))?;
     event_folders.map_or(Ok(()), write_event_files)?;
     print_line(&format!("{}", page.display()));
     Ok(())

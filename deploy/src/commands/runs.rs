@@ -1,9 +1,9 @@
 //! `goalward runs`: the runs of a folder, newest first.
 
+use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use run::folder::RunFolder;
 use run::overview::{Overview, State};
 use run::updates::begun;
@@ -11,7 +11,7 @@ use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::wrong_usage;
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 
 /// Stands for an unknown value.
 const UNKNOWN: &str = "-";
@@ -23,39 +23,23 @@ pub(crate) struct Arguments {
     #[arg(default_value = "runs")]
     folder: PathBuf,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// Prints a line for each run.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let folder = &arguments.folder;
-    let mut found = runs_in(folder)?;
-    found.sort_by_key(|(begun, run)| (std::cmp::Reverse(*begun), run.clone()));
-    let lines: Vec<Overview> = found.into_iter().filter_map(|(_, run)| line(run)).collect();
-    arguments.figures.print(&lines, |lines| table(lines, folder))
-}
-
-/// Returns the runs directly in a folder, and when each was begun.
-fn runs_in(folder: &Path) -> Result<Vec<(SystemTime, PathBuf)>> {
-    let entries = folder.read_dir().map_err(|error| {
+    let mut found = RunFolder::all_in(folder).map_err(|error| {
         wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
     })?;
-    let mut runs = Vec::new();
-    for entry in entries {
-        let path = entry.with_context(|| folder.display().to_string())?.path();
-        let run = RunFolder::new(&path);
-        if run.config_file().exists() {
-            runs.push((begun(&run).unwrap_or(SystemTime::UNIX_EPOCH), path));
-        }
-    }
-    Ok(runs)
+    found.sort_by_cached_key(|run| Reverse(begun(run)));
+    let lines: Vec<Overview> = found.iter().filter_map(line).collect();
+    arguments.output.print(&lines, |lines| table(lines, folder))
 }
 
 /// Returns the overview of a run. A run that cannot be read is named in a remark and left out.
-fn line(path: PathBuf) -> Option<Overview> {
-    Overview::of(&RunFolder::new(path), print_remark)
-        .inspect_err(|error| print_remark(&error.to_string()))
-        .ok()
+fn line(run: &RunFolder) -> Option<Overview> {
+    Overview::of(run, print_remark).inspect_err(|error| print_remark(&error.to_string())).ok()
 }
 
 fn table(lines: &[Overview], folder: &Path) -> String {
@@ -80,8 +64,10 @@ fn table(lines: &[Overview], folder: &Path) -> String {
         let done = numbers::percent_done(line.environment_steps, line.steps_wanted);
         let steps = match line.state {
             State::Finished => numbers::count(line.environment_steps),
-            State::Live | State::Stopped if line.steps_wanted == 0 => UNKNOWN.to_owned(),
-            State::Live | State::Stopped => {
+            State::Live | State::Failed | State::Stopped if line.steps_wanted == 0 => {
+                UNKNOWN.to_owned()
+            }
+            State::Live | State::Failed | State::Stopped => {
                 format!("{} ({done} %)", numbers::count(line.environment_steps))
             }
         };

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Command;
 use clap_complete::Shell;
+use run::repeat::quoted;
 use terminal::print::print_line;
 
 use crate::destination;
@@ -34,7 +35,7 @@ pub(crate) fn completions(arguments: &Completions, mut command: Command) {
 
 /// Writes a page for `goalward` and for each of its verbs.
 pub(crate) fn manual(arguments: &Manual, command: Command) -> Result<()> {
-    let shown = arguments.out.display().to_string();
+    let shown = quoted(arguments.out.display());
     destination::outside_runs(&arguments.out)?;
     fs::create_dir_all(&arguments.out).with_context(|| shown.clone())?;
     clap_mangen::generate_to(command, &arguments.out).with_context(|| shown.clone())?;

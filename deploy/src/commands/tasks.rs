@@ -6,13 +6,13 @@ use run::tasks;
 use serde::Serialize;
 use terminal::numbers;
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 
 /// Flags of `goalward tasks`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// What a task's agent sees and does, and for how long it is trained by default.
@@ -29,7 +29,7 @@ struct Task {
 /// Prints all tasks.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let tasks = tasks::names().map(task).collect::<Result<Vec<_>>>()?;
-    arguments.figures.print(&tasks, |tasks| table(tasks))
+    arguments.output.print(&tasks, |tasks| table(tasks))
 }
 
 fn task(name: &'static str) -> Result<Task> {

@@ -1,11 +1,13 @@
 //! `goalward train`: trains a run, from the first check to the last table.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use bus::{BusAddress, check_shared_memory_room};
 use mcap_log::require_room;
-use run::config::RunConfig;
+use protocol::trajectory::Trajectory;
+use run::config::{RewardConfig, RunConfig};
 use run::demonstrations::file_of;
 use run::folder::RunFolder;
 use run::holder::Work;
@@ -17,11 +19,11 @@ use toml::Value;
 use crate::companion_page::CompanionPage;
 use crate::event_files::{self, EventFiles};
 use crate::experiment::estimate;
-use crate::figures::Figures;
 use crate::listening::{ListenOptions, how_to_resume};
 use crate::lock::{self, Lock};
 use crate::machine::Machine;
 use crate::output::Output;
+use crate::output_format::OutputFormat;
 use crate::plan::{self, Plan, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
@@ -29,10 +31,13 @@ use crate::supervisor::{Outcome, Source, block_on_supervision, remove_from_bus, 
 use crate::{choices, demonstrations, description, limits, settings, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
-use terminal::refusal::{Refusal, stopped};
+use terminal::refusal::{Refusal, stopped, wrong_usage};
 
 /// Bytes by which a run's folder can grow, with room to spare.
 const DISK_BYTES: u64 = 500 << 20;
+
+/// Gradient steps of offline training below which the user is told how to get more.
+const FEW_GRADIENT_STEPS: u64 = 100;
 
 /// Flags of `goalward train`.
 #[derive(Debug, clap::Args)]
@@ -92,7 +97,7 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "resume")]
     other_build: bool,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 impl Arguments {
@@ -118,7 +123,7 @@ impl Arguments {
 
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { other_build, no_page, dry_run, listening, figures, .. } = arguments;
+    let Arguments { other_build, no_page, dry_run, listening, output, .. } = arguments;
     let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
     let tensorboard = arguments.tensorboard.clone();
     let (task, settings) = (arguments.task.clone(), arguments.settings.clone());
@@ -129,7 +134,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         clean_up_after(&plan.folder)?;
         print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
         drop(tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?);
-        return print_end(figures, &plan.folder, summary);
+        return print_end(output, &plan.folder, summary);
     }
     let changes = dry_run.then(|| Changes::of(&plan.config, task.as_deref(), &settings));
     programs::check_all()?;
@@ -149,7 +154,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         let start = start_line(&plan, if plan.resumed { "would continue" } else { "would train" });
         remarks.iter().for_each(|remark| print_remark(remark));
         let planned = Planned::of(&plan, changes);
-        return figures.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
+        return output.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
+    }
+    if let Some(folder) = &tensorboard {
+        make_event_folder(&plan.folder, folder)?;
     }
     let mut lock = plan.lay_out()?;
     listening.keep(&plan.folder)?;
@@ -171,7 +179,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     match outcome? {
         Outcome::Finished => {
             let summary = Summary::of_run(&plan.folder)?.context("the learner left no summary")?;
-            print_end(figures, &plan.folder, summary)
+            print_end(output, &plan.folder, summary)
         }
         Outcome::Stopped => {
             let (shown, how) = (quoted(plan.folder.path().display()), how_to_resume(&plan.folder));
@@ -187,8 +195,10 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
     let long = Machine::here().require_room_for(&plan.config)?;
     let file = file_of(&plan.folder, &plan.config);
     let is_given = plan.config.demonstrations.file.is_some();
+    let mut short = None;
     if is_given {
-        demonstrations::check(&file, &plan.config)?;
+        let shown = run::demonstrations::of_file(&file, &plan.config).map_err(Refusal::usage)?;
+        short = (!plan.resumed).then(|| remark_on_offline_training(&plan.config, &shown)).flatten();
     }
     if plan.resumed && file.exists() {
         let unchanged = run::origin::demonstrations_sha256(&plan.folder, &plan.config);
@@ -198,7 +208,44 @@ fn check(plan: &Plan) -> Result<Vec<String>> {
     check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
     limits::check(plan.config.resources.actors)?;
     let remark = is_given.then(|| demonstrations::remark(&file, &plan.config.task)).transpose()?;
-    Ok(long.into_iter().chain(remark.flatten()).collect())
+    Ok(long.into_iter().chain(remark.flatten()).chain(short).collect())
+}
+
+/// Returns a remark if offline training on these demonstrations has so few gradient steps that it teaches little.
+fn remark_on_offline_training(config: &RunConfig, shown: &[Trajectory]) -> Option<String> {
+    let RewardConfig { model, input, batch, pretraining_epochs: epochs, .. } = config.reward;
+    let rows: u64 = shown.iter().map(|one| model.rows(input, u64::from(one.steps))).sum();
+    // Every epoch has as many full batches as the rows fill.
+    let per_epoch = rows / batch as u64;
+    let steps = per_epoch.saturating_mul(epochs);
+    let trains = model.trains && !model.adversarial && steps > 0;
+    if !trains || steps >= FEW_GRADIENT_STEPS {
+        return None;
+    }
+    let enough = FEW_GRADIENT_STEPS.div_ceil(per_epoch);
+    Some(format!(
+        "offline training has {} ({rows} rows, reward.batch={batch}, {}); --set \
+         reward.pretraining_epochs={enough} makes {}",
+        several(steps, "gradient step"),
+        several(epochs, "epoch"),
+        enough * per_epoch
+    ))
+}
+
+/// Returns a number with what it counts.
+fn several(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Makes the folder of a run's event file. This is done before the run has a folder, so that a refusal leaves none.
+fn make_event_folder(run: &RunFolder, folder: &Path) -> Result<()> {
+    let place = event_files::of_run(run, folder)?;
+    fs::create_dir_all(&place).map_err(|error| {
+        let shown = place.display();
+        wrong_usage(format!(
+            "--tensorboard: expected a folder that can be made, found {shown}: {error}"
+        ))
+    })
 }
 
 fn prepare_and_supervise(
@@ -320,9 +367,9 @@ struct Finished {
     summary: Summary,
 }
 
-fn print_end(figures: Figures, folder: &RunFolder, summary: Summary) -> Result<()> {
+fn print_end(output: OutputFormat, folder: &RunFolder, summary: Summary) -> Result<()> {
     let finished = Finished { run: folder.path().to_owned(), summary };
-    figures.print(&finished, |Finished { run, summary }| {
+    output.print(&finished, |Finished { run, summary }| {
         let (goalward, shown) = (programs::own_command(), quoted(run.display()));
         format!(
             "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
@@ -356,13 +403,44 @@ mod tests {
             dry_run: false,
             listening: ListenOptions::default(),
             other_build: false,
-            figures: Figures::default(),
+            output: OutputFormat::default(),
         };
         let settings = arguments.wishes().unwrap().settings;
         let config = run::tasks::configuration("navigation", None, &settings).unwrap();
         assert_eq!((config.seed, config.steps, config.resources.actors), (3, 10_000, 4));
         let coverage = config.demonstrations.environment.0["coverage"].as_float();
         assert_eq!((coverage, config.ppo.clip), (Some(1.0), 0.3));
+    }
+
+    #[test]
+    fn a_few_steps_of_offline_training_are_remarked_on() {
+        let remark = |settings: &[&str], steps: u32| {
+            let settings: Vec<String> =
+                settings.iter().map(|&setting| setting.to_owned()).collect();
+            let config = run::tasks::configuration("navigation", None, &settings).unwrap();
+            let shown = Trajectory { steps, ..Trajectory::default() };
+            remark_on_offline_training(&config, &[shown])
+        };
+        let usual = ["reward.batch=32", "reward.pretraining_epochs=5"];
+        assert_eq!(
+            remark(&usual, 40).unwrap(),
+            "offline training has 5 gradient steps (41 rows, reward.batch=32, 5 epochs); --set \
+             reward.pretraining_epochs=100 makes 100"
+        );
+        assert_eq!(remark(&usual, 640), None);
+        assert_eq!(remark(&["method=gail"], 40), None);
+        assert_eq!(remark(&["method=no-offline"], 40), None);
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_refused_before_the_run_has_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(directory.path().join("one"));
+        make_event_folder(&run, &directory.path().join("curves")).unwrap();
+        assert!(directory.path().join("curves/one").is_dir());
+        let said = make_event_folder(&run, Path::new("/proc/x")).unwrap_err().to_string();
+        assert!(said.contains("--tensorboard") && said.contains("/proc/x/one"), "{said}");
+        assert!(!run.path().exists());
     }
 
     #[test]

@@ -33,8 +33,13 @@ impl Archive {
     /// Opens the experiment in the folder `path`, which need not exist yet.
     pub(crate) fn open(path: &Path) -> Archive {
         let mut archive = Archive { path: path.to_owned(), names: BTreeMap::new() };
-        archive.names = names_in(&archive.runs());
+        archive.look();
         archive
+    }
+
+    /// Takes the names of the runs that exist now.
+    pub(super) fn look(&mut self) {
+        self.names = names_in(&self.runs());
     }
 
     /// Returns the folder of the runs, and of what `goalward train` printed for each.

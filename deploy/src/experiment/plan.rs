@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use protocol::dropped::shortened;
-use protocol::task::Task;
 
 use super::archive::Archive;
 use super::file::{CurveEntry, PanelEntry, PlanFile, Quick, REASON_CHARS};
@@ -17,19 +16,7 @@ use terminal::refusal::wrong_usage;
 
 /// A plan that can be carried out.
 #[derive(Debug)]
-pub(crate) struct Plan {
-    name: String,
-    title: String,
-    panels: Vec<PlannedPanel>,
-}
-
-#[derive(Debug)]
-struct PlannedPanel {
-    name: String,
-    title: String,
-    task: Task,
-    curves: Vec<PlannedCurve>,
-}
+pub(crate) struct Plan(Figure<PlannedCurve>);
 
 #[derive(Debug)]
 struct PlannedCurve {
@@ -48,8 +35,8 @@ pub(crate) fn read_all(paths: &[impl AsRef<Path>], quick: bool) -> Result<Vec<Pl
     for path in paths {
         let path = path.as_ref();
         let plan = Plan::read(path, quick)?;
-        if plans.iter().any(|other| other.name == plan.name) {
-            let (shown, name) = (path.display(), &plan.name);
+        if plans.iter().any(|other| other.0.name == plan.0.name) {
+            let (shown, name) = (path.display(), &plan.0.name);
             return Err(wrong_usage(format!("{shown}: another plan is called {name}, too")));
         }
         plans.push(plan);
@@ -95,7 +82,7 @@ impl Plan {
         let mut panels = Vec::new();
         for panel in &file.panels {
             // The whole plan is checked, including what a quick one leaves out.
-            let planned = PlannedPanel::of(panel, &file, quick)
+            let planned = planned(panel, &file, quick)
                 .map_err(|error| wrong_usage(format!("panel {}: {error:#}", panel.name)))?;
             let only = file.quick.panels.as_ref().filter(|_| quick);
             if only.is_none_or(|only| only.contains(&panel.name)) {
@@ -104,31 +91,23 @@ impl Plan {
         }
         check_quick(&file)?;
         identify_programs(&mut panels)?;
-        Ok(Plan { name, title: file.title, panels })
+        Ok(Plan(Figure { name, title: file.title, panels }))
     }
 
     /// Returns all runs, each with the place of its seed in its curve, so that the first seeds of all curves can be
     /// trained before the second ones.
     pub(super) fn runs(&self) -> impl Iterator<Item = (usize, &PlannedRun)> {
-        let curves = self.panels.iter().flat_map(|panel| &panel.curves);
+        let curves = self.0.panels.iter().flat_map(|panel| &panel.curves);
         curves.flat_map(|curve| curve.runs.iter().enumerate())
     }
 
     /// Returns the plan as a figure whose runs are where they are, or will be, in `archive`.
     pub(crate) fn figure(&self, archive: &mut Archive) -> Figure {
-        let mut curve = |curve: &PlannedCurve| Curve {
+        self.0.map(|curve| Curve {
             name: curve.name.clone(),
             runs: curve.runs.iter().map(|run| archive.folder_of(run)).collect(),
             anchor: curve.anchor,
-        };
-        let mut panel = |panel: &PlannedPanel| Panel {
-            name: panel.name.clone(),
-            title: panel.title.clone(),
-            task: panel.task.clone(),
-            curves: panel.curves.iter().map(&mut curve).collect(),
-        };
-        let panels = self.panels.iter().map(&mut panel).collect();
-        Figure { name: self.name.clone(), title: self.title.clone(), panels }
+        })
     }
 }
 
@@ -151,47 +130,46 @@ fn curves_of(panel: &PanelEntry, methods: &[String]) -> Vec<CurveEntry> {
     methods.iter().map(of_method).chain(own).collect()
 }
 
-impl PlannedPanel {
-    fn of(panel: &PanelEntry, file: &PlanFile, quick: bool) -> Result<PlannedPanel> {
-        let methods = panel.methods.as_ref().unwrap_or(&file.methods);
-        let curves = curves_of(panel, methods);
-        check_names("curve", curves.iter().map(|curve| curve.name.as_str()))?;
-        if let Some(stray) = panel.anchors.keys().find(|name| !methods.contains(name)) {
-            return Err(wrong_usage(format!("anchors: there is no curve of the method {stray}")));
-        }
-        let seeds = file.quick.seeds.as_ref().filter(|_| quick).unwrap_or(&file.seeds);
-        check_names("seed", seeds)?;
-        let mut planned = Vec::new();
-        for curve in curves {
-            let anchor = curve.anchor;
-            let runs = seeds.iter().map(|&seed| {
-                let settings = settings_of(file, panel, &curve, seed, quick);
-                let preset = curve.preset.as_deref();
-                PlannedRun::of(&panel.task, preset, &curve.method, seed, settings)
-            });
-            let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
-            let runs = if sound {
-                runs.collect()
-            } else {
-                Err(wrong_usage(format!("expected an anchor in [0, 1], found {anchor:?}")))
-            };
-            let named = |error| wrong_usage(format!("curve {}: {error:#}", curve.name));
-            planned.push(PlannedCurve { anchor, runs: runs.map_err(named)?, name: curve.name });
-        }
-        let first = planned.first().and_then(|curve| curve.runs.first());
-        let task = first.map(|run| run.config.task.clone());
-        let task = task.ok_or_else(|| wrong_usage("expected a curve, found none"))?;
-        let PanelEntry { name, title, .. } = panel;
-        Ok(PlannedPanel { name: name.clone(), title: title.clone(), task, curves: planned })
+/// Returns a panel with its runs.
+fn planned(panel: &PanelEntry, file: &PlanFile, quick: bool) -> Result<Panel<PlannedCurve>> {
+    let methods = panel.methods.as_ref().unwrap_or(&file.methods);
+    let curves = curves_of(panel, methods);
+    check_names("curve", curves.iter().map(|curve| curve.name.as_str()))?;
+    if let Some(stray) = panel.anchors.keys().find(|name| !methods.contains(name)) {
+        return Err(wrong_usage(format!("anchors: there is no curve of the method {stray}")));
     }
+    let seeds = file.quick.seeds.as_ref().filter(|_| quick).unwrap_or(&file.seeds);
+    check_names("seed", seeds)?;
+    let mut curves_planned = Vec::new();
+    for curve in curves {
+        let anchor = curve.anchor;
+        let runs = seeds.iter().map(|&seed| {
+            let settings = settings_of(file, panel, &curve, seed, quick);
+            let preset = curve.preset.as_deref();
+            PlannedRun::of(&panel.task, preset, &curve.method, seed, settings)
+        });
+        let sound = anchor.is_none_or(|anchor| (0.0..=1.0).contains(&anchor));
+        let runs = if sound {
+            runs.collect()
+        } else {
+            Err(wrong_usage(format!("expected an anchor in [0, 1], found {anchor:?}")))
+        };
+        let named = |error| wrong_usage(format!("curve {}: {error:#}", curve.name));
+        curves_planned.push(PlannedCurve { anchor, runs: runs.map_err(named)?, name: curve.name });
+    }
+    let first = curves_planned.first().and_then(|curve| curve.runs.first());
+    let task = first.map(|run| run.config.task.clone());
+    let task = task.ok_or_else(|| wrong_usage("expected a curve, found none"))?;
+    let PanelEntry { name, title, .. } = panel;
+    Ok(Panel { name: name.clone(), title: title.clone(), task, curves: curves_planned })
 }
 
 /// Sets the hashes of the programs of the user's own tasks; each program is read once. Another build of a program may
 /// act differently, so its runs are different ones.
-fn identify_programs(panels: &mut [PlannedPanel]) -> Result<()> {
+fn identify_programs(panels: &mut [Panel<PlannedCurve>]) -> Result<()> {
     let mut known: BTreeMap<PathBuf, Option<String>> = BTreeMap::new();
     for panel in panels {
-        let PlannedPanel { name, task, curves, .. } = panel;
+        let Panel { name, task, curves, .. } = panel;
         let runs = curves.iter_mut().flat_map(|curve| &mut curve.runs);
         for task in runs.map(|run| &mut run.config.task).chain([task]) {
             let Some(program) = task.program.clone() else { continue };

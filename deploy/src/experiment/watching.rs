@@ -34,13 +34,16 @@ pub(crate) fn watch(
     archive: &mut Archive,
     is_over: impl Fn() -> bool,
 ) -> Result<Watched> {
-    let trainings: Vec<Training> = runs.iter().map(|run| Training::of(run, archive)).collect();
     let mut line = StatusLine::new();
     let watched = runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         loop {
             // Asked first, so that runs that finished before are still seen.
             let over = is_over();
+            // Another experiment may begin the same run under another name.
+            archive.look();
+            let trainings: Vec<Training> =
+                runs.iter().map(|run| Training::of(run, archive)).collect();
             if show(&trainings, &mut line) {
                 return Ok(Watched::Finished);
             }

@@ -8,8 +8,6 @@ mod desk;
 mod link;
 mod session;
 
-use std::path::Path;
-
 use anyhow::{Context, Result};
 use bytes::Bytes;
 use protocol::messages::{LeaseReply, LeaseRequest};
@@ -59,9 +57,8 @@ pub fn lay_out(folder: &RunFolder, key: &JoinKey) -> Result<()> {
     let text = runtime.block_on(session::configuration(key))?;
     let origin = format!("of the run at {}", key.address);
     let config = RunConfig::from_text(&text, &origin)?;
-    let write = |path: &Path| std::fs::write(path, config.to_text());
     let file = folder.config_file();
-    write(&file).with_context(|| file.display().to_string())
+    std::fs::write(&file, config.to_text()).with_context(|| file.display().to_string())
 }
 
 /// Takes part in a run until it is over or a stop is requested.

@@ -297,7 +297,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
         key::of_run(&folder, "127.0.0.1:9").unwrap();
-        let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
+        let key = JoinKey::of_file(&folder.join_file()).unwrap();
         let (host, golden) = ("node-7".to_owned(), String::new());
         let identity = Identity { host, golden, other_build: false, actors: 1 };
         Session::new(&key, identity).unwrap()

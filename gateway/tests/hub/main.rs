@@ -73,7 +73,7 @@ fn strangers_get_nothing_and_cost_nothing() {
     let other = tempfile::tempdir().unwrap();
     let other = RunFolder::new(other.path());
     key::of_run(&other, &stage.key.address).unwrap();
-    let wrong = JoinKey::of_file(&key::join_file(&other)).unwrap();
+    let wrong = JoinKey::of_file(&other.join_file()).unwrap();
     let error = format!("{:#}", host::lay_out(&other, &wrong).unwrap_err());
     assert!(error.contains("certificate"), "{error}");
     assert!(!other.config_file().exists());

@@ -84,7 +84,7 @@ impl Stage {
             (bus.lease_server().unwrap(), bus.learning_subscriber().unwrap());
         let listen = free_address();
         let hub_key = key::of_run(&folder, &listen.to_string()).unwrap();
-        let key = JoinKey::of_file(&key::join_file(&folder)).unwrap();
+        let key = JoinKey::of_file(&folder.join_file()).unwrap();
         let (stop, setup) =
             (Stop::default(), Setup { folder, listen, golden: GOLDEN.to_owned(), audit });
         let stopped = stop.clone();

@@ -100,3 +100,17 @@ impl DeskHandle {
         thread.join().unwrap_or_else(|_| Err(anyhow!("the desk panicked")))
     }
 }
+
+impl Drop for DeskHandle {
+    /// Has the desk seal the log if the trainer has failed, so that what it learned from last is recorded.
+    fn drop(&mut self) {
+        if self.thread.is_none() {
+            return;
+        }
+        self.orders.send(Order::Leave).ok();
+        self.ringer.ring().ok();
+        if let Err(error) = self.join() {
+            tracing::error!("{error:#}");
+        }
+    }
+}

@@ -71,6 +71,8 @@ pub enum Order {
     Sync(SyncSender<()>),
     /// Tell the actors that the run is over, seal the log and end.
     Finish,
+    /// Seal the log and end: the trainer has failed.
+    Leave,
 }
 
 /// What the trainer records in the log.
@@ -192,7 +194,7 @@ impl Desk {
         })
     }
 
-    /// Runs until it is told to finish or the trainer is gone; returns the seconds spent appending to the log.
+    /// Runs until it is told to end or the trainer is gone; returns the seconds spent appending to the log.
     fn run(&mut self) -> Result<f64> {
         while self.work == Work::GoesOn {
             self.doorbell.wait(TICK)?;
@@ -210,7 +212,11 @@ impl Desk {
             }
         }
         self.answer_actors()?;
-        self.complete(LogWriter::finish)?;
+        match self.work {
+            // Its failure does not wait for a disk that refuses.
+            Work::IsLeft => self.log.finish()?,
+            _ => self.complete(LogWriter::finish)?,
+        }
         Ok(self.log_s)
     }
 
@@ -285,6 +291,7 @@ impl Desk {
                 done.send(()).ok();
             }
             Order::Finish => self.work = Work::IsDone,
+            Order::Leave => self.work = Work::IsLeft,
         }
         Ok(())
     }

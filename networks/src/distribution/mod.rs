@@ -162,7 +162,7 @@ impl Distribution {
     /// log-probability.
     ///
     /// # Panics
-    /// If a row has the wrong length.
+    /// If a row has the wrong length, or the distribution has no such draw.
     pub fn pathwise_gradient(
         self,
         parameters: &[f32],
@@ -173,6 +173,9 @@ impl Distribution {
     ) {
         self.check(parameters);
         self.check(gradient);
+        let Distribution::SquashedGaussian { .. } = self else {
+            panic!("{self:?} has no pathwise draw")
+        };
         squashed::pathwise_gradient(
             parameters,
             noise,

@@ -46,7 +46,7 @@ const CLEAN_UP_EVERY: Duration = Duration::from_millis(200);
 /// Name of the ports of readers that learn from what they read.
 const LEARNS: &str = "learns";
 
-/// Identifies a trajectory, so that a reader recognises one it already has without decoding it.
+/// Identifies a trajectory, so that a reader can name it before it decodes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
 #[type_name("goalward::TrajectoryHeader")]
 #[repr(C)]

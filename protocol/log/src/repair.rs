@@ -6,7 +6,6 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::{fmt, io};
 
@@ -328,7 +327,7 @@ fn copy_aside(path: &Path, aside: &Path) -> io::Result<()> {
 }
 
 fn is_same_file(one: &Path, other: &Path) -> bool {
-    let identity = |path: &Path| path.metadata().map(|file| (file.dev(), file.ino())).ok();
+    let identity = |path: &Path| path.metadata().map(|file| durable::identity(&file)).ok();
     identity(one).is_some() && identity(one) == identity(other)
 }
 

@@ -87,9 +87,7 @@ impl RunReader {
             }
             streams.push(Stream { files, opened: 0, reader: None, read: 0, last, head: None });
         }
-        let metadata = metadata.or(doubted).ok_or_else(|| {
-            read_error(folder, "expected files such as trajectories-00000.mcap, found none")
-        })?;
+        let metadata = metadata.or(doubted).ok_or_else(|| nothing_to_read(folder, &endings))?;
         let returns = Return::all(marks);
         let is_undone = |name: &Name, place: &Place| {
             returns.iter().any(|back| back.undoes(name, place.log_time_ns))
@@ -217,6 +215,17 @@ fn last_of_each_name(
         record += 1;
     }
     Ok(record)
+}
+
+/// Returns the error for a log of which no file has metadata. Names the first of the files, if there are any.
+fn nothing_to_read(folder: &Path, endings: &[(PathBuf, Ending)]) -> Error {
+    match endings.first() {
+        Some((path, ending)) => {
+            let message = format!("expected metadata as the first record, found none: {ending}");
+            read_error(path, message)
+        }
+        None => read_error(folder, "expected files such as trajectories-00000.mcap, found none"),
+    }
 }
 
 fn expect_run(path: &Path, metadata: &Metadata) -> Result<(), Error> {

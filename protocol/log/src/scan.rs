@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use mcap::records::{self, MessageHeader, op};
-use protocol::Error;
+use protocol::{Error, durable};
 
 use super::beginning::{self, Refusal};
 use super::chunk::{Chunks, each};
@@ -19,7 +19,7 @@ use super::metadata::Metadata;
 use super::read_error;
 use super::record::{self, LONGEST_DECLARATION, Trouble};
 use super::siblings;
-use super::source::{Damage, Frame, Source, Tail, identity};
+use super::source::{Damage, Frame, Source, Tail};
 use super::summary::Summary;
 use super::topic::Topic;
 
@@ -183,7 +183,7 @@ impl Scanner {
     /// Returns whether another file has the place of this one.
     pub(super) fn is_replaced(&self) -> bool {
         let found = followed(self.path.clone()).metadata();
-        found.is_ok_and(|found| identity(&found) != self.source.identity())
+        found.is_ok_and(|found| durable::identity(&found) != self.source.identity())
     }
 
     /// Returns the messages of the chunk that begins at `offset`, whose channels this scanner has read before.

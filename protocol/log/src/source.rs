@@ -1,13 +1,12 @@
 //! The top-level records of a file, one after another, from its beginning or from a given record.
 
-use std::fs::{File, Metadata};
+use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
-use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use mcap::McapError;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use protocol::Error;
+use protocol::{Error, durable};
 
 use super::chunk::RECORD_HEADER;
 use super::read_error;
@@ -92,7 +91,7 @@ impl Source {
         let (kind, content) = (0, Vec::new());
         Ok(Source {
             file,
-            identity: identity(&found),
+            identity: durable::identity(&found),
             records,
             kind,
             content,
@@ -173,11 +172,6 @@ impl Source {
             }
         }
     }
-}
-
-/// Returns the device and inode number of a file.
-pub(super) fn identity(found: &Metadata) -> (u64, u64) {
-    (found.dev(), found.ino())
 }
 
 fn options() -> LinearReaderOptions {

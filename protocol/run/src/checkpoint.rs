@@ -9,7 +9,7 @@ use mcap_log::{Contents, Record, log_files, read_contents};
 use protocol::messages::Checkpoint as Recorded;
 use protocol::tensors::Tensors;
 use protocol::weights::Weights;
-use protocol::{Error, digest, durable};
+use protocol::{Error, build, digest, durable};
 
 use crate::folder::{CHECKPOINT_FILES, LEARNER_FILE, POLICY_FILE, RunFolder};
 
@@ -94,19 +94,32 @@ pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error
 /// intact. Warns of each checkpoint that was passed over.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] if there is none, or the one asked for is not intact. Also fails if there is
-/// a log but it cannot be read.
+/// [`Error::Checkpoint`] if there is none, or not the one asked for, or that one is not intact. Also
+/// fails if there is a log but it cannot be read.
 pub fn chosen(
     run: &RunFolder,
     iteration: Option<u64>,
     files: &[&str],
 ) -> Result<Checkpoint, Error> {
+    let kept: Vec<u64> = run.checkpoint_folders().into_iter().map(|(number, _)| number).collect();
+    let missing = |message| Err(Error::Checkpoint { path: run.checkpoints(), message });
+    if kept.is_empty() {
+        let first = run.config()?.checkpoint.iterations;
+        return missing(format!(
+            "expected a checkpoint, found none yet: the first one is after {first} iterations \
+             (checkpoint.iterations)"
+        ));
+    }
     let Some(iteration) = iteration else {
         let found = newest(run, files)?;
         found.damaged.iter().for_each(|(_, error)| tracing::warn!("not used: {error}"));
         let message = "expected an intact checkpoint, found none".to_owned();
         return found.newest.ok_or(Error::Checkpoint { path: run.checkpoints(), message });
     };
+    if !kept.contains(&iteration) {
+        let kept = kept.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+        return missing(format!("expected one of the checkpoints {kept}, found {iteration}"));
+    }
     let folder = run.checkpoint_folder(iteration);
     let recorded = recorded(run)?;
     let held_to = recorded.as_ref().map(|records| records.get(&iteration));
@@ -141,7 +154,10 @@ pub fn settle(run: &RunFolder) -> Result<NewestCheckpoint, Error> {
 
 /// Returns the log's records of checkpoints, by iteration; `None` if there is no log.
 fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
-    let files = log_files(&run.log()).unwrap_or_default();
+    let files = match log_files(&run.log()) {
+        Err(_) if run.log().try_exists().is_ok_and(|exists| !exists) => return Ok(None),
+        files => files?,
+    };
     if files.iter().all(|file| file.contents != Contents::Updates) {
         return Ok(None);
     }
@@ -189,7 +205,7 @@ fn hold_to(recorded: &Recorded, name: &str, bytes: &[u8]) -> Result<(), String> 
     if *expected == found {
         return Ok(());
     }
-    let [expected, found] = [expected, &found].map(|hash| hash.get(..12).unwrap_or(hash));
+    let [expected, found] = [expected, &found].map(|hash| build::short(hash));
     Err(format!("expected {what} of SHA-256 {expected}... as in the log, found {found}..."))
 }
 
@@ -307,7 +323,21 @@ mod tests {
         assert_eq!(chosen(None).unwrap().iteration, 4);
         assert_eq!(chosen(Some(4)).unwrap().policy().unwrap().version, 4);
         assert!(chosen(Some(8)).unwrap_err().to_string().contains("SHA-256"));
-        assert!(chosen(Some(5)).unwrap_err().to_string().contains("000005"));
+        let said = chosen(Some(5)).unwrap_err().to_string();
+        assert!(said.ends_with("expected one of the checkpoints 4, 8, found 5"), "{said}");
+    }
+
+    #[test]
+    fn a_run_without_a_checkpoint_says_when_the_first_one_comes() {
+        let home = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(home.path());
+        let settings = ["checkpoint.iterations=7".to_owned()];
+        let config = crate::tasks::configuration("navigation", None, &settings).unwrap();
+        fs::write(run.config_file(), config.to_text()).unwrap();
+        for iteration in [None, Some(7)] {
+            let said = chosen(&run, iteration, &[POLICY_FILE]).unwrap_err().to_string();
+            assert!(said.contains("found none yet: the first one is after 7"), "{said}");
+        }
     }
 
     #[test]
@@ -338,5 +368,7 @@ mod tests {
         assert_eq!(found.newest.unwrap().iteration, 4);
         fs::remove_dir_all(run.log()).unwrap();
         assert_eq!(newest_of(&run), Some(9));
+        fs::write(run.log(), "").unwrap();
+        newest(&run, &CHECKPOINT_FILES).expect_err("a log that cannot be read is a log");
     }
 }

@@ -1,10 +1,10 @@
 //! Reads the demonstrations of a run from their MCAP file.
 
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
-use mcap_log::{Ending, FileReader, Kind, Record};
-use protocol::Error;
+use mcap_log::{Ending, FileReader, Kind, Record, recorded_metadata};
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
 use protocol::setting::{ACTION_SCALE, EXPERT, Setting, VERSIONS, is_same};
@@ -12,6 +12,7 @@ use protocol::table::{ABSENT, merge};
 use protocol::task::{Spec, Task, floats};
 use protocol::trajectory::{Encoded, Trajectory};
 use protocol::weights::to_bytes;
+use protocol::{Error, durable};
 use rand::seq::SliceRandom;
 use toml::{Table, Value};
 
@@ -22,19 +23,71 @@ use crate::metadata::recorded_task;
 /// Name of the folder of demonstrations in an experiment's folder, beside its folder of runs.
 pub const SHARED_FOLDER: &str = "demonstrations";
 
+/// Metadata key of a run's log with the SHA-256 of its demonstrations file.
+pub const DEMONSTRATIONS_SHA256: &str = "demonstrations_sha256";
+
+/// Name of the copy, in a run's folder, of the demonstrations that the user gave it.
+const GIVEN_FILE: &str = "given-demonstrations.mcap";
+
 /// Most memory that demonstrations may take, bytes: hundreds of times what the paper's take.
 const MOST_BYTES: usize = 1 << 30;
 
-/// Returns the demonstrations file that a run learns from: the configured one, or else the run's own, which may
-/// not exist yet. If the configured file is missing, the experiment that contains the run may have been moved or
-/// be mounted under another path: then the file of the same name in that experiment is returned, if there is one.
+/// Returns the demonstrations file that a run learns from: the run's copy of the configured one, or this one itself
+/// if there is no copy; without a configured one, the file that the expert recorded for the run, which may not exist
+/// yet. If the configured file is missing, the experiment that contains the run may have been moved or be mounted
+/// under another path: then the file of the same name in that experiment is returned, if there is one.
 pub fn file_of(folder: &RunFolder, config: &RunConfig) -> PathBuf {
     let Some(given) = &config.demonstrations.file else { return folder.demonstrations_file() };
+    let copy = folder.path().join(GIVEN_FILE);
+    if copy.exists() {
+        return copy;
+    }
     if given.exists() {
         return given.clone();
     }
     let moved = in_experiment(folder, given).filter(|file| file.is_file());
     moved.unwrap_or_else(|| given.clone())
+}
+
+/// Returns the [`file_of`] a run if it is there.
+///
+/// # Errors
+/// [`Error::Demonstrations`] if it is missing, with the place that a copy can be put in.
+pub fn existing_file_of(folder: &RunFolder, config: &RunConfig) -> Result<PathBuf, Error> {
+    let file = file_of(folder, config);
+    if file.is_file() {
+        return Ok(file);
+    }
+    let place = match config.demonstrations.file {
+        Some(_) => folder.path().join(GIVEN_FILE),
+        None => folder.demonstrations_file(),
+    };
+    let log = recorded_metadata(&folder.log()).unwrap_or_default();
+    let hash = log.iter().find_map(|metadata| metadata.get(DEMONSTRATIONS_SHA256));
+    let hash = hash.map(|hash| format!(" (SHA-256 {hash})")).unwrap_or_default();
+    let message = format!(
+        "expected the run's demonstrations{hash}, found no such file; a copy of them can be put at {}",
+        place.display()
+    );
+    Err(failed(&file, message))
+}
+
+/// Copies the demonstrations that the user gave a run into its folder, so that the run does not depend on their file.
+/// Those of an experiment stay there: its runs share them, and they move with it.
+///
+/// # Errors
+/// The operating system's error, when the copy cannot be made.
+pub fn keep_copy(folder: &RunFolder, config: &RunConfig) -> std::io::Result<()> {
+    let Some(given) = &config.demonstrations.file else { return Ok(()) };
+    let copy = folder.path().join(GIVEN_FILE);
+    let is_shared = in_experiment(folder, given).as_ref() == Some(given);
+    if copy.exists() || is_shared || !given.is_file() {
+        return Ok(());
+    }
+    let unfinished = durable::unfinished(&copy);
+    fs::copy(given, &unfinished)?;
+    File::open(&unfinished)?.sync_all()?;
+    durable::rename(&unfinished, &copy)
 }
 
 /// Returns the path that a file of this name has in the experiment whose `runs/NAME` is the run's folder.
@@ -332,9 +385,40 @@ fn failed(file: &Path, message: String) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
+
+    #[test]
+    fn a_run_keeps_a_copy_of_what_it_was_given() {
+        let place = tempfile::tempdir().unwrap();
+        let place = place.path().canonicalize().unwrap();
+        let folder = RunFolder::new(place.join("runs/one"));
+        fs::create_dir_all(folder.path()).unwrap();
+        let given = place.join("given.mcap");
+        fs::write(&given, "some").unwrap();
+        let mut config = crate::tasks::configuration("navigation", None, &[]).unwrap();
+        keep_copy(&folder, &config).unwrap();
+        config.demonstrations.file = Some(given.clone());
+        assert_eq!(existing_file_of(&folder, &config).unwrap(), given, "nothing was given before");
+        keep_copy(&folder, &config).unwrap();
+        fs::write(&given, "other").unwrap();
+        keep_copy(&folder, &config).unwrap();
+        let copy = existing_file_of(&folder, &config).unwrap();
+        assert_eq!(fs::read_to_string(&copy).unwrap(), "some");
+        for file in [&copy, &given] {
+            fs::remove_file(file).unwrap();
+        }
+        keep_copy(&folder, &config).unwrap();
+        let said = existing_file_of(&folder, &config).unwrap_err().to_string();
+        assert!(said.contains("given.mcap: expected the run's demonstrations, found no"), "{said}");
+        assert!(said.ends_with(copy.to_str().unwrap()), "{said}");
+
+        let shared = place.join(SHARED_FOLDER).join("shared.mcap");
+        fs::create_dir(place.join(SHARED_FOLDER)).unwrap();
+        fs::write(&shared, "some").unwrap();
+        config.demonstrations.file = Some(shared.clone());
+        keep_copy(&folder, &config).unwrap();
+        assert_eq!(file_of(&folder, &config), shared);
+    }
 
     #[test]
     fn demonstrations_are_found_where_their_experiment_is_now() {

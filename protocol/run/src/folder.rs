@@ -1,6 +1,5 @@
 //! The folder of a run: the paths of its files, and its newest checkpoint.
 
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use mcap_log::log_files;
@@ -24,6 +23,18 @@ impl RunFolder {
     /// Returns the path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Returns the folders with a configuration that are directly in a folder, in the order of their paths.
+    ///
+    /// # Errors
+    /// The operating system's error, when the folder cannot be read.
+    pub fn all_in(folder: &Path) -> std::io::Result<Vec<RunFolder>> {
+        let paths = folder.read_dir()?.map(|entry| entry.map(|entry| entry.path()));
+        let mut paths = paths.collect::<std::io::Result<Vec<PathBuf>>>()?;
+        paths.sort();
+        let runs = paths.into_iter().map(RunFolder::new);
+        Ok(runs.filter(|run| run.config_file().is_file()).collect())
     }
 
     /// Returns whether a `goalward train` holds the folder right now. Takes the lock for a moment.
@@ -91,6 +102,11 @@ impl RunFolder {
     /// It does not exist if the run did not listen.
     pub fn listening_file(&self) -> PathBuf {
         self.output().join("listening.json")
+    }
+
+    /// Returns the file with which other machines join the run.
+    pub fn join_file(&self) -> PathBuf {
+        self.path.join("join.toml")
     }
 
     /// Returns the file with the summary of the finished run.
@@ -197,7 +213,7 @@ impl Place {
 }
 
 fn identity(folder: &Path) -> std::io::Result<(u64, u64)> {
-    std::fs::metadata(folder).map(|found| (found.dev(), found.ino()))
+    std::fs::metadata(folder).map(|found| durable::identity(&found))
 }
 
 /// Name of the file with the policy's weights in a checkpoint folder. Acting needs no other file.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 use crate::config::RunConfig;
-use crate::demonstrations::{file_of, of_file};
+use crate::demonstrations::{DEMONSTRATIONS_SHA256, file_of, of_file};
 use crate::folder::RunFolder;
 
 /// Metadata key of demonstrations that says who acted.
@@ -16,9 +16,6 @@ pub const EXPERT: &str = "expert";
 
 /// Value of [`EXPERT`] for the expert that comes with the task.
 pub const TASKS_OWN: &str = "of the task";
-
-/// Metadata key of a run's log with the SHA-256 of its demonstrations file.
-pub const DEMONSTRATIONS_SHA256: &str = "demonstrations_sha256";
 
 /// Returns the SHA-256 of the demonstrations file that a run learns from; `None` if it does not imitate.
 ///

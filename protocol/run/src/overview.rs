@@ -6,6 +6,7 @@ use protocol::Error;
 use serde::Serialize;
 
 use crate::folder::RunFolder;
+use crate::holder::{Holder, Work};
 use crate::summary::Summary;
 use crate::updates::policy_updates;
 
@@ -17,7 +18,9 @@ pub enum State {
     Live,
     /// It has a summary.
     Finished,
-    /// Neither; it can be resumed.
+    /// Neither, because its last training failed; it can be resumed.
+    Failed,
+    /// None of these; it can be resumed.
     Stopped,
 }
 
@@ -27,9 +30,25 @@ impl State {
         match self {
             State::Live => "live",
             State::Finished => "finished",
+            State::Failed => "failed",
             State::Stopped => "stopped",
         }
     }
+
+    /// Returns the state of a run that is not finished.
+    fn of_unfinished(folder: &RunFolder) -> State {
+        match folder.is_trained() {
+            true => State::Live,
+            false if failure(folder).is_some() => State::Failed,
+            false => State::Stopped,
+        }
+    }
+}
+
+/// Returns why the last training of a run failed; `None` if it did not fail, or another work was done since.
+pub fn failure(folder: &RunFolder) -> Option<String> {
+    let Holder { work, failure, .. } = folder.last_holder();
+    failure.filter(|_| work == Work::Training)
 }
 
 /// A run in one line.
@@ -69,7 +88,7 @@ impl Overview {
         let config = folder.config()?;
         let begun = Overview {
             run: folder.path().to_owned(),
-            state: if folder.is_trained() { State::Live } else { State::Stopped },
+            state: State::of_unfinished(folder),
             steps_wanted: config.steps_wanted(),
             task: config.task.name,
             method: config.method,
@@ -108,5 +127,36 @@ impl Overview {
             },
             None => self,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::tasks::configuration;
+
+    #[test]
+    fn a_run_that_failed_is_told_from_one_that_was_stopped() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        let config = configuration("navigation", None, &[]).unwrap();
+        fs::write(folder.config_file(), config.to_text()).unwrap();
+        let state = || Overview::of(&folder, |_| {}).unwrap().state;
+        assert_eq!(state(), State::Stopped);
+        for (work, reason, expected) in [
+            ("training", r#""the expert raised""#, State::Failed),
+            ("training", "null", State::Stopped),
+            ("publishing", r#""the disk is full""#, State::Stopped),
+        ] {
+            let holder = format!(r#"{{"work":"{work}","process":12,"failure":{reason}}}"#);
+            fs::write(folder.lock_file(), holder).unwrap();
+            assert_eq!(state(), expected, "{work}, {reason}");
+        }
+        let lock = fs::File::open(folder.lock_file()).unwrap();
+        lock.lock().unwrap();
+        fs::write(folder.lock_file(), "").unwrap();
+        assert_eq!(state(), State::Live);
     }
 }

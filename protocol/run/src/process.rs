@@ -82,7 +82,11 @@ pub fn end_with_parent() -> std::io::Result<()> {
     Ok(())
 }
 
-fn at_end_of_input(then: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+/// Calls `then` on a thread of its own when the standard input ends.
+///
+/// # Errors
+/// If the thread cannot start.
+pub fn at_end_of_input(then: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     let watch = move || {
         let mut ignored = [0; 64];
         while !matches!(std::io::stdin().read(&mut ignored), Ok(0) | Err(_)) {}

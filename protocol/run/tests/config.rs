@@ -72,7 +72,7 @@ fn what_is_wrong_is_named() {
         ("ppo.clip", "key=value"),
         ("ppo.clip=0", "`ppo.clip` must be above 0, found 0"),
         ("ppo.gamma=1.5", "`ppo.gamma` must be above 0 and at most 1, found 1.5"),
-        ("task.horizon_steps=50", "would only change the name"),
+        ("task.horizon_steps=50", "task.horizon_steps is set in the task's file"),
         ("resources.actors=65", "at most 64"),
         ("resources.lease_timeout_ms=9223372036854775807", "at most a day"),
         ("log.file_mib=9223372036854775807", "at most 1048576"),
@@ -81,7 +81,10 @@ fn what_is_wrong_is_named() {
         ("reward.samples=8", "0 or at least reward.batch = 32, found 8"),
         ("reward.ensemble=1", "at least 2 with reward.uncertainty = 0.01, found 1"),
         ("steps=-1", "-1"),
-        ("task=chess", "chess"),
+        ("steps=1e5", "in `steps`: expected a whole number that is not negative, found floating"),
+        ("ppo=3", "--set: in `ppo`: expected a table, found integer `3`"),
+        ("reward.order=3", "expected score-first or improve-first, found 3"),
+        ("task=chess", "would only change the name"),
         ("method=magic", "`method` must be one of absolute, "),
         ("learner=bc", "`reward.model` must be none for bc, which asks for no rewards"),
         ("reward.model=none", "`reward.model` must be some for ppo"),
@@ -100,6 +103,11 @@ fn what_is_wrong_is_named() {
         ("bco", "inverse_dynamics.samples=8", "at least inverse_dynamics.batch = 128, found 8"),
         ("bco", "inverse_dynamics.experience=8", "at least inverse_dynamics.samples = 8192"),
         ("sqil", "sqil.experience=8", "at least sqil.batch = 32, found 8"),
+        (
+            "sqil",
+            "sqil.expert_after_goal=false",
+            "in `sqil.expert_after_goal`: expected one of continues, terminal, absorbing, found false",
+        ),
     ] {
         let method = format!("method={method}");
         let message = refusal("goalward", &[method.as_str(), setting]);

@@ -6,9 +6,10 @@
 //! [`clear`] removes. A run's log works differently, see `mcap_log::FileWriter`.
 
 use std::ffi::{OsStr, OsString};
-use std::fs::{self, File, Permissions, TryLockError};
+use std::fs::{self, File, Metadata, Permissions, TryLockError};
 use std::io::{self, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
@@ -81,16 +82,21 @@ pub struct TemporaryFolder {
 }
 
 impl TemporaryFolder {
-    /// Creates a folder beside `path`, for what is to become `path` or is needed only briefly.
+    /// Creates a folder beside `path`, for what is to become `path` or is needed only briefly. Those that dead
+    /// processes left there for `path` are removed if they can be.
     ///
     /// # Errors
     /// When the folder cannot be created.
     pub fn beside(path: &Path) -> io::Result<TemporaryFolder> {
         let [prefix, suffix] = affixes(path);
+        clear_where(folder_of(path), |found| is_temporary_of(&prefix, found)).ok();
         let mut named = tempfile::Builder::new();
         let folder = named.prefix(&prefix).suffix(&suffix).tempdir_in(folder_of(path))?;
-        let lock = File::create(folder.path().join(LOCK))?;
+        // The lock is held before it has its name: a folder with a lock that nobody holds counts as abandoned.
+        let nameless = unfinished(&folder.path().join(LOCK));
+        let lock = File::create(&nameless)?;
         lock.lock()?;
+        fs::rename(nameless, folder.path().join(LOCK))?;
         Ok(TemporaryFolder { _lock: lock, folder })
     }
 
@@ -105,6 +111,15 @@ fn affixes(path: &Path) -> [OsString; 2] {
     let mut prefix = path.file_name().unwrap_or_default().to_owned();
     prefix.push(".");
     [prefix, format!(".{UNFINISHED}").into()]
+}
+
+/// Returns whether this is the name of a temporary folder beside a path whose unfinished names begin with `prefix`.
+fn is_temporary_of(prefix: &OsStr, found: &Path) -> bool {
+    let name = found.file_name().unwrap_or_default().as_bytes();
+    let rest = name.strip_prefix(prefix.as_bytes());
+    let random = rest.and_then(|rest| rest.strip_suffix(format!(".{UNFINISHED}").as_bytes()));
+    // Other paths whose names begin alike have a dot in the rest.
+    random.is_some_and(|random| !random.contains(&b'.')) && found.join(LOCK).is_file()
 }
 
 /// Renames a synced file or folder, replacing an existing file, and syncs the folder.
@@ -159,13 +174,18 @@ pub fn is_unfinished(path: &Path) -> bool {
 /// # Errors
 /// When the folder cannot be listed or something in it cannot be removed.
 pub fn clear(folder: &Path) -> io::Result<()> {
+    clear_where(folder, is_unfinished)
+}
+
+/// Removes from a folder what dead writers left under names that are `meant`.
+fn clear_where(folder: &Path, meant: impl Fn(&Path) -> bool) -> io::Result<()> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         entries => entries?,
     };
     for entry in entries {
         let path = entry?.path();
-        if is_unfinished(&path) {
+        if meant(&path) {
             remove_abandoned(&path)?;
         }
     }
@@ -212,6 +232,11 @@ pub fn is_locked(path: &Path) -> bool {
 /// The operating system's error.
 pub fn sync_folder_of(path: &Path) -> io::Result<()> {
     File::open(folder_of(path))?.sync_all()
+}
+
+/// Returns the device and inode number of a file, which it has under each of its paths.
+pub fn identity(file: &Metadata) -> (u64, u64) {
+    (file.dev(), file.ino())
 }
 
 /// Returns the folder that `path` is in.
@@ -276,5 +301,23 @@ mod tests {
         remove_folder(&path("folder")).unwrap();
         assert_eq!(names(folder.path()).len(), 2);
         clear(&path("none")).unwrap();
+    }
+
+    #[test]
+    fn a_temporary_folder_takes_the_place_of_those_that_dead_processes_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let [left, of_another] =
+            ["out.x1", "out.mcap.x2"].map(|name| path(&format!("{name}.{UNFINISHED}")));
+        for left in [&left, &of_another] {
+            create_folder(left).unwrap();
+            fs::write(left.join(LOCK), "").unwrap();
+        }
+        let begun = path(&format!("out.x3.{UNFINISHED}"));
+        create_folder(&begun).unwrap();
+        let [one, other] = [(); 2].map(|()| TemporaryFolder::beside(&path("out")).unwrap());
+        assert!(!left.exists() && of_another.exists());
+        assert!(one.path().exists() && other.path().exists() && one.path() != other.path());
+        assert!(begun.exists(), "its process may be about to write the lock");
     }
 }

@@ -18,9 +18,9 @@ use run::holder::Work;
 use serde::{Deserialize, Serialize};
 
 use self::info::Holding;
-use crate::figures::Figures;
 use crate::full_log::{self, Restored};
 use crate::lock::Lock;
+use crate::output_format::OutputFormat;
 use crate::{destination, programs, scenes};
 use terminal::numbers;
 use terminal::refusal::{Refusal, wrong_usage};
@@ -43,7 +43,7 @@ pub(crate) enum Verb {
         #[arg(long)]
         force: bool,
         #[command(flatten)]
-        figures: Figures,
+        output: OutputFormat,
     },
     /// Write episodes of a run as 3D scenes for Foxglove and Lichtblick.
     Scene {
@@ -59,7 +59,7 @@ pub(crate) enum Verb {
         #[arg(long)]
         force: bool,
         #[command(flatten)]
-        figures: Figures,
+        output: OutputFormat,
     },
 }
 
@@ -89,7 +89,7 @@ pub(crate) struct Arguments {
     #[arg(required = true, value_name = "FILE|RUN")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// Runs the verb.
@@ -104,12 +104,12 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
             |file| &file.text,
             |file| (!file.damage.is_empty()).then_some(&file.file),
         ),
-        Verb::Restore { run, out, force, figures } => {
-            restore(&RunFolder::new(run), out, *force, *figures)
+        Verb::Restore { run, out, force, output } => {
+            restore(&RunFolder::new(run), out, *force, *output)
         }
-        Verb::Scene { run, episodes, out, force, figures } => {
+        Verb::Scene { run, episodes, out, force, output } => {
             destination::file(out, *force)?;
-            scene(&RunFolder::new(run), episodes, out, *figures)
+            scene(&RunFolder::new(run), episodes, out, *output)
         }
     }
 }
@@ -117,7 +117,7 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
 /// Treats all files, including damaged ones, and prints the results before it fails for those that have `lost`
 /// something. If a file cannot be treated, the results of those before it are printed, too.
 fn each<T: Serialize>(
-    Arguments { files, figures }: &Arguments,
+    Arguments { files, output }: &Arguments,
     treat: impl Fn(&Path) -> Result<T>,
     text: impl Fn(&T) -> &str,
     lost: impl Fn(&T) -> Option<&Path>,
@@ -128,7 +128,7 @@ fn each<T: Serialize>(
         Ok(())
     });
     if !treated.is_empty() {
-        figures.print(&treated, |all| all.iter().map(&text).collect::<Vec<_>>().join("\n"))?;
+        output.print(&treated, |all| all.iter().map(&text).collect::<Vec<_>>().join("\n"))?;
     }
     refused?;
     let lost: Vec<_> =
@@ -180,7 +180,7 @@ struct WithObservations {
     restored: u64,
 }
 
-fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result<()> {
+fn restore(run: &RunFolder, out: &Path, force: bool, output: OutputFormat) -> Result<()> {
     run.config()?;
     destination::folder(out, force)?;
     let made = durable::create_folder(durable::folder_of(out))
@@ -189,7 +189,7 @@ fn restore(run: &RunFolder, out: &Path, force: bool, figures: Figures) -> Result
     let Restored { episodes, restored } = full_log::restore(run, made.path())?;
     put_in_place(made.path(), out).with_context(|| out.display().to_string())?;
     let written = WithObservations { folder: out.to_owned(), episodes, restored };
-    figures.print(&written, |WithObservations { folder, episodes, restored }| {
+    output.print(&written, |WithObservations { folder, episodes, restored }| {
         let [episodes, restored] = [episodes, restored].map(|count| numbers::count(*count));
         format!("{}: {episodes} episodes, {restored} re-simulated", folder.display())
     })?;
@@ -216,8 +216,9 @@ struct Written {
     frames: u64,
 }
 
-fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -> Result<()> {
-    let spec = run.config()?.task.spec();
+fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, output: OutputFormat) -> Result<()> {
+    let task = run.config()?.task;
+    let spec = task.spec();
     let mut found = vec![None; named.len()];
     for entry in read_contents(&run.log(), Contents::Trajectories).map_err(Refusal::usage)? {
         let Record::Trajectory(bytes) = entry?.record else { continue };
@@ -233,9 +234,18 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, figures: Figures) -
         found.ok_or_else(|| wrong_usage(format!("{shown}: expected an episode {lane}:{episode}")))
     });
     let episodes = found.collect::<Result<Vec<_>>>()?;
-    let (mut actor, input) = scenes::command(run, None, &episodes, true, out)?;
-    let written = programs::result_for(&mut actor, "acting again", &input)?;
-    figures.print(&written, |Written { episodes, frames }| {
+    // An existing file stays until there is something in its place.
+    let made = TemporaryFolder::beside(out).with_context(|| out.display().to_string())?;
+    let file = made.path().join("scene.mcap");
+    let (mut actor, input) = scenes::command(run, None, &episodes, true, &file)?;
+    let written: Written = programs::result_for(&mut actor, "acting again", &input)?;
+    if written.frames == 0 {
+        return Err(wrong_usage(format!(
+            "{task} has no solids to draw; `goalward page` shows its episodes"
+        )));
+    }
+    durable::rename(&file, out).with_context(|| out.display().to_string())?;
+    output.print(&written, |Written { episodes, frames }| {
         let [episodes, frames] = [episodes, frames].map(|count| numbers::count(*count));
         format!("{}: {episodes} episodes, {frames} frames", out.display())
     })

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use run::folder::RunFolder;
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 
 /// Flags of `goalward replay`.
 #[derive(Debug, clap::Args)]
@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with_all = ["verify", "publish", "retrain"])]
     force: bool,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// What is done with the log, one of these.
@@ -58,17 +58,17 @@ struct What {
 
 /// Replays a run.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { run, what, until, speed, out, force, figures } = arguments;
+    let Arguments { run, what, until, speed, out, force, output } = arguments;
     let folder = RunFolder::new(run);
     if what.verify {
         folder.config()?;
-        return verify::verify(&folder, figures);
+        return verify::verify(&folder, output);
     }
     if what.publish {
-        return publish::publish(&folder, speed, figures);
+        return publish::publish(&folder, speed, output);
     }
     if what.retrain {
-        return retrain::retrain(&folder, until, out, figures);
+        return retrain::retrain(&folder, until, out, output);
     }
-    rescore::rescore(&folder, &what.with, out, force, figures)
+    rescore::rescore(&folder, &what.with, out, force, output)
 }

@@ -8,9 +8,9 @@ use run::folder::RunFolder;
 use run::holder::Work;
 use serde::{Deserialize, Serialize};
 
-use crate::figures::Figures;
 use crate::full_log::FullLog;
 use crate::lock::Lock;
+use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::print::print_remark;
@@ -27,7 +27,7 @@ struct Published {
 }
 
 /// Publishes a log once there is a subscriber; Ctrl-C ends it.
-pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) -> Result<()> {
+pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, output: OutputFormat) -> Result<()> {
     folder.config()?;
     if let Some(speed) = speed.filter(|speed| !SPEEDS.contains(speed)) {
         let (least, most) = (SPEEDS.start(), SPEEDS.end());
@@ -54,7 +54,7 @@ pub(super) fn publish(folder: &RunFolder, speed: Option<f64>, figures: Figures) 
         address.remove()?;
     }
     let published = published?;
-    figures.print(&published, |Published { trajectories, readers }| {
+    output.print(&published, |Published { trajectories, readers }| {
         format!("published {} trajectories; readers: {readers}", numbers::count(*trajectories))
     })
 }

@@ -6,17 +6,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use protocol::durable::{self, TemporaryFolder};
+use run::demonstrations::existing_file_of;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
 use super::curves::{self, Point};
 use crate::destination;
-use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
 use crate::other_reward::OtherReward;
+use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use terminal::numbers;
-use terminal::refusal::wrong_usage;
+use terminal::refusal::{Refusal, wrong_usage};
 
 /// The service's report; the first number of each pair is from the recorded rewards, the second from the others.
 #[derive(Debug, Deserialize, Serialize)]
@@ -41,9 +42,12 @@ pub(super) fn rescore(
     changes: &[String],
     out: Option<PathBuf>,
     force: bool,
-    figures: Figures,
+    output: OutputFormat,
 ) -> Result<()> {
     let OtherReward { config, model } = OtherReward::of(folder, changes)?;
+    if config.reward.model.imitates {
+        existing_file_of(model.as_ref().unwrap_or(folder), &config).map_err(Refusal::usage)?;
+    }
     let [out, configuration, picture] = files(folder, out, force)?;
     // The three files belong together, so they are put in place together.
     let made = TemporaryFolder::beside(&out).with_context(|| out.display().to_string())?;
@@ -62,7 +66,7 @@ pub(super) fn rescore(
     for (new, place) in places {
         durable::rename(&new, place).with_context(|| place.display().to_string())?;
     }
-    figures.print(&comparison, |comparison| table(comparison, &out, &picture))?;
+    output.print(&comparison, |comparison| table(comparison, &out, &picture))?;
     full_log::refuse_loss(folder)
 }
 

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail, ensure};
 use mcap_log::{Contents, Record, read_contents};
 use run::config::RunConfig;
-use run::demonstrations::file_of;
+use run::demonstrations::existing_file_of;
 use run::folder::RunFolder;
 use run::holder::Work;
 use run::origin::demonstrations_sha256;
@@ -16,9 +16,9 @@ use run::summary::Summary;
 use serde::Serialize;
 
 use crate::destination;
-use crate::figures::Figures;
 use crate::full_log::{self, FullLog};
 use crate::lock::Lock;
+use crate::output_format::OutputFormat;
 use crate::plan::Plan;
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision};
@@ -37,7 +37,7 @@ pub(super) fn retrain(
     recorded: &RunFolder,
     until: Option<u64>,
     out: Option<PathBuf>,
-    figures: Figures,
+    output: OutputFormat,
 ) -> Result<()> {
     let kept = out.is_some();
     out.as_deref().map(destination::outside_runs).transpose()?;
@@ -64,7 +64,7 @@ pub(super) fn retrain(
     if until.is_none() && whole.is_ok() && matches!(Summary::of_run(recorded), Ok(Some(_))) {
         expect_all(&expected, &found)?;
     }
-    figures.print(&same, Same::table)?;
+    output.print(&same, Same::table)?;
     drop(lock);
     if !kept {
         fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
@@ -88,7 +88,7 @@ fn cleared(recorded: &RunFolder) -> Result<RunFolder> {
 fn configuration(recorded: &RunFolder) -> Result<RunConfig> {
     let mut config = recorded.config()?;
     if config.imitates() {
-        let file = file_of(recorded, &config);
+        let file = existing_file_of(recorded, &config).map_err(Refusal::usage)?;
         let file = fs::canonicalize(&file)
             .map_err(|error| wrong_usage(format!("demonstrations {}: {error}", file.display())))?;
         demonstrations_sha256(recorded, &config).map_err(Refusal::usage)?;

@@ -5,7 +5,7 @@ use anyhow::{Result, bail, ensure};
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
-use crate::figures::Figures;
+use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::refusal::Refusal;
@@ -22,11 +22,11 @@ struct Verification {
 }
 
 /// Verifies a run's log. Fails if an episode differs; reports lost data if a file is damaged.
-pub(super) fn verify(folder: &RunFolder, figures: Figures) -> Result<()> {
+pub(super) fn verify(folder: &RunFolder, output: OutputFormat) -> Result<()> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
     let verification: Verification = programs::result(actor, "acting again")?;
-    figures.print(&verification, table)?;
+    output.print(&verification, table)?;
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
         bail!("{} of {episodes} episodes differ; the first: {difference}", episodes - equal);

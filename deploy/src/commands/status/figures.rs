@@ -3,7 +3,7 @@
 use protocol::messages::{PolicyUpdate, Progress};
 use serde_json::{Value, json};
 
-use super::table::doing;
+use super::table::{doing, trouble};
 use super::{Standing, Status, Stopped};
 
 impl Status {
@@ -14,7 +14,7 @@ impl Status {
             Standing::Live { processes, progress, times, hosts } => {
                 let heard = progress.as_ref().map_or(&[][..], |progress| &progress.actors_heard);
                 let figures = json!({
-                    "trouble": processes.trouble(),
+                    "trouble": trouble(processes, progress.as_deref()),
                     "progress": progress.as_deref().map(of_progress),
                     "time_to_success": times,
                     "processes": processes.figures(heard),
@@ -36,7 +36,10 @@ impl Status {
                 });
                 ("training", figures)
             }
-            Standing::Stopped(stopped) => ("stopped", of_stopped(stopped)),
+            Standing::Stopped(stopped) => {
+                let state = if stopped.failure.is_some() { "failed" } else { "stopped" };
+                (state, of_stopped(stopped))
+            }
         };
         figures["run"] = json!(self.folder.path());
         figures["state"] = json!(state);

@@ -18,12 +18,13 @@ use run::demonstrations::file_of;
 use run::folder::{CHECKPOINT_FILES, RunFolder};
 use run::holder::{Holder, Work};
 use run::hosts::Hosts;
+use run::overview;
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
 use run::updates::policy_updates;
 
-use crate::figures::Figures;
 use crate::listening::node_name;
+use crate::output_format::OutputFormat;
 use crate::processes::Processes;
 use crate::progress_file;
 use terminal::print::print_remark;
@@ -39,13 +40,13 @@ pub(crate) struct Arguments {
     /// Folder of the run.
     run: PathBuf,
     #[command(flatten)]
-    figures: Figures,
+    output: OutputFormat,
 }
 
 /// Prints the state of a run.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let status = Status::of(RunFolder::new(&arguments.run))?;
-    arguments.figures.print(&status.figures(), |_| status.table())
+    arguments.output.print(&status.figures(), |_| status.table())
 }
 
 /// A run and its state.
@@ -141,7 +142,7 @@ impl Stopped {
         let newest = found.newest.map(|newest| (newest.iteration, newest.folder));
         Stopped {
             holder,
-            failure: folder.last_holder().failure,
+            failure: overview::failure(folder),
             unreadable,
             begun: folder.log().exists(),
             damaged: found.damaged.into_iter().map(|(_, error)| error).collect(),

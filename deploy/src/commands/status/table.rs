@@ -90,6 +90,9 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
 pub(super) fn doing(progress: &Progress) -> String {
     match Phase::try_from(progress.phase) {
         Ok(Phase::Pretraining) => offline(progress),
+        Ok(Phase::Training) | Err(_) if progress.steps_wanted == 0 => {
+            "learning from the demonstrations".to_owned()
+        }
         Ok(Phase::Training) | Err(_) => "rolling out and learning".to_owned(),
         Ok(Phase::Evaluating) => "evaluating the policy".to_owned(),
         Ok(Phase::Finished) => "ending".to_owned(),
@@ -107,7 +110,6 @@ fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
         (None, None) => "none: the run starts over".to_owned(),
     };
     rows.push(("newest checkpoint", place));
-    rows.extend(stopped.failure.iter().map(|failure| ("failed", failure.clone())));
     let use_of = |holder: &Holder| format!("{} by {}", holder.work.done_to_it(), holder.shown());
     rows.extend(stopped.holder.iter().map(|holder| ("being", use_of(holder))));
     rows.extend(stopped.damaged.iter().map(|error| ("damaged", error.to_string())));
@@ -117,7 +119,11 @@ fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
         rows.extend(update_rows(update));
         rows.extend(times_to_success(&stopped.times));
     }
-    let heading = if stopped.begun { "stopped, not finished" } else { "never started" };
+    let heading = match &stopped.failure {
+        Some(failure) => format!("failed: {failure}"),
+        None if stopped.begun => "stopped, not finished".to_owned(),
+        None => "never started".to_owned(),
+    };
     format!("{heading}\n{}", numbers::table(&rows))
 }
 
@@ -190,11 +196,28 @@ mod tests {
         let said = table().unwrap_err().to_string();
         assert!(said.contains("who alone can reach the run's processes"), "{said}");
         drop(lock);
-        let mut lock = Lock::take(&folder, Work::Publishing).unwrap();
-        lock.keep_failure("the disk is full".to_owned());
+        let _lock = Lock::take(&folder, Work::Publishing).unwrap();
         let found = table().unwrap();
-        let words = ["never started", "published by process", "the disk is full"];
+        let words = ["never started", "published by process"];
         assert!(words.iter().all(|words| found.contains(words)), "{found}");
+    }
+
+    #[test]
+    fn a_failed_run_tells_why() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::write(folder.config_file(), config().to_text()).unwrap();
+        let mut lock = Lock::take(&folder, Work::Training).unwrap();
+        lock.keep_failure("the disk is full".to_owned());
+        drop(lock);
+        let status = Status::of(folder.clone()).unwrap();
+        let (table, figures) = (status.table(), status.figures());
+        assert!(table.starts_with("failed: the disk is full\n"), "{table}");
+        assert_eq!(figures["state"], "failed");
+        assert_eq!(figures["failure"], "the disk is full");
+        drop(Lock::take(&folder, Work::Training).unwrap());
+        let table = Status::of(folder).unwrap().table();
+        assert!(table.starts_with("never started"), "{table}");
     }
 
     #[test]
@@ -214,9 +237,16 @@ mod tests {
     }
 
     #[test]
+    fn a_live_run_does_what_its_method_does() {
+        let training = Progress { phase: Phase::Training as i32, ..Progress::default() };
+        assert_eq!(doing(&training), "learning from the demonstrations");
+        assert_eq!(doing(&Progress { steps_wanted: 8, ..training }), "rolling out and learning");
+    }
+
+    #[test]
     fn a_live_run_without_an_update_has_a_table() {
         let table = numbers::table(&live_rows(&Progress::default(), &config()));
-        assert!(table.contains("offline"), "{table}");
+        assert!(table.contains("waiting for the proximity service"), "{table}");
         assert!(table.contains("0 of 0 (0 %)"), "{table}");
         let pretraining = Some(Pretraining { done: 30, total: 120 });
         let reward_update =

@@ -72,7 +72,8 @@ impl SoftActorCritic {
         drawn
     }
 
-    /// Fits both Q-functions to rewards plus discounted soft values of the next observations.
+    /// Fits both Q-functions to `r + gamma (min Q'(s', a') - alpha log pi(a' | s'))`, where `Q'` are the slow copies and
+    /// the policy draws `a'`.
     fn improve_q_functions(
         &mut self,
         policy: &[f32],

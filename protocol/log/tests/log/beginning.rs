@@ -60,6 +60,19 @@ fn lost(folder: &Path) -> Vec<(PathBuf, Ending)> {
 }
 
 #[test]
+fn a_file_that_is_cut_off_before_its_metadata_is_named_if_it_is_all_there_is() {
+    let folder = tempfile::tempdir().unwrap();
+    sit(folder.path(), &metadata(), 0..1, true);
+    let path = folder.path().join(FILES[0]);
+    let file = fs::read(&path).unwrap();
+    let cut = layout(&file)[1].1 + 10;
+    fs::write(&path, &file[..cut]).unwrap();
+    let refused = read_contents(folder.path(), Contents::Trajectories).err().unwrap().to_string();
+    let expected = format!("cut off: the last {cut} bytes, from byte 0");
+    assert!(refused.contains(FILES[0]) && refused.contains(&expected), "{refused}");
+}
+
+#[test]
 fn a_run_is_read_whatever_bit_of_a_beginning_is_flipped() {
     let folder = tempfile::tempdir().unwrap();
     sit(folder.path(), &metadata(), 0..3, true);

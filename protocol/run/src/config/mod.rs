@@ -17,6 +17,7 @@ mod reward;
 mod scoring;
 mod settings;
 mod unread;
+mod wording;
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -278,13 +279,11 @@ impl RunConfig {
         if let Some(Ok(learner)) = table.get("learner").cloned().map(Value::try_into) {
             complete_tables(learner, &mut table)?;
         }
-        let config: RunConfig =
-            Value::Table(table).try_into().map_err(|error: toml::de::Error| {
-                Error::ConfigurationText {
-                    origin: origin.to_owned(),
-                    message: line_of(&place_first(&error.to_string())),
-                }
-            })?;
+        let refused = |error: toml::de::Error| Error::ConfigurationText {
+            origin: origin.to_owned(),
+            message: line_of(&wording::refusal(&error, &table)),
+        };
+        let config: RunConfig = Value::Table(table.clone()).try_into().map_err(refused)?;
         config.check()?;
         Ok(config)
     }
@@ -448,14 +447,6 @@ fn complete_tables(learner: Learner, table: &mut Table) -> Result<(), Error> {
 fn place(text: &str, span: Option<Range<usize>>) -> String {
     let before = span.and_then(|span| text.get(..span.start)).unwrap_or_default();
     format!("line {}", before.matches('\n').count() + 1)
-}
-
-/// Moves the table that a parser's message names in its last line to the front.
-fn place_first(words: &str) -> String {
-    match words.trim().rsplit_once('\n') {
-        Some((what, place)) if place.starts_with("in ") => format!("{place}: {what}"),
-        _ => words.to_owned(),
-    }
 }
 
 /// Returns a parser's message in one line.

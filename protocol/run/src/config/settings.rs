@@ -34,10 +34,7 @@ pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
         let change = parse_setting(setting).map_err(|message| refused(&message))?;
         for (name, flag) in CHOICES {
             if let Some(choice) = change.get(name) {
-                let choice = choice.as_str().unwrap_or("NAME");
-                return Err(refused(&format!(
-                    "expected `{flag} {choice}`: --set would only change the name"
-                )));
+                return Err(refused(&chosen_otherwise(&change, choice, flag)));
             }
         }
         if let Some((key, value)) = flat(&change).into_iter().find(|(_, value)| is_infinite(value))
@@ -47,6 +44,16 @@ pub(crate) fn merged(settings: &[String]) -> Result<Table, Error> {
         merge(&mut table, change);
     }
     Ok(table)
+}
+
+/// Returns how to change the task or preset, which a `change` by a setting names.
+fn chosen_otherwise(change: &Table, choice: &Value, flag: &str) -> String {
+    let key = flat(change).into_keys().next().unwrap_or_default();
+    if key.starts_with("task.") {
+        return format!("expected a key outside of `task`: {key} is set in the task's file");
+    }
+    let choice = choice.as_str().unwrap_or("NAME");
+    format!("expected `{flag} {choice}`: --set would only change the name")
 }
 
 /// Returns whether a value is or holds a number that is infinite or NaN.
