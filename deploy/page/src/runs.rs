@@ -105,7 +105,10 @@ impl Runs {
                 continue;
             }
             match RunFolder::all_in(place) {
-                Ok(runs) => found.extend(runs.iter().map(|run| run.path().to_owned())),
+                // Others may see the page, so a link does not lead out of the folder.
+                Ok(runs) => found.extend(
+                    runs.iter().map(|run| run.path().to_owned()).filter(|run| !run.is_symlink()),
+                ),
                 Err(error) => trouble.push(format!("{}: {error}", place.display())),
             }
         }
