@@ -283,7 +283,7 @@ def time_limit(environment):
 
 
 def versions(modules):
-    """Returns versions of Python, of known packages that have been imported, and of those of these modules."""
+    """Returns versions of Python, of known packages that were imported, and of those of these modules."""
     found = {"python": ".".join(str(number) for number in sys.version_info[:3])}
     packages = metadata.packages_distributions()
     own = (packages.get(module.partition(".")[0], ()) for module in modules)
