@@ -287,8 +287,8 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
 
 /// Records demonstrations and reports how many they are.
 fn record(request: &Request<'_>, expert: Expert) -> Result<()> {
-    let tells_success = request.factory.make()?.tells_success();
-    let Recorded { steps, failures } = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
+    let recorded = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
+    let Recorded { steps, failures, tells_success } = recorded;
     let (episodes, out) = (request.episodes, request.file.display());
     let left_out = left_out(failures, tells_success);
     tracing::info!("{episodes} demonstrations with {steps} steps in {out}; {left_out}");

@@ -42,6 +42,8 @@ pub struct Recorded {
     pub steps: u64,
     /// Episodes in which the expert did not reach the goal; they are not in the file.
     pub failures: u64,
+    /// Whether the task tells success.
+    pub tells_success: bool,
 }
 
 /// Records demonstrations: episodes in which the expert reaches the goal, up to the goal. For a task that does
@@ -77,7 +79,8 @@ fn record(
     episodes: u64,
     stop: &Stop,
 ) -> Result<Recorded> {
-    let mut recorded = Recorded { steps: 0, failures: 0 };
+    let tells_success = demonstrator.tells_success;
+    let mut recorded = Recorded { steps: 0, failures: 0, tells_success };
     let mut number = 0;
     let mut teller = Teller::default();
     while number < episodes {
@@ -85,7 +88,7 @@ fn record(
             bail!("stopped after {number} of {episodes} demonstrations: none are kept");
         }
         let trajectory = demonstrator.next_episode()?;
-        if !trajectory.success && demonstrator.tells_success {
+        if !trajectory.success && tells_success {
             recorded.failures += 1;
             let (failures, most) = (recorded.failures, episodes * FAILURES_PER_DEMONSTRATION);
             ensure!(
