@@ -24,6 +24,7 @@ FIGURE is 3, 4, 5, 6, 7, 8, 9, 11 or 12; without one all of them. Figure 4d and 
 report of any. The other plans of deploy/experiments are trained only when they are named:
 
   paper            each task with the values of the paper's tables, beside the default
+  next-state       GAIfO-s with the goal among the expert's states
   no-online        the penalty for uncertainty without online training
   no-termination   episodes that do not end at the goal
 

@@ -50,12 +50,6 @@ check_machine() {
     fi
 }
 
-# The folder that cargo builds into, which users can change.
-target_folder() {
-    cargo metadata --format-version 1 --no-deps --locked |
-        sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p'
-}
-
 build() {
     if [ -x "$1/release/goalward" ]; then
         say "bringing the build up to date (release)"
@@ -75,8 +69,8 @@ for argument in "$@"; do
 done
 
 check_machine
+target=$("$root/deploy/target_folder.sh")
 # Cargo reads its settings (.cargo/config.toml) from the folder it is called from.
-target=$(cd "$root" && target_folder)
 (cd "$root" && build "$target") || { say "the build failed"; exit 1; }
 [ "${1:-}" != --all-flags ] || exec "$target/release/goalward" train --help
 if [ "${1:-}" = --only-build ]; then

@@ -38,8 +38,7 @@ fi
 # Runs the tests of the Python package, which use the actor that was just built.
 python_tests() {
     local target
-    target=$(cargo metadata --format-version 1 --no-deps --locked |
-        sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
+    target=$("$root/deploy/target_folder.sh")
     say "pytest python"
     GOALWARD_ACTOR=$target/debug/actor-under-test "$GOALWARD_PYTHON" -m pytest -c python/pyproject.toml python
 }

@@ -2,7 +2,7 @@
 //! can be continued.
 //!
 //! Method: real runs. A full disk is a limit on the size of the processes' files; a folder is moved or removed while
-//! its run trains; an actor that cannot work is a failing program in its place.
+//! its run trains, or that of its bus; an actor that cannot work is a failing program in its place.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
 use std::fs;
@@ -10,6 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use bus::BusAddress;
 use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs, send};
 
 /// Much longer than a correct ending takes, and much shorter than a run that does not end.
@@ -85,6 +86,25 @@ fn a_run_whose_folder_is_removed_says_so() {
     fs::remove_dir_all(run.path("rubbish")).unwrap();
     assert!(run.remarks().contains("moved or removed"), "{}", run.remarks());
     assert!(!run.path("run").exists());
+}
+
+#[test]
+fn a_run_whose_bus_is_removed_as_at_a_logout_says_so_and_can_be_continued() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&[]);
+    training.await_checkpoint(4);
+    let bus = BusAddress::of_run(run.folder().path()).unwrap();
+    // Renamed first, so that nobody makes a file in it while it is removed.
+    let rubbish = bus.root().with_extension("rubbish");
+    fs::rename(bus.root(), &rubbish).unwrap();
+    fs::remove_dir_all(rubbish).unwrap();
+    let begun = Instant::now();
+    assert_eq!(training.end(), Some(1));
+    assert!(begun.elapsed() < SOON, "{:?}", begun.elapsed());
+    assert!(run.remarks().contains("expected the folder of the bus"), "{}", run.remarks());
+    assert_eq!(run.processes(), []);
+    assert_eq!(run.shared_memory(), Vec::<String>::new());
+    assert_eq!(run.resume().finish().hashes(), undisturbed());
 }
 
 /// Starts `goalward` with arguments that make it record demonstrations for minutes, and ends it with a signal. The

@@ -92,6 +92,11 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
         let is_there = |host: &str| said.contains(&format!("{host}, actors: 2, "));
         (is_there("first") && is_there("second") && said.contains(" ms away")).then_some(())
     });
+    let mut twin = start(&run, "twin", joining(&run, &run, "second", &address));
+    await_some("the name that the twin got", PATIENCE, || {
+        let said = fs::read_to_string(run.path("twin.err")).unwrap();
+        said.contains("goalward: second-2 joined the run\n").then_some(())
+    });
     // The host's other processes notice this, and end.
     send(first.id(), Signal::Kill);
     first.wait().unwrap();
@@ -102,7 +107,7 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
     await_actor_of(&run, "@second");
     training.expect_going_on("a host came back");
     assert_eq!(training.finish().hashes(), *alone());
-    assert!(second.wait().unwrap().success());
+    assert!(second.wait().unwrap().success() && twin.wait().unwrap().success());
     let said = fs::read_to_string(run.path("second.err")).unwrap();
     assert!(said.ends_with("goalward: the training has ended\n"), "{said}");
     assert_eq!(run.shared_memory(), Vec::<String>::new());

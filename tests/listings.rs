@@ -40,11 +40,12 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     let mut training = run.train(&["steps=40000"]);
     training.await_checkpoint(4);
     let line = listed();
-    assert_eq!((&line["state"], &line["task"]), (&"live".into(), &"navigation".into()));
+    assert_eq!((&line["state"], &line["task"]), (&"training".into(), &"navigation".into()));
     let status = json(&run, &["status", "run"]);
     assert_eq!((&status["state"], &status["trouble"]), (&"training".into(), &Value::Null));
     assert!(status["progress"]["update"]["environment_steps"].as_u64() > Some(0), "{status}");
     assert_eq!(status["processes"][0]["process"], "supervisor");
+    assert!(status["checkpoint"]["iteration"].as_u64() >= Some(4), "{status}");
     assert!(line["environment_steps"].as_u64() > Some(0), "{line}");
     let (well, said) = run.goalward(&["stop", "run"]);
     assert!(well && said.contains("train --resume --run run"), "{said}");
@@ -62,11 +63,16 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     let summary = run.resume().finish();
     let line = listed();
     assert_eq!(line["state"], "finished");
-    assert_eq!(line["environment_steps"], summary.env_steps);
+    assert_eq!(line["environment_steps"], summary.environment_steps);
     let (well, table) = run.goalward(&["runs", &here]);
     assert!(well && table.contains("finished") && table.contains("navigation"), "{table}");
+    let twice = json(&run, &["runs", "run", &here]);
+    assert_eq!(twice.as_array().unwrap().len(), 2, "a run, and the folder that contains it");
 
-    assert_eq!(json(&run, &["status", "run"])["summary"]["env_steps"], summary.env_steps);
+    assert_eq!(
+        json(&run, &["status", "run"])["summary"]["environment_steps"],
+        summary.environment_steps
+    );
     let told = json(&run, &["-q", "train", "--resume", "--run", "run"]);
     assert_eq!(
         (&told["policy_sha256"], &told["run"]),
@@ -91,6 +97,15 @@ fn a_run_is_listed_stopped_continued_and_evaluated() {
     let exported = json(&run, &["export", "run"]);
     assert_eq!(exported.as_array().unwrap().len(), 2);
     assert_eq!(exported[0]["of"], "policy");
+}
+
+#[test]
+fn recorded_demonstrations_are_told_as_figures() {
+    let run = TestRun::new(programs!());
+    let recorded = ["demonstrate", "navigation", "--episodes", "3", "--out", "d.mcap"];
+    let recorded = json(&run, &recorded);
+    assert_eq!((&recorded["episodes"], &recorded["failures"]), (&3.into(), &0.into()));
+    assert!(recorded["steps"].as_u64() >= Some(3) && recorded["file"] == "d.mcap", "{recorded}");
 }
 
 #[test]
@@ -119,6 +134,7 @@ fn a_log_is_told_as_figures() {
     assert_eq!(other["episodes"], summary.episodes);
     let again = json(&run, &["-q", "replay", "run", "--retrain"]);
     assert_eq!(again["policy_sha256"], summary.policy_sha256);
+    assert_eq!(again["reward_model_sha256"], summary.reward_model_sha256);
 }
 
 #[test]

@@ -77,6 +77,12 @@ fn a_file_that_lost_its_end_is_no_success() {
             assert!(said.contains("cut off"), "{command:?} at {at}: {said}");
         }
     }
+    let (code, said) = goalward(&run, &home, &["log", "repair", shown]);
+    assert_eq!(code, Some(3), "{said}");
+    let (code, said) = goalward(&run, &home, &["log", "info", shown]);
+    assert_eq!(code, Some(0), "what is left is whole: {said}");
+    let original = file.with_extension("mcap.damaged");
+    assert!(said.contains(&format!("the original is {}", original.display())), "{said}");
     // Only the beginning of a file is left, then a file without episodes.
     fs::write(&file, &whole[..20]).unwrap();
     let (code, said) = goalward(&run, &home, &["log", "info", shown]);

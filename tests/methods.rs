@@ -48,6 +48,7 @@ fn train(run: &TestRun, task: &str, small: &[&str], method: &str) -> Summary {
 fn every_method_trains_and_evaluates() {
     let methods = [
         "gaifo-s-uncertainty",
+        "gaifo-next-state",
         "gaifo",
         "ranking",
         "temporal-distance",
@@ -63,7 +64,11 @@ fn every_method_trains_and_evaluates() {
         for method in methods {
             let summary = train(&TestRun::new(programs!()), task, small, method);
             let wanted = if method == "bc" { 0 } else { 3200 };
-            assert!(summary.env_steps >= wanted, "{task} {method}: {} steps", summary.env_steps);
+            assert!(
+                summary.environment_steps >= wanted,
+                "{task} {method}: {} steps",
+                summary.environment_steps
+            );
             let evaluated = summary.evaluation.episodes;
             assert_eq!(
                 evaluated,

@@ -31,7 +31,7 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
 
     let listed = page.json("/api/runs");
     assert_eq!(listed["runs"][0]["id"], "run");
-    assert_eq!(listed["runs"][0]["state"], "live");
+    assert_eq!(listed["runs"][0]["state"], "training");
     let so_far = page.json("/api/runs/run/updates")["next"].as_u64().unwrap();
     assert!(so_far > 0);
 

@@ -124,7 +124,7 @@ def runs_are_listed(page: Browser) -> None:
     """The list shows all runs and marks the live one; the first paint is fast and the page small."""
     page.open("")
     page.expect("seven runs", lambda: len(page.all("tbody tr")) == 7)
-    page.says("tbody", "live")
+    page.says("tbody", "training")
     loaded = page.script("""
         const kinds = ["navigation", "resource"];
         const all = kinds.flatMap((kind) => performance.getEntriesByType(kind));

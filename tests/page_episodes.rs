@@ -41,7 +41,7 @@ fn every_episode_of_a_log_is_listed_and_shown() {
     assert_eq!(of(0).count() as u64, summary.episodes);
     assert_eq!(of(1).count() as u64, summary.evaluation.episodes);
     let steps: u64 = of(0).map(|row| row["steps"].as_u64().unwrap()).sum();
-    assert_eq!(steps, summary.env_steps);
+    assert_eq!(steps, summary.environment_steps);
     assert!(of(0).all(|row| row["return"].is_number() && row["uncertainty"].is_number()));
     assert!(of(1).all(|row| row["return"].is_null()));
 

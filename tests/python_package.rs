@@ -39,7 +39,7 @@ fn the_package_and_the_programs_understand_each_other() {
         .env("GOALWARD_ACTOR", run.program("goalward-actor").get_program());
     let found: Value = serde_json::from_slice(&with_package(script)).unwrap();
     assert_eq!(found["episodes"].as_u64(), Some(summary.episodes), "{found}");
-    assert_eq!(found["steps"].as_u64(), Some(summary.env_steps), "{found}");
+    assert_eq!(found["steps"].as_u64(), Some(summary.environment_steps), "{found}");
     assert_eq!(found["observed"], found["steps"], "{found}");
     assert_eq!(found["weights"].as_str(), Some(hashes.policy.as_str()), "{found}");
     assert_eq!(found["exported"], found["weights"], "{found}");

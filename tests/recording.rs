@@ -98,7 +98,7 @@ fn check_trajectories(recorded: &Recorded, summary: &Summary) {
         assert_eq!(episodes, expected, "lane {lane}");
     }
     let steps = |encoded: &Encoded| u64::from(encoded.trajectory.steps);
-    assert_eq!(recorded.trajectories.iter().map(steps).sum::<u64>(), summary.env_steps);
+    assert_eq!(recorded.trajectories.iter().map(steps).sum::<u64>(), summary.environment_steps);
     assert_eq!(recorded.trajectories.len() as u64, summary.episodes);
     assert_eq!(recorded.evaluations.len() as u64, summary.evaluation.episodes);
     assert_eq!(recorded.keys().len() as u64, ITERATIONS);
@@ -144,7 +144,7 @@ fn check_policy_updates(recorded: &Recorded, summary: &Summary) {
     }
     let last = recorded.policy_updates.last().unwrap();
     assert_eq!(last.weights_sha256, summary.policy_sha256);
-    assert_eq!(last.environment_steps, summary.env_steps);
+    assert_eq!(last.environment_steps, summary.environment_steps);
     assert_eq!(last.episodes, summary.episodes);
     assert_eq!(Some(last.success_rate), summary.success_rate);
 }
@@ -157,7 +157,7 @@ fn check_reward_updates(recorded: &Recorded, summary: &Summary) {
     let expected: Vec<_> = std::iter::once((0, 1)).chain(online).collect();
     assert_eq!(names, expected, "as (iteration, model version)");
     let last = recorded.reward_updates.last().unwrap();
-    assert_eq!(last.weights_sha256, summary.proximity_sha256);
+    assert_eq!(last.weights_sha256, summary.reward_model_sha256);
 }
 
 /// Every checkpoint is recorded with the policy hash of its iteration and is where the record says; the last one has
@@ -172,7 +172,7 @@ fn check_checkpoints(run: &TestRun, recorded: &Recorded, summary: &Summary) {
         assert_eq!(checkpoint.policy_sha256, update.weights_sha256);
     }
     let last = recorded.checkpoints.last().unwrap();
-    assert_eq!(last.proximity_sha256, summary.proximity_sha256);
+    assert_eq!(last.proximity_sha256, summary.reward_model_sha256);
 }
 
 #[test]

@@ -18,7 +18,7 @@ fn report(run: &TestRun, arguments: &[&str]) -> Output {
 fn a_run_becomes_a_page() {
     let run = TestRun::new(programs!());
     let summary = run.finish(&[]);
-    let Output { status, stdout, stderr } = report(&run, &["run", "--out", "web"]);
+    let Output { status, stdout, stderr } = report(&run, &[".", "--out", "web"]);
     assert!(status.success(), "{}", String::from_utf8_lossy(&stderr));
     assert_eq!(String::from_utf8(stdout).unwrap(), "web/index.html\n");
     let read = |name: &str| fs::read_to_string(run.path("web").join(name)).unwrap();
@@ -61,6 +61,7 @@ fn nothing_to_report_is_said_in_a_line() {
         (&["run", "empty"][..], None, "empty"),
         (&["run", "missing.toml"], None, "missing.toml"),
         (&["run", "--quick"], None, "--quick"),
+        (&["run", "."], None, "expected each run once, found ./run again"),
         (&["plan.toml"], None, "navigation-bc-s1-"),
         (&["run"], Some("updates-00000.mcap"), "expected files"),
     ] {

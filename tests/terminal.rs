@@ -3,8 +3,9 @@
 //! Method: the test opens a pseudoterminal and reads what a real program shows on it.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::Read;
+use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -72,7 +73,7 @@ fn what_is_done_for_long_shows_how_far_it_is() {
 fn a_failure_has_one_form_whoever_fails() {
     let run = TestRun::new(programs!());
     training(&run).output().unwrap();
-    std::fs::remove_dir_all(run.path("run/checkpoints")).unwrap();
+    fs::remove_dir_all(run.path("run/checkpoints")).unwrap();
     let failed = run.program("goalward").args(["evaluate", "run"]).output().unwrap();
     let said = String::from_utf8(failed.stderr).unwrap();
     assert!(!failed.status.success() && said.starts_with("goalward: "), "{said}");
@@ -80,15 +81,18 @@ fn a_failure_has_one_form_whoever_fails() {
 }
 
 #[test]
-fn a_quiet_command_shows_nothing_of_its_programs_either() {
+fn the_programs_of_a_quiet_command_say_errors_only() {
     let run = TestRun::new(programs!());
-    let demonstrate = |flags: &[&str], file: &str| {
+    let actor = run.path("bin/goalward-actor");
+    fs::remove_file(&actor).unwrap();
+    fs::write(&actor, "#!/bin/sh\necho level ${RUST_LOG:-info} >&2\nexit 1\n").unwrap();
+    fs::set_permissions(&actor, Permissions::from_mode(0o755)).unwrap();
+    let said = |flags: &[&str]| {
         let mut command = run.program("goalward");
-        command.args(flags).args(["demonstrate", "navigation", "--episodes", "3", "--out", file]);
-        let ended = command.output().unwrap();
-        assert!(ended.status.success());
+        command.args(flags).args(["demonstrate", "navigation", "--episodes", "3"]);
+        let ended = command.args(["--out", "d.mcap"]).output().unwrap();
         String::from_utf8(ended.stderr).unwrap()
     };
-    assert!(demonstrate(&[], "loud.mcap").contains("3 demonstrations"));
-    assert_eq!(demonstrate(&["--quiet"], "quiet.mcap"), "");
+    assert_eq!(said(&[]), "level info\n");
+    assert_eq!(said(&["--quiet"]), "level error\n");
 }

@@ -14,7 +14,7 @@ use run::folder::RunFolder;
 use run::process::{self, Stop};
 use serde::Serialize;
 
-use crate::demonstrate::{Recorded, Request, demonstrate};
+use crate::demonstrate::{Request, demonstrate};
 use crate::describe::describe;
 use crate::evaluate::{Wanted, evaluate};
 use crate::expert::Expert;
@@ -246,7 +246,8 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
                 Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
                 None => Expert::of_task(&factory)?,
             };
-            record(&Request { factory, episodes, seed, file: &out, force }, expert)
+            let request = Request { factory, episodes, seed, file: &out, force };
+            print(&demonstrate(&request, expert, &Stop::at_end_of_input()?)?)
         }
         Command::Serve { task, setting } => {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
@@ -285,26 +286,6 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
     }
 }
 
-/// Records demonstrations and reports how many they are.
-fn record(request: &Request<'_>, expert: Expert) -> Result<()> {
-    let recorded = demonstrate(request, expert, &Stop::at_end_of_input()?)?;
-    let Recorded { steps, failures, tells_success } = recorded;
-    let (episodes, out) = (request.episodes, request.file.display());
-    let left_out = left_out(failures, tells_success);
-    tracing::info!("{episodes} demonstrations with {steps} steps in {out}; {left_out}");
-    Ok(())
-}
-
-/// Says what was recorded but is not in a file of demonstrations.
-fn left_out(failures: u64, tells_success: bool) -> String {
-    match tells_success {
-        true => format!("the expert failed in {failures} further episodes"),
-        false => {
-            "the task tells no success, so all were kept and none was cut at a goal".to_owned()
-        }
-    }
-}
-
 fn standard_input() -> Result<Bytes> {
     let mut bytes = Vec::new();
     std::io::stdin().read_to_end(&mut bytes).context("standard input")?;
@@ -323,15 +304,4 @@ fn check_name(name: &str) -> Result<()> {
 /// Prints a result for `goalward`, as JSON.
 fn print(result: &impl Serialize) -> Result<()> {
     Ok(writeln!(std::io::stdout(), "{}", serde_json::to_string(result)?)?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_failure_is_counted_where_success_is_not_told() {
-        assert_eq!(left_out(0, true), "the expert failed in 0 further episodes");
-        assert!(left_out(0, false).starts_with("the task tells no success"));
-    }
 }

@@ -1,6 +1,6 @@
 //! `goalward demonstrate`: an expert acts, and its trajectories are recorded in a demonstrations file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::slice;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,6 +13,7 @@ use run::headway::{Headway, Teller};
 use run::metadata;
 use run::origin::{EXPERT, TASKS_OWN};
 use run::process::Stop;
+use serde::Serialize;
 
 use crate::expert::Expert;
 use crate::factory::Factory;
@@ -36,14 +37,17 @@ pub struct Request<'a> {
     pub force: bool,
 }
 
-/// What was recorded.
+/// What was recorded, as it is printed.
+#[derive(Debug, Serialize)]
 pub struct Recorded {
+    /// Number of demonstrations.
+    pub episodes: u64,
     /// Transitions of all demonstrations together.
     pub steps: u64,
-    /// Episodes in which the expert did not reach the goal; they are not in the file.
-    pub failures: u64,
-    /// Whether the task tells success.
-    pub tells_success: bool,
+    /// Further episodes, in which the expert did not reach the goal; `None` if the task does not tell success.
+    pub failures: Option<u64>,
+    /// The file that holds the demonstrations.
+    pub file: PathBuf,
 }
 
 /// Records demonstrations: episodes in which the expert reaches the goal, up to the goal. For a task that does
@@ -65,7 +69,7 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
     ensure!(*force || !file.exists(), "{} exists and is not overwritten", file.display());
     let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
     let mut writer = FileWriter::create_anew(file, &metadata, &[Topic::Trajectory])?;
-    let recorded = record(&mut writer, &mut demonstrator, *episodes, stop);
+    let recorded = record(&mut writer, &mut demonstrator, request, stop);
     let recorded = recorded.and_then(|recorded| Ok(writer.seal().map(|()| recorded)?));
     if let Err(why) = &recorded {
         writer.discard().with_context(|| format!("{why:#}"))?;
@@ -76,23 +80,25 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
 fn record(
     writer: &mut FileWriter,
     demonstrator: &mut Demonstrator,
-    episodes: u64,
+    request: &Request<'_>,
     stop: &Stop,
 ) -> Result<Recorded> {
-    let tells_success = demonstrator.tells_success;
-    let mut recorded = Recorded { steps: 0, failures: 0, tells_success };
-    let mut number = 0;
+    let Request { episodes, file, .. } = *request;
+    let failures = demonstrator.tells_success.then_some(0);
+    let mut recorded = Recorded { episodes: 0, steps: 0, failures, file: file.to_owned() };
     let mut teller = Teller::default();
-    while number < episodes {
+    while recorded.episodes < episodes {
+        let number = recorded.episodes;
         if stop.is_requested() {
             bail!("stopped after {number} of {episodes} demonstrations: none are kept");
         }
         let trajectory = demonstrator.next_episode()?;
-        if !trajectory.success && tells_success {
-            recorded.failures += 1;
-            let (failures, most) = (recorded.failures, episodes * FAILURES_PER_DEMONSTRATION);
+        if !trajectory.success
+            && let Some(failures) = &mut recorded.failures
+        {
+            *failures += 1;
             ensure!(
-                failures <= most,
+                *failures <= episodes * FAILURES_PER_DEMONSTRATION,
                 "expected an expert that reaches the goal in one of {} episodes, found {failures} \
                  failures and {number} demonstrations",
                 FAILURES_PER_DEMONSTRATION + 1
@@ -102,9 +108,9 @@ fn record(
         recorded.steps += u64::from(trajectory.steps);
         // The log time is the number of the demonstration, so demonstrations of one seed always give the same file.
         writer.trajectory(&Encoded::encode(trajectory), number)?;
-        number += 1;
+        recorded.episodes += 1;
         teller.tell(Headway {
-            episodes_done: number,
+            episodes_done: recorded.episodes,
             episodes_wanted: episodes,
             steps_done: recorded.steps,
         });

@@ -13,7 +13,7 @@ use crate::python;
 /// # Errors
 /// When the program does not have the task, or the task does not have such a setting; the message names the
 /// part of the configuration.
-pub fn describe(
+pub(crate) fn describe(
     tasks: Tasks,
     name: &str,
     environment: Setting,

@@ -9,8 +9,9 @@ use protocol::scene::{
     self, Color, CompressedImage, CylinderPrimitive, FRAME, FRAME_NS, Primitive, Quaternion,
     SceneEntity, SceneUpdate, Timestamp, Vector3,
 };
-use protocol::seed;
-use protocol::trajectory::{Source, Trajectory};
+use protocol::trajectory::Trajectory;
+
+use crate::episode::EpisodeName;
 
 /// Maximum number of pictures per episode.
 const MOST_PICTURES: u32 = 120;
@@ -20,15 +21,14 @@ const MOST_PICTURES: u32 = 120;
 ///
 /// # Errors
 /// When the environment fails or does not end in the recorded state, or the disk refuses the scenes.
-pub fn draw(
+pub(crate) fn draw(
     writer: &mut FileWriter,
     environment: &mut dyn Environment,
     trajectory: &Trajectory,
     start_ns: u64,
 ) -> Result<u64> {
-    let (purpose, _) = Source::try_from(trajectory.source)?.purposes();
-    let Trajectory { run_seed, lane, episode, .. } = *trajectory;
-    let mut starts = seed::stream(run_seed, purpose, lane, episode);
+    let name = EpisodeName::of(trajectory)?;
+    let [mut starts, _] = name.streams();
     let spec = environment.spec();
     let mut observation = vec![0; spec.observation.bytes()];
     let mut poses = Vec::new();
@@ -68,7 +68,9 @@ pub fn draw(
     let found = environment.state_hash();
     ensure!(
         found == trajectory.state_hash,
-        "lane {lane} episode {episode}: expected the recorded state, found another"
+        "lane {} episode {}: expected the recorded state, found another",
+        name.lane,
+        name.episode
     );
     Ok(time_ns)
 }

@@ -25,6 +25,30 @@ pub struct EpisodeName {
     pub run_seed: u64,
 }
 
+impl EpisodeName {
+    /// Returns the identity of a recorded episode.
+    ///
+    /// # Errors
+    /// When nobody is known to act for its source.
+    pub(crate) fn of(recorded: &Trajectory) -> Result<EpisodeName> {
+        Ok(EpisodeName {
+            source: Source::try_from(recorded.source)?,
+            iteration: recorded.iteration,
+            lane: recorded.lane,
+            episode: recorded.episode,
+            policy_version: recorded.policy_version,
+            run_seed: recorded.run_seed,
+        })
+    }
+
+    /// Returns the random streams that the episode's start and its actions are drawn from.
+    pub(crate) fn streams(&self) -> [Stream; 2] {
+        let (starts, actions) = self.source.purposes();
+        let stream = |purpose| seed::stream(self.run_seed, purpose, self.lane, self.episode);
+        [stream(starts), stream(actions)]
+    }
+}
+
 /// An episode in progress. The episodes that follow reuse its buffers.
 pub struct Episode {
     environment: Box<dyn Environment>,
@@ -50,13 +74,13 @@ impl Episode {
         name: EpisodeName,
     ) -> Result<Episode> {
         let spec = environment.spec();
-        let (_, purpose) = name.source.purposes();
+        let [_, actions] = name.streams();
         let mut episode = Episode {
             environment,
             task: task.to_owned(),
             spec,
             name,
-            actions: seed::stream(name.run_seed, purpose, name.lane, name.episode),
+            actions,
             observations: Vec::new(),
             taken: Vec::new(),
             log_probs: Vec::new(),
@@ -72,16 +96,15 @@ impl Episode {
     /// # Errors
     /// When the environment cannot be reset; the error names the lane and the episode.
     pub fn begin_again(&mut self, name: EpisodeName) -> Result<()> {
-        let (environment_purpose, action_purpose) = name.source.purposes();
+        let [mut starts, actions] = name.streams();
         self.name = name;
-        self.actions = seed::stream(name.run_seed, action_purpose, name.lane, name.episode);
+        self.actions = actions;
         self.taken.clear();
         self.log_probs.clear();
         self.rewards.clear();
         self.steps_to_goal = 0;
         self.observations.clear();
         self.observations.resize(self.spec.observation.bytes(), 0);
-        let mut starts = seed::stream(name.run_seed, environment_purpose, name.lane, name.episode);
         self.environment
             .reset(&mut starts, &mut self.observations)
             .with_context(|| format!("lane {} episode {}: reset", name.lane, name.episode))

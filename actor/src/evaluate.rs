@@ -25,34 +25,34 @@ const DRAWN_EPISODES: usize = 20;
 
 /// What is to be evaluated.
 #[derive(Debug)]
-pub struct Wanted {
+pub(crate) struct Wanted {
     /// Episodes to run.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// How actions are chosen; `None` for as at the end of training.
-    pub actions: Option<ActionChoice>,
+    pub(crate) actions: Option<ActionChoice>,
     /// Seed of the episodes, if it is not the run's.
-    pub other_seed: Option<u64>,
+    pub(crate) other_seed: Option<u64>,
     /// Iterations that the checkpoint is after; `None` for the newest.
-    pub checkpoint: Option<u64>,
+    pub(crate) checkpoint: Option<u64>,
     /// File for the episodes; `None` for one in the run's folder.
-    pub file: Option<PathBuf>,
+    pub(crate) file: Option<PathBuf>,
 }
 
 /// The result of an evaluation, as it is printed.
 #[derive(Debug, Serialize)]
-pub struct Evaluation {
+pub(crate) struct Evaluation {
     /// Episodes run.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// Share of them that reached the goal; `None` if the task does not tell success.
-    pub success_rate: Option<f64>,
+    pub(crate) success_rate: Option<f64>,
     /// Mean of the environment's own returns.
-    pub mean_return: f64,
+    pub(crate) mean_return: f64,
     /// Mean length of an episode.
-    pub mean_steps: f64,
+    pub(crate) mean_steps: f64,
     /// Updates the policy has had.
-    pub policy_version: u64,
+    pub(crate) policy_version: u64,
     /// File that holds the episodes.
-    pub file: PathBuf,
+    pub(crate) file: PathBuf,
 }
 
 /// Runs evaluation episodes with a checkpoint of a run: the same episodes, in the same lanes, that the run itself ends
@@ -60,7 +60,7 @@ pub struct Evaluation {
 ///
 /// # Errors
 /// When there is no such intact checkpoint, an environment fails, or the file cannot be written.
-pub fn evaluate(tasks: Tasks, folder: &RunFolder, wanted: Wanted) -> Result<Evaluation> {
+pub(crate) fn evaluate(tasks: Tasks, folder: &RunFolder, wanted: Wanted) -> Result<Evaluation> {
     let Wanted { episodes, actions, other_seed, checkpoint, file } = wanted;
     let mut config = folder.config()?;
     let actions = actions.unwrap_or(config.evaluation.actions);

@@ -15,7 +15,7 @@ use crate::policy::Policy;
 ///
 /// # Errors
 /// When there is no such intact checkpoint, or the file cannot be written.
-pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
+pub(crate) fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
     let config = folder.config()?;
     let found = checkpoint::chosen(folder, iteration, &[POLICY_FILE])?;
     let weights = found.policy()?;

@@ -18,7 +18,7 @@ const EPISODES: u64 = 4;
 ///
 /// # Errors
 /// When the task is not among `tasks`, or an environment fails.
-pub fn golden(tasks: Tasks, folder: &RunFolder) -> Result<String> {
+pub(crate) fn golden(tasks: Tasks, folder: &RunFolder) -> Result<String> {
     let mut config = folder.config()?;
     let factory = Factory::of_run(tasks, &config)?;
     if !config.task.deterministic {

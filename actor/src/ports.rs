@@ -24,7 +24,7 @@ const READER_PATIENCE: Duration = Duration::from_secs(2);
 const LEARNER_PATIENCE: Duration = Duration::from_secs(30);
 
 /// The ports of an actor, wherever its trajectories come from.
-pub struct Ports {
+pub(crate) struct Ports {
     folder: RunFolder,
     name: String,
     finished: Vec<Lease>,
@@ -45,7 +45,7 @@ impl Ports {
     ///
     /// # Errors
     /// When the run has not been started.
-    pub fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
+    pub(crate) fn open(folder: &RunFolder, name: &str, stop: &Stop) -> Result<(Ports, Bus)> {
         // An actor restarted under the same name counts as another one: its predecessor's leases are open again
         // as soon as the predecessor is known to be dead.
         let name = format!("{name}-{}", std::process::id());
@@ -73,7 +73,7 @@ impl Ports {
     ///
     /// # Errors
     /// When the actor has no supervisor and has found no learner at all.
-    pub fn is_over(&self) -> Result<bool> {
+    pub(crate) fn is_over(&self) -> Result<bool> {
         let gave_up = self.alone.is_some_and(|since| since.elapsed() >= LEARNER_PATIENCE);
         if !gave_up || self.stop.is_held() {
             return Ok(self.over || self.stop.is_requested());
@@ -90,18 +90,18 @@ impl Ports {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn wait(&mut self) -> Result<()> {
+    pub(crate) fn wait(&mut self) -> Result<()> {
         self.doorbell.wait(TICK)?;
         Ok(())
     }
 
     /// Notes a lease to hand back with the next request: everything of it is published, or it is given up.
-    pub fn finish(&mut self, lease: Lease) {
+    pub(crate) fn finish(&mut self, lease: Lease) {
         self.finished.push(lease);
     }
 
     /// Asks for leases, one request at a time; `seconds` is sent along and reset.
-    pub fn ask(&mut self, capacity: usize, seconds: &mut ActorSeconds) {
+    pub(crate) fn ask(&mut self, capacity: usize, seconds: &mut ActorSeconds) {
         if capacity == 0 || !self.leases.is_free() {
             return;
         }
@@ -130,7 +130,7 @@ impl Ports {
     }
 
     /// Returns the leases granted since the last call.
-    pub fn granted(&mut self) -> Vec<Lease> {
+    pub(crate) fn granted(&mut self) -> Vec<Lease> {
         let dropped = &mut self.dropped;
         let read = |bytes| granted(bytes).map_err(|why| dropped.note(why)).ok();
         let Some(reply) = self.leases.answer(read) else { return Vec::new() };
@@ -143,7 +143,7 @@ impl Ports {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn publish(&mut self, encoded: &Encoded) -> Result<()> {
+    pub(crate) fn publish(&mut self, encoded: &Encoded) -> Result<()> {
         self.trajectories.send(&encoded.bytes, TrajectoryHeader::from(encoded))?;
         Ok(())
     }
@@ -152,7 +152,7 @@ impl Ports {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn ring(&mut self) -> Result<()> {
+    pub(crate) fn ring(&mut self) -> Result<()> {
         Ok(self.trajectories.ring()?)
     }
 }

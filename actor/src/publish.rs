@@ -24,11 +24,11 @@ const LINGER: Duration = Duration::from_secs(2);
 
 /// The result of publishing, as it is printed.
 #[derive(Debug, Default, Serialize)]
-pub struct Published {
+pub(crate) struct Published {
     /// Trajectories published.
-    pub trajectories: u64,
+    pub(crate) trajectories: u64,
     /// Number of readers at the end.
-    pub readers: usize,
+    pub(crate) readers: usize,
 }
 
 /// Publishes the trajectories of the log in `log` on the run's bus once there is a reader: at `speed` times the
@@ -36,7 +36,7 @@ pub struct Published {
 ///
 /// # Errors
 /// When the run has no bus, or its log cannot be read.
-pub fn publish(
+pub(crate) fn publish(
     folder: &RunFolder,
     log: &Path,
     speed: Option<f64>,

@@ -18,11 +18,11 @@ use crate::ports::Ports;
 const LEASES_AT_ONCE: usize = 16;
 
 /// The recording to replay.
-pub struct Recording {
+pub(crate) struct Recording {
     /// Folder of the log.
-    pub log: PathBuf,
+    pub(crate) log: PathBuf,
     /// Iterations to replay; `None` replays the whole log.
-    pub iterations: Option<u64>,
+    pub(crate) iterations: Option<u64>,
 }
 
 /// Publishes the recorded trajectories of the leases it is granted, until the run is over, a stop is requested,
@@ -30,15 +30,20 @@ pub struct Recording {
 ///
 /// # Errors
 /// When the log cannot be read, or has another policy version than a lease, or the bus fails.
-pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop) -> Result<()> {
+pub(crate) fn replay(
+    folder: &RunFolder,
+    name: &str,
+    recording: &Recording,
+    stop: &Stop,
+) -> Result<()> {
     let spec = folder.config()?.task.spec();
-    let mut source = Source::open(&recording.log, spec)?;
+    let mut log = RecordedLog::open(&recording.log, spec)?;
     let (mut ports, _bus) = Ports::open(folder, name, stop)?;
     while !ports.is_over()? {
         let leases = ports.granted();
         for lease in &leases {
             let wanted = recording.iterations.is_none_or(|count| lease.iteration < count);
-            let recorded = if wanted { source.of_lease(lease)? } else { None };
+            let recorded = if wanted { log.of_lease(lease)? } else { None };
             let Some(trajectories) = recorded else {
                 tracing::info!("the log ends in iteration {}", lease.iteration);
                 return Ok(());
@@ -61,7 +66,7 @@ pub fn replay(folder: &RunFolder, name: &str, recording: &Recording, stop: &Stop
 type LaneName = (i32, u64, u64);
 
 /// A log that is read only as far as leases require.
-struct Source {
+struct RecordedLog {
     log: PathBuf,
     spec: Spec,
     reader: RunReader,
@@ -71,17 +76,17 @@ struct Source {
     kept_from: u64,
 }
 
-impl Source {
-    fn open(log: &Path, spec: Spec) -> Result<Source> {
+impl RecordedLog {
+    fn open(log: &Path, spec: Spec) -> Result<RecordedLog> {
         let reader = read_contents(log, Contents::Trajectories)?;
-        Ok(Source { log: log.to_owned(), spec, reader, lanes: BTreeMap::new(), kept_from: 0 })
+        Ok(RecordedLog { log: log.to_owned(), spec, reader, lanes: BTreeMap::new(), kept_from: 0 })
     }
 
     /// Returns the trajectories of a lease, in order; `None` if the log does not have all of them.
     fn of_lease(&mut self, lease: &Lease) -> Result<Option<Vec<&Encoded>>> {
         if lease.iteration < self.kept_from {
             // The learner went back to a checkpoint.
-            *self = Source::open(&self.log, self.spec)?;
+            *self = RecordedLog::open(&self.log, self.spec)?;
         }
         while owed(&self.lanes, lease).is_none() {
             let Some(entry) = self.reader.next() else { return Ok(None) };

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail, ensure};
 use protocol::task::{Spec, floats};
-use protocol::trajectory::{Source, Trajectory};
+use protocol::trajectory::Trajectory;
 use rayon::prelude::*;
 
 use crate::episode::{Episode, EpisodeName, is_of_no_episode};
@@ -12,7 +12,7 @@ use crate::factory::Factory;
 const CHUNK: usize = 64;
 
 /// A re-simulator of recorded episodes with one setting.
-pub struct Resimulator<'a> {
+pub(crate) struct Resimulator<'a> {
     threads: &'a rayon::ThreadPool,
     spec: Spec,
     actors: Vec<Actor>,
@@ -23,7 +23,7 @@ impl<'a> Resimulator<'a> {
     ///
     /// # Errors
     /// When the environment cannot be made.
-    pub fn new(threads: &'a rayon::ThreadPool, factory: &Factory) -> Result<Self> {
+    pub(crate) fn new(threads: &'a rayon::ThreadPool, factory: &Factory) -> Result<Self> {
         let spec = factory.make()?.spec();
         let actor = || Actor { factory: factory.clone(), spec, episode: None };
         let actors = std::iter::repeat_with(actor).take(threads.current_num_threads()).collect();
@@ -31,18 +31,18 @@ impl<'a> Resimulator<'a> {
     }
 
     /// Returns the shapes of the task.
-    pub fn spec(&self) -> Spec {
+    pub(crate) fn spec(&self) -> Spec {
         self.spec
     }
 
     /// Returns the number of episodes that keeps all threads busy.
-    pub fn episodes_at_once(&self) -> usize {
+    pub(crate) fn episodes_at_once(&self) -> usize {
         CHUNK * self.actors.len()
     }
 
     /// Re-simulates the recorded episodes, and returns what `judge` makes of each recorded episode and its
     /// result, in order.
-    pub fn each<T: Send>(
+    pub(crate) fn each<T: Send>(
         &mut self,
         recorded: &[Trajectory],
         judge: impl Fn(&Trajectory, Result<Trajectory>) -> T + Sync,
@@ -75,14 +75,7 @@ impl Actor {
 
     /// Re-simulates an episode once. An environment that has failed is not used again.
     fn act_once(&mut self, recorded: &Trajectory) -> Result<Trajectory> {
-        let name = EpisodeName {
-            source: Source::try_from(recorded.source)?,
-            iteration: recorded.iteration,
-            lane: recorded.lane,
-            episode: recorded.episode,
-            policy_version: recorded.policy_version,
-            run_seed: recorded.run_seed,
-        };
+        let name = EpisodeName::of(recorded)?;
         let mut episode = self.factory.begin(name, self.episode.take())?;
         // The environment does not depend on the policy's log-probabilities, so they are copied.
         let mut log_probs = floats(&recorded.log_probs);

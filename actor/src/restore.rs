@@ -17,18 +17,23 @@ use crate::resimulate::Resimulator;
 
 /// The result, as it is printed.
 #[derive(Debug, Default, Serialize)]
-pub struct Restored {
+pub(crate) struct Restored {
     /// Episodes in the new log.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// Those of them that had been recorded without observations.
-    pub restored: u64,
+    pub(crate) restored: u64,
 }
 
 /// Writes the log of a run with all observations into the folder `out`, on `threads` threads; 0 uses all cores.
 ///
 /// # Errors
 /// When such an episode does not come out as it was recorded, or a file cannot be read or written.
-pub fn restore(tasks: Tasks, folder: &RunFolder, out: &Path, threads: usize) -> Result<Restored> {
+pub(crate) fn restore(
+    tasks: Tasks,
+    folder: &RunFolder,
+    out: &Path,
+    threads: usize,
+) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut resimulator = Resimulator::new(&threads, &Factory::of_run(tasks, &config)?)?;

@@ -50,7 +50,7 @@ struct Actor {
 ///
 /// # Errors
 /// When the task is not among `tasks`, or an environment or the bus fails.
-pub fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
+pub(crate) fn rollout(tasks: Tasks, folder: &RunFolder, name: &str, stop: &Stop) -> Result<()> {
     let config = folder.config()?;
     let factory = Factory::of_run(tasks, &config)?;
     let (ports, bus) = Ports::open(folder, name, stop)?;

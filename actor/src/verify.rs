@@ -17,19 +17,19 @@ use crate::resimulate::Resimulator;
 
 /// The result of a verification, as it is printed.
 #[derive(Debug, Default, Serialize)]
-pub struct Verification {
+pub(crate) struct Verification {
     /// Episodes re-simulated.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// Their steps.
-    pub steps: u64,
+    pub(crate) steps: u64,
     /// Episodes that came out as they were recorded.
-    pub equal: u64,
+    pub(crate) equal: u64,
     /// The first difference, and where it is.
-    pub first_difference: Option<String>,
+    pub(crate) first_difference: Option<String>,
     /// Files that are unreadable in part, and why.
-    pub damaged: Vec<String>,
+    pub(crate) damaged: Vec<String>,
     /// Wall time.
-    pub seconds: f64,
+    pub(crate) seconds: f64,
 }
 
 /// Re-simulates every episode of a run's log, and of the demonstrations that the run recorded itself, on
@@ -37,7 +37,7 @@ pub struct Verification {
 ///
 /// # Errors
 /// When the task's episodes cannot be re-simulated, or a file cannot be read. An episode that differs is not an error.
-pub fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
+pub(crate) fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;
     let factory = Factory::of_deterministic_run(tasks, &config)?;

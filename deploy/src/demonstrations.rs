@@ -2,7 +2,7 @@
 //! expert records them.
 
 use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Command, Stdio};
 
 use anyhow::{Result, bail};
 use mcap_log::Kind;
@@ -12,9 +12,8 @@ use run::config::{LEAST_SCALED_DEVIATION, RunConfig};
 use run::folder::RunFolder;
 
 use crate::output::Output;
-use crate::programs::{self, Program};
+use crate::programs::{self, Ended, Program};
 use terminal::refusal::Refusal;
-use terminal::status_line::StatusLine;
 
 /// Words of the status line while an expert records.
 pub(crate) const RECORDING: &str = "recording demonstrations";
@@ -72,17 +71,12 @@ impl<'a> Recording<'a> {
         Ok(actor)
     }
 
-    /// Records them with an [`actor`](Self::actor) and shows its progress on `line`. Returns the exit status, or `None`
-    /// if the user has stopped it.
+    /// Records them with an [`actor`](Self::actor) and shows its progress. Returns `None` if the user has stopped it.
     ///
     /// # Errors
     /// When the actor cannot start.
-    pub(crate) fn record(
-        &self,
-        actor: &mut Command,
-        line: StatusLine,
-    ) -> Result<Option<ExitStatus>> {
-        let ended = programs::run_unless_stopped(actor, RECORDING, line)?;
+    pub(crate) fn record(&self, actor: &mut Command) -> Result<Option<Ended>> {
+        let ended = programs::run_unless_stopped(actor, RECORDING)?;
         if ended.is_none() {
             // An actor that did not stop in time was killed and has left an unfinished file.
             mcap_log::remove_abandoned(self.file, Kind::Demonstrations)?;
@@ -101,8 +95,8 @@ pub(crate) fn record_for_run(folder: &RunFolder, config: &RunConfig) -> Result<b
     let recording = Recording::for_run(config, &file);
     let mut actor = recording.actor()?;
     actor.env("NO_COLOR", "1").stderr(output.open()?);
-    match recording.record(&mut actor, StatusLine::new())? {
-        Some(status) if !status.success() => {
+    match recording.record(&mut actor)? {
+        Some(Ended { status, .. }) if !status.success() => {
             bail!("recording demonstrations failed ({status}); {}", output.last_lines())
         }
         Some(_) => check(&file, config).map(|()| true),

@@ -33,6 +33,7 @@
 //! | `headway` | progress of a program that was started for one piece of work |
 //! | `limits` | whether the system's resource limits suffice for a run |
 //! | `tasks` | tasks as the user names them |
+//! | `named_runs` | runs as the user names them |
 //! | `output` | the output of processes |
 //! | `output_format` | the results of a verb, as a table or as JSON |
 //! | `summary` | the summary of a finished run, as a table |
@@ -56,6 +57,7 @@ mod limits;
 mod listening;
 mod lock;
 mod machine;
+mod named_runs;
 mod other_reward;
 mod output;
 mod output_format;

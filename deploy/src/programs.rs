@@ -111,9 +111,9 @@ impl Program {
 /// # Errors
 /// When the program cannot start, fails, or prints something else.
 pub(crate) fn result<T: DeserializeOwned>(program: &mut Command, doing: &'static str) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::new())?;
+    let mut started = Started::new(program, doing)?;
     let input = started.child.stdin.take();
-    let result = started.result();
+    let result = started.end()?.result();
     drop(input);
     result
 }
@@ -127,9 +127,9 @@ pub(crate) fn result_for<T: DeserializeOwned>(
     doing: &'static str,
     input: &[u8],
 ) -> Result<T> {
-    let mut started = Started::new(program, doing, StatusLine::new())?;
+    let mut started = Started::new(program, doing)?;
     let written = started.child.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(input));
-    let result = started.result()?;
+    let result = started.end()?.result()?;
     written.context("writing to a program")?;
     Ok(result)
 }
@@ -143,39 +143,44 @@ pub(crate) fn result_unless_stopped<T: DeserializeOwned>(
     program: &mut Command,
     doing: &'static str,
 ) -> Result<T> {
-    let ended = attended(program, doing, StatusLine::new())?;
-    let (status, printed) = ended.ok_or_else(stopped)?;
-    parse(status, &printed)
+    run_unless_stopped(program, doing)?.ok_or_else(stopped)?.result()
 }
 
 /// Runs a program to its end, or until the user stops it: then its standard input is closed, and the program ends soon.
-/// Shows the progress that it reports on `line`, described by `doing`. Returns the exit status, or `None` if the user
-/// has stopped it.
+/// Shows the progress that it reports, described by `doing`. Returns `None` if the user has stopped it.
 ///
 /// # Errors
 /// When the program cannot start.
 pub(crate) fn run_unless_stopped(
     program: &mut Command,
     doing: &'static str,
-    line: StatusLine,
-) -> Result<Option<ExitStatus>> {
-    Ok(attended(program, doing, line)?.map(|(status, _)| status))
-}
-
-/// Runs a program; returns its exit status and what it printed, or `None` if the user has stopped it.
-fn attended(
-    program: &mut Command,
-    doing: &'static str,
-    line: StatusLine,
-) -> Result<Option<(ExitStatus, Vec<u8>)>> {
+) -> Result<Option<Ended>> {
     runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         // The program has a process group of its own, so that Ctrl-C reaches `goalward` alone.
-        let mut started = Started::new(program.process_group(0), doing, line)?;
+        let mut started = Started::new(program.process_group(0), doing)?;
         let stopped = started.attend(&mut signals).await?;
         let ended = started.end()?;
         Ok((!stopped).then_some(ended))
     })
+}
+
+/// A program that has ended.
+pub(crate) struct Ended {
+    pub(crate) status: ExitStatus,
+    /// What it printed, without its progress.
+    printed: Vec<u8>,
+}
+
+impl Ended {
+    /// Parses the result that the program printed as JSON.
+    ///
+    /// # Errors
+    /// When the program has failed, or printed something else.
+    pub(crate) fn result<T: DeserializeOwned>(&self) -> Result<T> {
+        expect_success(self.status)?;
+        serde_json::from_slice(&self.printed).context("reading a program's result")
+    }
 }
 
 /// A running program, and the thread that reads what it prints.
@@ -185,7 +190,7 @@ struct Started {
 }
 
 impl Started {
-    fn new(program: &mut Command, doing: &'static str, line: StatusLine) -> Result<Started> {
+    fn new(program: &mut Command, doing: &'static str) -> Result<Started> {
         if voice::is_quiet() && std::env::var_os(LOG_LEVEL).is_none() {
             program.env(LOG_LEVEL, "error");
         }
@@ -193,7 +198,8 @@ impl Started {
         tracing::info!("starting {program:?}");
         let mut child = program.spawn().context("starting a program")?;
         let output = child.stdout.take().context("a program has an output")?;
-        let printed = headway::follow(output, doing, line).context("listening to a program")?;
+        let printed = headway::follow(output, doing, StatusLine::new());
+        let printed = printed.context("listening to a program")?;
         Ok(Started { child, printed })
     }
 
@@ -227,23 +233,11 @@ impl Started {
         Ok(())
     }
 
-    fn result<T: DeserializeOwned>(self) -> Result<T> {
-        let (status, printed) = self.end()?;
-        parse(status, &printed)
-    }
-
-    /// Returns the exit status and what the program printed, without its progress.
-    fn end(mut self) -> Result<(ExitStatus, Vec<u8>)> {
+    fn end(mut self) -> Result<Ended> {
         let status = self.child.wait().context("waiting for a program")?;
         let printed = self.printed.join().unwrap_or_else(|_| Ok(Vec::new()));
-        Ok((status, printed.context("reading from a program")?))
+        Ok(Ended { status, printed: printed.context("reading from a program")? })
     }
-}
-
-/// Parses the result that a program printed before it `ended`.
-fn parse<T: DeserializeOwned>(ended: ExitStatus, printed: &[u8]) -> Result<T> {
-    expect_success(ended)?;
-    serde_json::from_slice(printed).context("reading a program's result")
 }
 
 /// Checks the exit status of a program, which has said why if it failed by itself.

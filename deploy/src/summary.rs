@@ -18,7 +18,7 @@ pub(crate) fn table(summary: &Summary) -> String {
     );
     let steps = format!(
         "{} in {} iterations",
-        numbers::count(summary.env_steps),
+        numbers::count(summary.environment_steps),
         numbers::count(summary.iterations)
     );
     let time = format!(
@@ -49,8 +49,8 @@ pub(crate) fn table(summary: &Summary) -> String {
     ];
     rows.extend(times_to_success(&summary.time_to_success));
     rows.push(("policy sha256", summary.policy_sha256.clone()));
-    if summary.proximity_sha256 != weights::sha256([]) {
-        rows.push(("proximity sha256", summary.proximity_sha256.clone()));
+    if summary.reward_model_sha256 != weights::sha256([]) {
+        rows.push(("reward model sha256", summary.reward_model_sha256.clone()));
     }
     rows.extend([("build", build::shown(&summary.builds)), ("log", log)]);
     rows.extend(shares(&summary.seconds));
@@ -66,7 +66,7 @@ pub(crate) fn times_to_success(
             "{}: {}, {} steps, {} of processors",
             numbers::percent(time.success_rate, 0),
             numbers::duration(time.wall_s),
-            numbers::count(time.env_steps),
+            numbers::count(time.environment_steps),
             numbers::duration(time.processor_s)
         );
         ("time to success", text)
@@ -128,12 +128,12 @@ mod tests {
 
     const TEXT: &str = r#"{
         "task": "navigation", "method": "goal-proximity", "preset": "paper", "seed": 7,
-        "actors": 2, "env_steps": 1503232, "episodes": 70123, "iterations": 367,
+        "actors": 2, "environment_steps": 1503232, "episodes": 70123, "iterations": 367,
         "success_rate": 0.97, "evaluation": {"episodes": 200, "success_rate": 0.965},
         "wall_s": 251.0, "processor_s": 480.2,
         "time_to_success": [
-            {"success_rate": 0.95, "env_steps": 1204224, "wall_s": 200.5, "processor_s": 380.0}],
-        "steps_per_s": 5989.0, "policy_sha256": "ab", "proximity_sha256": "cd",
+            {"success_rate": 0.95, "environment_steps": 1204224, "wall_s": 200.5, "processor_s": 380.0}],
+        "steps_per_s": 5989.0, "policy_sha256": "ab", "reward_model_sha256": "cd",
         "log": {"files": 3, "trajectories": 70123, "bytes": 43200000},
         "seconds": {"rollout": 20, "environment": 1, "inference": 30, "transport": 1, "log": 2,
             "scoring": 30, "policy_update": 40, "reward_update": 10}
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn what_a_run_did_not_do_has_no_row() {
         let whole: Summary = serde_json::from_str(TEXT).unwrap();
-        let named = ["proximity sha256", "where the time went", "where its actors' time went"];
+        let named = ["reward model sha256", "where the time went", "where its actors' time went"];
         let shown = |summary: &Summary| {
             let table = table(summary);
             named.map(|name| table.contains(name))
@@ -170,8 +170,8 @@ mod tests {
         let resumed_at_its_end = Summary { seconds, ..whole.clone() };
         assert_eq!(shown(&resumed_at_its_end), [true, false, false]);
         let seconds = Seconds { policy_update: 3.0, ..seconds };
-        let proximity_sha256 = weights::sha256([]);
-        let cloning = Summary { seconds, proximity_sha256, ..whole };
+        let reward_model_sha256 = weights::sha256([]);
+        let cloning = Summary { seconds, reward_model_sha256, ..whole };
         assert_eq!(shown(&cloning), [false, true, false]);
     }
 }

@@ -9,8 +9,8 @@
 use crate::EnvironmentError;
 use rapier3d::prelude::{
     BroadPhaseBvh, BvhOptimizationStrategy, ColliderSet, FrictionModel, ImpulseJointSet,
-    IslandManager, MultibodyJointSet, NarrowPhase, PhysicsWorld, RigidBody, RigidBodyHandle,
-    RigidBodySet, SoftBodySet, SpringCoefficients, Vector,
+    IslandManager, Multibody, MultibodyJointSet, NarrowPhase, PhysicsWorld, RigidBody,
+    RigidBodyHandle, RigidBodySet, SoftBodySet, SpringCoefficients, Vector,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -30,8 +30,6 @@ pub(crate) struct Dynamics {
     pub(crate) contact_softness: SpringCoefficients<f32>,
     /// Friction model of bodies outside multibodies; multibodies always use Coulomb friction.
     pub(crate) friction_model: FrictionModel,
-    /// Optimization strategy of rapier's broad-phase tree.
-    pub(crate) tree_upkeep: BvhOptimizationStrategy,
 }
 
 /// A world, and the copy from which every episode begins.
@@ -68,7 +66,9 @@ impl Physics {
         adjust: impl FnOnce(&mut PhysicsWorld, &Handles),
     ) -> (Physics, Handles) {
         let mut world = empty_world();
-        world.broad_phase = BroadPhaseBvh::with_optimization_strategy(dynamics.tree_upkeep);
+        // Optimization gains nothing for so few leaves, which every reset restores.
+        world.broad_phase =
+            BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None);
         let handles = insert(&mut world);
         assert_eq!(world.bodies.len(), body_names.len(), "every body has a name");
         // A step of zero duration: it counts the degrees of freedom and moves nothing.
@@ -196,6 +196,15 @@ fn numbers(body: &RigidBody) -> [f32; 13] {
     numbers
 }
 
+/// Moves the bodies of a multibody to where the coordinates of its joints put them. Rapier's own `update_rigid_bodies`
+/// would leave the colliders where they were until after the next step.
+pub(crate) fn place_links(multibody: &mut Multibody, bodies: &mut RigidBodySet) {
+    multibody.forward_kinematics(bodies, true);
+    for link in multibody.links() {
+        bodies[link.rigid_body_handle()].set_position(*link.local_to_world(), false);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,7 +214,6 @@ mod tests {
         timestep_s: 0.01,
         solver_iterations: 4,
         contact_prediction_m: 0.02,
-        tree_upkeep: BvhOptimizationStrategy::SubtreeOptimizer,
         contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
         friction_model: FrictionModel::Simplified,
     };

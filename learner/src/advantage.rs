@@ -5,7 +5,7 @@
 ///
 /// `values` has one number per step; `last_value` is the value of the final observation, or 0 if no reward can
 /// follow the episode's end. Returns `(advantages, returns)`, each with one number per step.
-pub fn generalized_advantages(
+pub(crate) fn generalized_advantages(
     rewards: &[f32],
     values: &[f32],
     last_value: f32,
@@ -29,7 +29,7 @@ pub fn generalized_advantages(
 
 /// Shifts and scales advantages to mean 0 and standard deviation 1, as the authors do once per rollout
 /// (unbiased standard deviation plus 1e-5).
-pub fn normalize(advantages: &mut [f32]) {
+pub(crate) fn normalize(advantages: &mut [f32]) {
     let count = advantages.len() as f64;
     let mean = advantages.iter().map(|&advantage| f64::from(advantage)).sum::<f64>() / count;
     let squares = advantages.iter().map(|&advantage| (f64::from(advantage) - mean).powi(2));

@@ -88,7 +88,12 @@ impl Batch {
     }
 
     /// Divides the rewards by the running standard deviation of the discounted return.
-    pub fn scale_rewards(&mut self, scale: &mut RewardScale, trajectories: &[Encoded], gamma: f64) {
+    pub(crate) fn scale_rewards(
+        &mut self,
+        scale: &mut RewardScale,
+        trajectories: &[Encoded],
+        gamma: f64,
+    ) {
         let mut rest = &mut self.rewards[..];
         let mut episodes = Vec::with_capacity(trajectories.len());
         for (encoded, episode) in trajectories.iter().zip(&self.episodes) {

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use protocol::messages::{Checkpoint, Phase};
+use anyhow::{Context, Result, ensure};
+use protocol::messages::{Checkpoint, Phase, RewardUpdate, Saved};
 use protocol::tensors::Tensors;
 use protocol::{Error, durable};
 use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
@@ -77,6 +77,7 @@ impl Trainer {
         let learner_file_sha256 = tensors.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
         let proximity = self.scoring.save(&path.display().to_string())?;
+        expect_newest(&proximity, self.progress.reward_update.as_ref())?;
         let relative = folder.strip_prefix(self.folder.path()).unwrap_or(folder);
         let checkpoint = Checkpoint {
             iteration: self.state.iteration,
@@ -93,10 +94,40 @@ impl Trainer {
     }
 }
 
+/// Refuses a reward model that is not that of the newest update, for example because the service was restarted.
+fn expect_newest(saved: &Saved, newest: Option<&RewardUpdate>) -> Result<()> {
+    let expected = newest.map_or("none", |update| update.weights_sha256.as_str());
+    let found = saved.weights_sha256.as_str();
+    ensure!(
+        expected == found,
+        "expected the proximity service to save the reward model {expected}, found {found}"
+    );
+    Ok(())
+}
+
 /// Returns whether a file could not be written, by the learner or by the proximity service.
 fn is_of_the_disk(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         let ours = matches!(cause.downcast_ref(), Some(Error::Checkpoint { .. }));
         ours || cause.is::<std::io::Error>() || cause.is::<Refused>()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_reward_model_than_the_newest_ends_the_learner_which_does_not_wait() {
+        let update = |hash: &str| {
+            let weights_sha256 = hash.to_owned();
+            RewardUpdate { weights_sha256, ..RewardUpdate::default() }
+        };
+        let saved = Saved { weights_sha256: "aa".to_owned(), ..Saved::default() };
+        expect_newest(&saved, Some(&update("aa"))).unwrap();
+        for newest in [Some(update("bb")), None] {
+            let error = expect_newest(&saved, newest.as_ref()).unwrap_err();
+            assert!(error.to_string().ends_with("found aa") && !is_of_the_disk(&error), "{error}");
+        }
+    }
 }

@@ -1,10 +1,9 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
-//! [`run()`] is the process. [`trainer`] is the loop of the algorithm; [`desk`] is the thread that talks to
-//! actors and writes the log at the same time; [`scoring`] talks to the proximity service. [`algorithm`] holds
-//! the policy learners.
+//! [`run()`] is the process. `trainer` is the loop of the algorithm; [`desk`] is the thread that talks to actors and
+//! writes the log at the same time; `scoring` talks to the proximity service. [`algorithm`] holds the policy learners.
 
-pub mod advantage;
+mod advantage;
 pub mod algorithm;
 pub mod batch;
 mod beginning;
@@ -12,11 +11,11 @@ mod checkpoint;
 pub mod cli;
 pub mod desk;
 pub mod ledger;
-pub mod reward_scale;
-pub mod scoring;
+mod reward_scale;
+mod scoring;
 pub mod state;
 mod summary;
-pub mod trainer;
+mod trainer;
 
 use anyhow::Result;
 use run::folder::RunFolder;

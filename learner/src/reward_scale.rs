@@ -5,24 +5,24 @@ use networks::RunningMoments;
 
 /// Running moments of the discounted return over all lanes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RewardScale {
+pub(crate) struct RewardScale {
     /// Moments of the returns seen.
-    pub returns: RunningMoments,
+    pub(crate) returns: RunningMoments,
 }
 
 /// The rewards of one episode, and the lane it belongs to.
-pub struct EpisodeRewards<'a> {
+pub(crate) struct EpisodeRewards<'a> {
     /// Lane of the episode.
-    pub lane: u64,
+    pub(crate) lane: u64,
     /// One reward per step.
-    pub rewards: &'a mut [f32],
+    pub(crate) rewards: &'a mut [f32],
 }
 
 impl RewardScale {
     /// Scales a batch's rewards in place. Episodes must be sorted by lane. The lanes are traversed side by
     /// side, as if they had been stepped together, and each step's returns enter the moments before that step's
     /// rewards are divided.
-    pub fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
+    pub(crate) fn apply(&mut self, episodes: &mut [EpisodeRewards<'_>], gamma: f64) {
         let mut lanes = LaneCursor::of(episodes);
         while lanes.iter().any(|lane| lane.next < lane.end) {
             let mut returns = Vec::with_capacity(lanes.len());

@@ -23,7 +23,7 @@ const ABSENCE_PATIENCE: Duration = Duration::from_secs(30);
 const STOP_PATIENCE: Duration = Duration::from_secs(60);
 
 /// The learner's side of the proximity service.
-pub struct Scoring {
+pub(crate) struct Scoring {
     bus: Bus,
     client: Client,
     doorbell: Doorbell,
@@ -31,10 +31,10 @@ pub struct Scoring {
 }
 
 /// Training of the reward model in progress.
-pub struct Improvement(Pending);
+pub(crate) struct Improvement(Pending);
 
 /// The state of the service when it is asked to begin.
-pub enum Begun {
+pub(crate) enum Begun {
     /// It is training offline and has to be asked again.
     Pretraining(Pretraining),
     /// It has reached the state that it was asked for.
@@ -44,14 +44,14 @@ pub enum Begun {
 /// The service is alive but could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 #[error("the proximity service refused: {0}")]
-pub struct Refused(String);
+pub(crate) struct Refused(String);
 
 impl Scoring {
     /// Opens the client over the trainer's bus. Once `stop` is requested, it does not wait for a service that is gone.
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
+    pub(crate) fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
         let doorbell = bus.doorbell(Role::Learner)?;
         let client = bus.score_client(&doorbell)?;
         Ok(Scoring { bus, client, doorbell, stop: stop.clone() })
@@ -61,7 +61,7 @@ impl Scoring {
     ///
     /// # Errors
     /// When the service refuses, is gone, or the bus fails.
-    pub fn begin(&self, iteration: u64, checkpoint: &str) -> Result<Begun> {
+    pub(crate) fn begin(&self, iteration: u64, checkpoint: &str) -> Result<Begun> {
         let begin = Begin { iteration, checkpoint: checkpoint.to_owned() };
         match self.ask(Ask::Begin(begin))? {
             Answer::Updated(update) => Ok(Begun::Ready(update)),
@@ -75,7 +75,7 @@ impl Scoring {
     ///
     /// # Errors
     /// As [`Scoring::begin`], and when the service still lacks trajectories that it was sent.
-    pub fn announce(&self, iteration: u64, trajectories: &[Encoded]) -> Result<()> {
+    pub(crate) fn announce(&self, iteration: u64, trajectories: &[Encoded]) -> Result<()> {
         let keys: Vec<TrajectoryKey> = trajectories.iter().map(|encoded| encoded.key).collect();
         let mut supplied = Vec::new();
         for _ in 0..2 {
@@ -100,7 +100,7 @@ impl Scoring {
     ///
     /// # Errors
     /// As [`Scoring::begin`], and when there are not as many scores as trajectories.
-    pub fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
+    pub(crate) fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
         let scores = match self.ask(Ask::Score(IterationRequest { iteration }))? {
             Answer::Scores(scores) => scores.scores,
             other => bail!("score {iteration}: expected scores, found {}", kind(&other)),
@@ -118,7 +118,7 @@ impl Scoring {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn start_improving(&self, iteration: u64) -> Result<Improvement> {
+    pub(crate) fn start_improving(&self, iteration: u64) -> Result<Improvement> {
         let ask = Ask::Improve(IterationRequest { iteration });
         let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
         Ok(Improvement(self.client.send(&request)?))
@@ -128,7 +128,7 @@ impl Scoring {
     ///
     /// # Errors
     /// As [`Scoring::begin`].
-    pub fn improved(&self, improvement: Improvement) -> Result<RewardUpdate> {
+    pub(crate) fn improved(&self, improvement: Improvement) -> Result<RewardUpdate> {
         let mut wait = Wait::default();
         loop {
             if let Some(answer) = improvement.0.poll()?.and_then(answer) {
@@ -146,7 +146,7 @@ impl Scoring {
     ///
     /// # Errors
     /// [`Refused`] if the service cannot write it.
-    pub fn save(&self, path: &str) -> Result<Saved> {
+    pub(crate) fn save(&self, path: &str) -> Result<Saved> {
         match self.ask(Ask::Save(Save { path: path.to_owned() }))? {
             Answer::Saved(saved) => Ok(saved),
             other => bail!("save: expected hashes, found {}", kind(&other)),

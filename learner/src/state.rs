@@ -35,6 +35,8 @@ pub struct State {
     pub policy: PolicyState,
     /// The policy one update older, if it still acts (with lag 1).
     pub previous_policy: Option<PolicyState>,
+    /// The newest version that [`State::unpublished`] has returned.
+    published: Option<u64>,
     lanes: Vec<LaneTotals>,
     successes: VecDeque<bool>,
 }
@@ -94,9 +96,20 @@ impl State {
             processor_s: 0.0,
             previous_policy: (rollout.lag == 1).then(|| policy.clone()),
             policy,
+            published: None,
             lanes: vec![LaneTotals::default(); rollout.lanes as usize],
             successes: VecDeque::with_capacity(SUCCESS_WINDOW),
         }
+    }
+
+    /// Returns the policies that may act and that no earlier call has returned, the newest last.
+    pub fn unpublished(&mut self) -> Vec<Weights> {
+        let newest = self.iteration;
+        let previous = newest.checked_sub(1).zip(self.previous_policy.as_ref());
+        let acting = previous.into_iter().chain([(newest, &self.policy)]);
+        let published = self.published.replace(newest);
+        let new = acting.filter(|(version, _)| Some(*version) > published);
+        new.map(|(version, policy)| policy.weights(version)).collect()
     }
 
     /// Returns what each lane has to run: up to the first episode end at or past `lane_steps` steps per
@@ -222,6 +235,25 @@ mod tests {
             restored.restore(&tensors).unwrap();
             assert_eq!(restored.policy, state.policy);
             assert_eq!(restored.previous_policy, state.previous_policy);
+        }
+    }
+
+    #[test]
+    fn each_policy_is_published_once_and_a_resumed_run_begins_with_those_that_act() {
+        let published = |state: &mut State| -> Vec<u64> {
+            state.unpublished().iter().map(|weights| weights.version).collect()
+        };
+        for (lag, acting) in [(0, &[3][..]), (1, &[2, 3][..])] {
+            let mut state = fresh(lag);
+            for iteration in 0..3 {
+                state.iteration = iteration;
+                assert_eq!(published(&mut state), [iteration]);
+            }
+            let mut resumed = fresh(lag);
+            resumed.restore(&saved(lag).0).unwrap();
+            assert_eq!(published(&mut resumed), acting);
+            resumed.iteration += 1;
+            assert_eq!(published(&mut resumed), [4]);
         }
     }
 

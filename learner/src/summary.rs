@@ -51,7 +51,7 @@ impl Trainer {
             preset: self.config.preset.clone(),
             seed: self.config.seed,
             actors: self.config.resources.actors,
-            env_steps: state.environment_steps,
+            environment_steps: state.environment_steps,
             episodes: state.episodes,
             iterations: state.iteration,
             success_rate: self.success_rate(),
@@ -65,7 +65,7 @@ impl Trainer {
             time_to_success: Vec::new(),
             steps_per_s: state.environment_steps as f64 / state.wall_s.max(1e-9),
             policy_sha256: state.policy.weights(state.iteration).sha256(),
-            proximity_sha256: reward_update.weights_sha256,
+            reward_model_sha256: reward_update.weights_sha256,
             builds: Vec::new(),
             // A trained run is finished, even if its demonstrations have since been removed.
             demonstrations: Demonstrations::of_run(&self.folder, &self.config).unwrap_or_default(),

@@ -28,7 +28,7 @@ use crate::state::State;
 const LOOK_FOR_STOP: Duration = Duration::from_millis(100);
 
 /// A training run in progress.
-pub struct Trainer {
+pub(crate) struct Trainer {
     pub(crate) folder: RunFolder,
     pub(crate) place: Place,
     pub(crate) config: RunConfig,
@@ -58,7 +58,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When the folder holds no run, its checkpoint does not fit, or the log or the bus cannot be opened.
-    pub fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
+    pub(crate) fn start(folder: &RunFolder, stop: &Stop) -> Result<Trainer> {
         let place = folder.place()?;
         let config = folder.config()?;
         let Beginning { learner, state } = Beginning::of_run(folder, &config)?;
@@ -106,7 +106,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When the bus, the disk or the service fails, or learning diverges.
-    pub fn train(&mut self) -> Result<bool> {
+    pub(crate) fn train(&mut self) -> Result<bool> {
         if !self.begin_scoring()? {
             return Ok(false);
         }
@@ -352,13 +352,11 @@ impl Trainer {
         self.desk.order(order)
     }
 
-    /// Publishes the policies that may act: the newest and, with lag 1, the previous one.
+    /// Publishes the policies that may act and have not been published: the newest and, when a run with lag 1 is
+    /// resumed, the previous one.
     fn publish_weights(&mut self) -> Result<()> {
-        let version = self.state.iteration;
-        if let Some(previous) = self.state.previous_policy.as_ref().filter(|_| version > 0) {
-            self.desk.order(Order::Publish(previous.weights(version - 1)))?;
-        }
-        self.desk.order(Order::Publish(self.state.policy.weights(version)))
+        let mut unpublished = self.state.unpublished().into_iter();
+        unpublished.try_for_each(|weights| self.desk.order(Order::Publish(weights)))
     }
 
     /// Runs evaluation episodes with the final policy; returns `None` if a stop is requested first. Their bytes

@@ -41,7 +41,7 @@ pub enum Squashing {
 }
 
 impl Squashing {
-    /// Returns the proximity for a [`Score::mean`].
+    /// Returns the proximity for a [`RowScore::mean`].
     pub fn proximity(self, mean: f32) -> f32 {
         match self {
             Squashing::ClampedMean => mean.clamp(0.0, 1.0),
@@ -53,14 +53,14 @@ impl Squashing {
 
 /// Output of an ensemble for one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Score {
+pub struct RowScore {
     /// Mean over the members.
     pub mean: f32,
     /// Sample standard deviation over the members (divided by their number minus one).
     pub standard_deviation: f32,
 }
 
-impl Score {
+impl RowScore {
     /// Computes the score of one row from each member's output. The standard deviation of a single member is 0.
     pub fn of(outputs: impl ExactSizeIterator<Item = f32> + Clone) -> Self {
         let count = outputs.len();
@@ -123,7 +123,7 @@ impl Ensemble {
         batch: Batch<'_>,
         workspace: &mut Workspace,
         outputs: &mut Vec<f32>,
-        scores: &mut Vec<Score>,
+        scores: &mut Vec<RowScore>,
     ) {
         outputs.clear();
         for member in &prepared.members {
@@ -140,7 +140,7 @@ impl Ensemble {
         }
         let row = |row: usize| {
             let members = 0..prepared.members.len();
-            Score::of(members.map(|member| outputs[member * rows + row]))
+            RowScore::of(members.map(|member| outputs[member * rows + row]))
         };
         scores.clear();
         scores.extend((0..rows).map(row));
@@ -187,8 +187,8 @@ mod tests {
             (&[-3.0, -3.0], -3.0, 0.0, 0.0),
             (&[0.25], 0.25, 0.0, 0.25),
         ] {
-            let score = Score::of(outputs.iter().copied());
-            assert_eq!(score, Score { mean, standard_deviation });
+            let score = RowScore::of(outputs.iter().copied());
+            assert_eq!(score, RowScore { mean, standard_deviation });
             assert_eq!(Squashing::ClampedMean.proximity(mean), proximity);
         }
     }

@@ -67,3 +67,23 @@ pub fn softplus(number: f32) -> f32 {
     let number = f64::from(number);
     (number.max(0.0) + libm::log1p(libm::exp(-number.abs()))) as f32
 }
+
+/// Computes `temperature x log sum exp(values / temperature)` without overflow.
+pub fn log_sum_exp(values: &[f32], temperature: f32) -> f32 {
+    let largest = values.iter().fold(f32::NEG_INFINITY, |largest, &value| largest.max(value));
+    let sum = values.iter().map(|value| libm::expf((value - largest) / temperature)).sum();
+    largest + temperature * libm::logf(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_soft_maximum_lies_between_the_largest_and_that_plus_the_entropy_of_chance() {
+        let value = log_sum_exp(&[1.0, 3.0, 2.0, -50.0], 0.01);
+        assert!((value - 3.0).abs() < 1e-6, "{value}");
+        let equal = log_sum_exp(&[2.0; 4], 0.5);
+        assert!((equal - (2.0 + 0.5 * libm::logf(4.0))).abs() < 1e-6, "{equal}");
+    }
+}

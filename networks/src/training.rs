@@ -71,7 +71,7 @@ pub struct Shard<'a, N: Trainable> {
 ///
 /// # Panics
 /// If `shard_rows` is zero.
-pub fn evaluate<N: Trainable, T: Clone + Send>(
+pub fn evaluate<N: Trainable, T: Send>(
     network: &N,
     prepared: &N::Prepared,
     batch: Batch<'_>,
@@ -83,8 +83,11 @@ pub fn evaluate<N: Trainable, T: Clone + Send>(
         let batch = batch.slice(rows.clone(), size);
         of_shard(Shard { network, prepared, batch, rows, workspace })
     };
-    let shards = shards(batch.rows(size), shard_rows);
-    shards.map_init(N::Workspace::default, of_shard).collect::<Vec<_>>().concat()
+    let rows = batch.rows(size);
+    let shards = shards(rows, shard_rows).map_init(N::Workspace::default, of_shard);
+    let mut results = Vec::with_capacity(rows);
+    shards.collect::<Vec<_>>().into_iter().for_each(|own| results.extend(own));
+    results
 }
 
 /// Splits `rows` rows into shards.
@@ -134,11 +137,6 @@ impl<N: Trainable> ShardedTrainer<N> {
     pub fn with_weight_decay(mut self, weight_decay: f64) -> Self {
         self.optimizer.weight_decay = weight_decay;
         self
-    }
-
-    /// Returns the optimizer.
-    pub fn optimizer(&self) -> &Adam {
-        &self.optimizer
     }
 
     /// Takes one step down the gradient of a loss that is a sum over shards. `of_shard` adds the gradient of one

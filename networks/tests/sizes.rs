@@ -23,7 +23,7 @@ fn action_numbers(task: &Task) -> usize {
 /// Creates a member of the ensemble, as the proximity service does.
 fn member(config: &RunConfig) -> Network {
     let (frames, extra_inputs) = match config.reward.input {
-        RewardInput::State => (1, 0),
+        RewardInput::State | RewardInput::NextState => (1, 0),
         RewardInput::Transition => (2, 0),
         RewardInput::StateAction => (1, action_numbers(&config.task)),
     };

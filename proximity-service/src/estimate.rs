@@ -9,16 +9,15 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use serde::Serialize;
 
-use crate::model;
-use crate::rescore::{restore, trained_model};
+use crate::trained::{restored, trained_model};
 
 /// A model's estimates, one number per observation, as printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PrintedEstimates {
+pub(crate) struct PrintedEstimates {
     /// Proximity of each observation.
-    pub proximity: Vec<f32>,
+    pub(crate) proximity: Vec<f32>,
     /// Standard deviation of the ensemble for each observation.
-    pub uncertainty: Vec<f32>,
+    pub(crate) uncertainty: Vec<f32>,
 }
 
 /// Queries the model in a checkpoint of a run, by default the newest, about a sequence of whole observations.
@@ -26,28 +25,27 @@ pub struct PrintedEstimates {
 /// # Errors
 /// When there is no checkpoint, the bytes are not observations of the run's task, or the model cannot score single
 /// observations.
-pub fn estimate(
+pub(crate) fn estimate(
     folder: &RunFolder,
     checkpoint: Option<u64>,
     observations: &[u8],
 ) -> Result<PrintedEstimates> {
     let config = folder.config()?;
     config.task.spec().observation.check(observations)?;
-    let mut model = model::of_run(folder, &config)?;
-    restore(&mut *model, folder, checkpoint)?;
+    let (model, _) = restored(folder, &config, checkpoint)?;
     let estimates = model.estimate(observations)?;
     Ok(PrintedEstimates { proximity: estimates.proximity, uncertainty: estimates.uncertainty })
 }
 
 /// A model's score of an episode, as printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PrintedScore {
+pub(crate) struct PrintedScore {
     /// Reward of each step (Eq. 5).
-    pub rewards: Vec<f32>,
+    pub(crate) rewards: Vec<f32>,
     /// Proximity of each observation; of each step for transitions, and for discriminators that see actions.
-    pub proximity: Vec<f32>,
+    pub(crate) proximity: Vec<f32>,
     /// Standard deviation of the ensemble for each proximity.
-    pub uncertainty: Vec<f32>,
+    pub(crate) uncertainty: Vec<f32>,
 }
 
 /// Scores an encoded episode of a run with the model in the newest checkpoint of the run `trained`, whose
@@ -56,7 +54,7 @@ pub struct PrintedScore {
 /// # Errors
 /// When there is no checkpoint, the bytes are not an episode of the task, or the model sees actions and the episode has
 /// none.
-pub fn score(
+pub(crate) fn score(
     folder: &RunFolder,
     config: &RunConfig,
     trained: &RunFolder,
@@ -87,10 +85,8 @@ mod tests {
     use run::tasks::of_text;
 
     use super::*;
-    use crate::tests::walk;
-
-    const CORRIDOR: &str = "[task]\nname = \"corridor\"\nobservation.vector.len = 2\n\
-                            action.discrete.count = 2\nhorizon_steps = 10\n";
+    use crate::model;
+    use crate::tests::{CORRIDOR_FILE, walk};
 
     const SMALL: [&str; 3] = ["demonstrations.episodes=1", "reward.batch=2", "reward.samples=4"];
 
@@ -99,7 +95,7 @@ mod tests {
         let own = format!("method={method}");
         let settings = settings.iter().map(|&setting| setting.to_owned());
         let settings: Vec<String> = std::iter::once(own).chain(settings).collect();
-        let config = of_text(CORRIDOR, "corridor", None, &settings).unwrap();
+        let config = of_text(CORRIDOR_FILE, "corridor", None, &settings).unwrap();
         let folder = RunFolder::new(home.join(method));
         fs::create_dir_all(folder.path()).unwrap();
         fs::write(folder.config_file(), config.to_text()).unwrap();

@@ -7,18 +7,16 @@ use protocol::durable;
 use run::folder::RunFolder;
 use run::metadata;
 
-use crate::model;
-use crate::rescore::restore;
+use crate::trained::restored;
 
 /// Writes the ensemble in a run's checkpoint, by default the newest, to `out`. Returns the iteration of the
 /// checkpoint.
 ///
 /// # Errors
 /// When there is no such intact checkpoint, its reward model has no ensemble, or the file cannot be written.
-pub fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
+pub(crate) fn export(folder: &RunFolder, iteration: Option<u64>, out: &Path) -> Result<u64> {
     let config = folder.config()?;
-    let mut model = model::of_run(folder, &config)?;
-    let iteration = restore(&mut *model, folder, iteration)?;
+    let (model, iteration) = restored(folder, &config, iteration)?;
     let name = config.reward.model.name;
     let ensemble = model.ensemble().with_context(|| {
         format!("expected a reward model of one trained ensemble, found {name}")

@@ -1,21 +1,21 @@
 //! The proximity service learns the reward and answers requests of the learner and queries of any tool.
 //!
-//! [`run()`] is the process, [`service`] its main loop, and [`model`] has the reward models. [`rescore`] scores a
-//! log with another model, [`estimate`](mod@estimate) queries a trained one, and [`export`](mod@export) writes one
-//! to a file.
+//! [`run()`] is the process, `service` its main loop, and [`model`] has the reward models. `rescore` scores a log with
+//! another model, `estimate` queries a trained one, and `export` writes one to a file.
 
 pub mod cli;
-pub mod estimate;
-pub mod export;
+mod estimate;
+mod export;
 mod intake;
 pub mod model;
 mod offline_file;
-pub mod replay_buffer;
-pub mod rescore;
-pub mod reward;
-pub mod service;
+mod replay_buffer;
+mod rescore;
+mod reward;
+mod service;
 #[cfg(test)]
 mod tests;
+mod trained;
 
 use anyhow::Result;
 use bus::{Bus, BusAddress, SERVICE_NAME};

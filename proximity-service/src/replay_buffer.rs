@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 /// A first-in, first-out buffer of rows of one length, as [`crate::model::Input`] makes them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReplayBuffer {
+pub(crate) struct ReplayBuffer {
     bytes: VecDeque<u8>,
     row_bytes: usize,
     capacity: usize,
@@ -12,23 +12,18 @@ pub struct ReplayBuffer {
 
 impl ReplayBuffer {
     /// Creates an empty buffer for `capacity` rows of `row_bytes` each.
-    pub fn new(capacity: usize, row_bytes: usize) -> ReplayBuffer {
+    pub(crate) fn new(capacity: usize, row_bytes: usize) -> ReplayBuffer {
         let bytes = VecDeque::with_capacity(capacity * row_bytes);
         ReplayBuffer { bytes, row_bytes, capacity }
     }
 
     /// Returns the number of rows held.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.bytes.len() / self.row_bytes
     }
 
-    /// Returns whether the buffer is empty.
-    pub fn is_empty(&self) -> bool {
-        self.bytes.is_empty()
-    }
-
     /// Appends rows, given one after another; the oldest rows are dropped to make room.
-    pub fn push(&mut self, rows: &[u8]) {
+    pub(crate) fn push(&mut self, rows: &[u8]) {
         assert_eq!(rows.len() % self.row_bytes, 0, "whole rows");
         let room = self.capacity * self.row_bytes;
         let newest = &rows[rows.len().saturating_sub(room)..];
@@ -39,13 +34,13 @@ impl ReplayBuffer {
     }
 
     /// Appends the row at `position` to `rows`; position 0 is the oldest row.
-    pub fn append_to(&self, position: usize, rows: &mut Vec<u8>) {
+    pub(crate) fn append_to(&self, position: usize, rows: &mut Vec<u8>) {
         let start = position * self.row_bytes;
         rows.extend(self.bytes.range(start..start + self.row_bytes));
     }
 
     /// Returns all rows, oldest first.
-    pub fn to_bytes(&self) -> Vec<u8> {
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
         self.bytes.iter().copied().collect()
     }
 }

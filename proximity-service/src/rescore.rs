@@ -10,56 +10,55 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use mcap_log::{Batches, Record, read_run};
 use protocol::messages::Score;
-use protocol::task::Spec;
 use protocol::trajectory::{Encoded, Trajectory};
-use run::checkpoint;
 use run::config::{RunConfig, UpdateOrder};
-use run::folder::{PROXIMITY_FILE, RunFolder};
+use run::folder::RunFolder;
 use serde::Serialize;
 
 use crate::model::{self, RewardModel};
+use crate::trained::trained_model;
 
 /// Maximum number of points of a curve.
 const POINTS: usize = 60;
 
 /// Two returns of an episode, the undiscounted sums of its rewards, and its outcome.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Returns {
+pub(crate) struct Returns {
     /// Return from the recorded rewards.
-    pub recorded: f64,
+    pub(crate) recorded: f64,
     /// Return from the other reward model.
-    pub other: f64,
+    pub(crate) other: f64,
     /// Whether the episode reached its goal.
-    pub success: bool,
+    pub(crate) success: bool,
 }
 
 /// Comparison of the returns, as printed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Comparison {
+pub(crate) struct Comparison {
     /// Episodes scored again.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// Mean returns of episodes that reached the goal: recorded, other.
-    pub reached: Option<[f64; 2]>,
+    pub(crate) reached: Option<[f64; 2]>,
     /// Mean returns of episodes that did not.
-    pub missed: Option<[f64; 2]>,
+    pub(crate) missed: Option<[f64; 2]>,
     /// Correlation of the two returns over all episodes.
-    pub correlation: Option<f64>,
+    pub(crate) correlation: Option<f64>,
     /// Share of pairs of a successful and a failed episode in which the successful one has the larger return (ties
     /// count as half): recorded, other.
-    pub ordered: Option<[f64; 2]>,
+    pub(crate) ordered: Option<[f64; 2]>,
     /// Mean returns over the course of the log, for groups of equally many episodes.
-    pub curve: Vec<Point>,
+    pub(crate) curve: Vec<Point>,
 }
 
 /// Mean returns of consecutive episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Point {
+pub(crate) struct Point {
     /// Number of episodes up to and including this group.
-    pub episodes: u64,
+    pub(crate) episodes: u64,
     /// Mean returns of episodes that reached the goal: recorded, other.
-    pub reached: Option<[f64; 2]>,
+    pub(crate) reached: Option<[f64; 2]>,
     /// Mean returns of episodes that did not.
-    pub missed: Option<[f64; 2]>,
+    pub(crate) missed: Option<[f64; 2]>,
 }
 
 /// Scores the batches of the run's log at `log` again under `config`, or with the trained model of another run, and
@@ -67,7 +66,7 @@ pub struct Point {
 ///
 /// # Errors
 /// When the log cannot be read, has no updates, or lacks a score; when the model cannot be made or diverges.
-pub fn rescore(
+pub(crate) fn rescore(
     folder: &RunFolder,
     log: &Path,
     config: &RunConfig,
@@ -111,47 +110,6 @@ pub fn rescore(
     }
     ensure!(!returns.is_empty(), "expected updates in {}, found none", log.display());
     Ok(comparison(&returns))
-}
-
-/// Creates the model of the run `trained` with what it has learned, to score episodes of a task. `config` is the run's,
-/// possibly with other values of what scoring reads ([`RunConfig::for_scoring`]).
-///
-/// # Errors
-/// When the run's demonstrations or checkpoint cannot be read, or its task has other shapes.
-pub(crate) fn trained_model(
-    trained: &RunFolder,
-    config: &RunConfig,
-    task: &Spec,
-) -> Result<Box<dyn RewardModel>> {
-    let own = config.task.spec();
-    ensure!(
-        (own.observation, own.action) == (task.observation, task.action),
-        "{}: expected a model of {:?} and {:?}, found one of {:?} and {:?}",
-        trained.path().display(),
-        task.observation,
-        task.action,
-        own.observation,
-        own.action
-    );
-    let mut model = model::of_run(trained, config)?;
-    // A model that learns nothing consists only of its demonstrations.
-    if config.reward.model.trains {
-        restore(&mut *model, trained, None)?;
-    }
-    Ok(model)
-}
-
-/// Restores a model from a run's checkpoint, by default the newest. Returns the iteration of the checkpoint.
-pub(crate) fn restore(
-    model: &mut dyn RewardModel,
-    run: &RunFolder,
-    iteration: Option<u64>,
-) -> Result<u64> {
-    let found = checkpoint::chosen(run, iteration, &[PROXIMITY_FILE])?;
-    let tensors = found.load(PROXIMITY_FILE)?;
-    let restored = model.restore(&tensors).map_err(anyhow::Error::msg);
-    restored.with_context(|| run.path().display().to_string())?;
-    Ok(found.iteration)
 }
 
 /// Scores and improves as the service would in an iteration; a model that `stays` is not improved.

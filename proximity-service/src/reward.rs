@@ -1,6 +1,6 @@
 //! Computes rewards from proximity and uncertainty (Eq. 5 and its ablations), and from discriminators.
 
-use networks::{Score as RowScore, softplus};
+use networks::{RowScore, softplus};
 use run::config::{RewardConfig, RewardForm};
 
 /// Computes the rewards of one episode, one per step (Eq. 5): `f(s') - f(s) - lambda U(s')`, and in the last step `f(s')`
@@ -10,7 +10,7 @@ use run::config::{RewardConfig, RewardForm};
 /// `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6), and with
 /// `form = airl` the log-odds of that proximity. Without `final_bonus` the last step earns no additional proximity
 /// ("No Final").
-pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) -> Vec<f32> {
+pub(crate) fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) -> Vec<f32> {
     assert_eq!(proximity.len(), uncertainty.len(), "one uncertainty per proximity");
     let steps = proximity.len() - 1;
     let penalty = config.uncertainty as f32;
@@ -30,7 +30,7 @@ pub fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) ->
 
 /// Computes the rewards of a model with one row per step: from the mean logit of a discriminator or the temporal
 /// distance, minus the penalty for the standard deviation. Only proximity has a final bonus.
-pub fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
+pub(crate) fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     let penalty = config.uncertainty as f32;
     let reward = |row: &RowScore| {
         let own = match config.form {

@@ -43,14 +43,18 @@ const MOST_RECEIVED_BYTES: usize = 256 << 20;
 const MOST_QUERIED: usize = 4096;
 
 /// The proximity service of a run.
-pub struct Service {
+pub(crate) struct Service {
     spec: Spec,
+    /// Number of iterations that the run is to have.
+    iterations: u64,
     model: Box<dyn RewardModel>,
     fresh: Tensors,
     offline: OfflineTraining,
     offline_file: OfflineFile,
     intake: Intake,
     dropped: Dropped,
+    /// Whether the learner has begun, so that the model is in the state that its other requests are about.
+    is_begun: bool,
     improved: Option<RewardUpdate>,
     clock: ProcessorClock,
     bus: Bus,
@@ -76,7 +80,7 @@ impl Service {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn open(
+    pub(crate) fn open(
         folder: &RunFolder,
         config: &RunConfig,
         bus: Bus,
@@ -85,12 +89,14 @@ impl Service {
         let fresh = model.save();
         Ok(Service {
             spec: config.task.spec(),
+            iterations: config.iterations(),
             offline: OfflineTraining::Idle,
             offline_file: OfflineFile::new(folder.offline_file(), &fresh),
             fresh,
             model,
             intake: Intake::new(config.task.spec()),
             dropped: Dropped::new("trajectories from the bus"),
+            is_begun: false,
             improved: None,
             clock: ProcessorClock::default(),
             doorbell: bus.doorbell(Role::ProximityService)?,
@@ -104,7 +110,7 @@ impl Service {
     ///
     /// # Errors
     /// When the bus fails.
-    pub fn serve(&mut self, stop: &Stop) -> Result<()> {
+    pub(crate) fn serve(&mut self, stop: &Stop) -> Result<()> {
         while !(stop.is_requested() && self.learner_is_gone()?) {
             let trains =
                 matches!(self.offline, OfflineTraining::UnderWay(_)) && !stop.is_requested();
@@ -155,13 +161,17 @@ impl Service {
         Ok(!self.bus.alive()?.iter().any(|name| name.starts_with("learner")))
     }
 
-    /// Receives trajectories from actors and keeps them until a batch asks for them.
+    /// Receives trajectories from actors and keeps them until a batch asks for them. No batch asks for evaluation
+    /// episodes, which come after the last iteration.
     fn take_trajectories(&mut self) -> Result<()> {
         let mut kept = self.intake.received_bytes();
         for _ in 0..TAKEN_AT_ONCE {
             let Some(Published { header, bytes, process }) = self.trajectories.receive()? else {
                 break;
             };
+            if header.iteration >= self.iterations {
+                continue;
+            }
             kept += bytes.len();
             if kept > MOST_RECEIVED_BYTES {
                 kept -= bytes.len();
@@ -184,8 +194,21 @@ impl Service {
             bail!("expected a query, for only the learner asks for more; found another request");
         }
         match ask {
-            Ask::Begin(begin) => self.begin(&begin),
-            Ask::Batch(batch) => Ok(Answer::Missing(self.intake.take(batch)?)),
+            Ask::Begin(begin) => {
+                let answer = self.begin(&begin);
+                self.is_begun = matches!(answer, Ok(Answer::Updated(_)));
+                answer
+            }
+            Ask::Batch(batch) => {
+                // Scores and updates need a batch. A refused save would count as a full disk, so the learner checks
+                // what was saved.
+                ensure!(
+                    self.is_begun,
+                    "expected the request to begin before a batch, found the batch of iteration {}",
+                    batch.iteration
+                );
+                Ok(Answer::Missing(self.intake.take(batch)?))
+            }
             Ask::Score(request) => {
                 let batch = self.intake.batch(request.iteration)?;
                 let scores = self.model.score(request.iteration, batch);
@@ -281,5 +304,66 @@ fn refusal(error: &anyhow::Error) -> Answer {
         Answer::Final(message)
     } else {
         Answer::Refused(message)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bus::{BusAddress, TrajectoryHeader};
+    use protocol::messages::{Batch, Missing};
+    use protocol::trajectory::{Encoded, Source, Trajectory};
+    use run::tasks::of_text;
+
+    use super::*;
+    use crate::model::FixedReward;
+    use crate::tests::{CORRIDOR_FILE, walk};
+
+    /// Calls `check` with a service and another member of its bus.
+    fn with_service(check: impl FnOnce(&mut Service, &Bus)) {
+        let home = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(home.path());
+        let address = BusAddress::for_start(folder.path()).unwrap();
+        let method = ["method=environment-reward".to_owned()];
+        let config = of_text(CORRIDOR_FILE, "corridor", None, &method).unwrap();
+        let [own, other] = ["service", "other"].map(|name| Bus::open(&address, name).unwrap());
+        let model = Box::new(FixedReward::Environment);
+        let mut service = Service::open(&folder, &config, own, model).unwrap();
+        check(&mut service, &other);
+        drop((service, other));
+        address.remove().unwrap();
+    }
+
+    #[test]
+    fn a_batch_is_refused_unless_the_learner_has_begun() {
+        with_service(|service, _| {
+            let mut answer = |ask: Ask| {
+                let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
+                service.answer(&request, Some(Role::Learner))
+            };
+            let batch = || Ask::Batch(Batch { iteration: 3, ..Batch::default() });
+            let message = answer(batch()).unwrap_err().to_string();
+            assert!(message.ends_with("found the batch of iteration 3"), "{message}");
+            answer(Ask::Begin(Begin::default())).unwrap();
+            assert_eq!(answer(batch()).unwrap(), Answer::Missing(Missing::default()));
+            let gone = Begin { iteration: 1, checkpoint: "no such file".to_owned() };
+            assert!(answer(Ask::Begin(gone)).is_err());
+            assert!(answer(batch()).is_err(), "the model may be in any state");
+        });
+    }
+
+    #[test]
+    fn episodes_that_no_batch_will_ask_for_are_not_kept() {
+        with_service(|service, other| {
+            let publisher = other.rollout_publisher(Duration::from_secs(1)).unwrap();
+            let episode = |iteration| {
+                Encoded::encode(Trajectory { iteration, ..walk(0.0, Source::Training) })
+            };
+            let episodes = [service.iterations - 1, service.iterations].map(episode);
+            for encoded in &episodes {
+                publisher.publish(&encoded.bytes, TrajectoryHeader::from(encoded)).unwrap();
+            }
+            service.take_trajectories().unwrap();
+            assert_eq!(service.intake.received_bytes(), episodes[0].bytes.len());
+        });
     }
 }

@@ -56,6 +56,10 @@ pub(crate) const CORRIDOR: Spec = Spec {
     horizon_steps: 10,
 };
 
+/// The corridor as a task file.
+pub(crate) const CORRIDOR_FILE: &str = "[task]\nname = \"corridor\"\nobservation.vector.len = 2\n\
+                                        action.discrete.count = 2\nhorizon_steps = 10\n";
+
 /// Returns a walk of ten steps from place 0 to place 1 in a row.
 pub(crate) fn walk(row: f32, source: Source) -> Trajectory {
     let mut values = vec![0; 11 * 8];

@@ -53,6 +53,22 @@ def test_the_task_may_be_json(source: Path, tmp_path: Path, capsys: pytest.Captu
     assert read(out).task == REACH
 
 
+def test_actions_are_taken_where_their_key_is_named(
+    task: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    states = np.stack([walk(6, number) for number in range(2)])
+    moves = np.random.default_rng(1).uniform(-1, 1, (2, 6, 2)).astype(np.float32)
+    np.savez(tmp_path / "walks.npz", states=states, moves=moves, success=[[0] * 4 + [1] * 3] * 2)
+    out = tmp_path / "reach.mcap"
+    words = ["import", str(tmp_path / "walks.npz"), "--task", str(task), "--out", str(out)]
+    assert main([*words, "--actions", "moves"]) == 0
+    assert "2 episodes with 8 steps and their actions" in capsys.readouterr().out
+    for episode, acted in zip(read(out).episodes, moves, strict=True):
+        np.testing.assert_array_equal(np.asarray(episode.actions), acted[:4])
+    assert main([*words, "--overwrite"]) == 0
+    assert read(out).episodes[0].actions is None
+
+
 def test_info_says_what_a_file_holds(
     source: Path, task: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -137,3 +137,9 @@ def test_an_empty_data_set_is_refused(tmp_path: Path) -> None:
         file.unlink()
     with pytest.raises(Error, match="found no episode"):
         load(source, REACH)
+
+
+def test_actions_are_read(tmp_path: Path) -> None:
+    source = stored(tmp_path / "set", "v3.0")
+    loaded = load(source, REACH, keys=KEYS, actions=["action"])
+    assert [np.shape(np.asarray(episode.actions)) for episode in loaded.episodes] == [(4, 2)] * 3

@@ -13,6 +13,7 @@ from walks import REACH, walk
 
 from goalward import Error, Task, Vector
 from goalward.demonstrations import load
+from goalward.demonstrations.minari import _actions
 from goalward.spaces import observations_of
 
 PARTS = spaces.Dict(
@@ -150,3 +151,14 @@ def test_a_damaged_data_set_is_refused() -> None:
     with pytest.raises(Error, match="expected a Minari data set") as refusal:
         load(source, REACH, success="all")
     assert "\n" not in str(refusal.value)
+
+
+def test_actions_are_numbers_over_the_bounds_or_choices() -> None:
+    box = spaces.Box(np.array([-2, 0], np.float32), np.array([2, 4], np.float32), dtype=np.float32)
+    moves = np.array([[-2, 0], [2, 4], [1, 1]], np.float32)
+    np.testing.assert_array_equal(_actions(box, moves)["actions"], [[-1, -1], [1, 1], [0.5, -0.5]])
+    choices = _actions(spaces.Discrete(3, start=5), np.array([5, 7]))
+    np.testing.assert_array_equal(choices["actions"], [0, 2])
+    source = stored([buffer(0, walk(4, 0), 4)], spaces.Box(-np.inf, np.inf, (3,), np.float32))
+    [episode] = load(source, REACH, success="all", actions=["actions"]).episodes
+    np.testing.assert_array_equal(np.asarray(episode.actions), np.zeros((4, 2)))

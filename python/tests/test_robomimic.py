@@ -81,3 +81,10 @@ def test_a_damaged_file_is_refused(tmp_path: Path, keep: float) -> None:
 def test_a_file_without_demonstrations_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Error, match="expected at least one episode that reaches the goal, found no episode"):
         load(stored(tmp_path / "demo.hdf5", []), REACH)
+
+
+@pytest.mark.parametrize("following", [True, False])
+def test_actions_are_read(tmp_path: Path, following: bool) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])], following=following)
+    [episode] = load(source, REACH, keys=["hand", "cube"], actions=["actions"]).episodes
+    assert np.shape(np.asarray(episode.actions)) == (4 if following else 3, 2)

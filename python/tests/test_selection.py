@@ -143,6 +143,30 @@ def test_a_signal_of_another_length_is_refused() -> None:
     assert "expected 6 values, one for each observation, one fewer, or a single one, found 3" in words
 
 
+@pytest.mark.parametrize("rows", [5, 6])
+def test_actions_are_those_of_the_steps_that_are_taken(rows: int) -> None:
+    success, moves = [0, 0, 0, 1, 1, 0], np.linspace(-1, 1, 2 * rows).reshape(rows, 2)
+    table = Recording("7", recording(success).observations, {"success": np.array(success)}, {"moves": moves})
+    [episode] = Selection(REACH, None, "success", actions=["moves"]).episodes([table])
+    assert episode is not None
+    np.testing.assert_array_equal(np.asarray(episode.actions), moves[:3])
+
+
+def test_choices_are_no_rows() -> None:
+    table = Recording("0", {"grid": rooms(3, 0)}, actions={"choice": np.array([[2], [0], [3]])})
+    [episode] = Selection(ROOMS, None, "all", actions=["choice"]).episodes([table])
+    assert episode is not None
+    np.testing.assert_array_equal(np.asarray(episode.actions), [2, 0, 3])
+
+
+def test_actions_that_are_missing_or_of_other_steps_are_refused() -> None:
+    selection = Selection(REACH, None, "all", actions=["moves"])
+    assert refusal(selection, recording()) == "episode 7: actions: expected `moves`, found none"
+    short = Recording("7", recording().observations, actions={"moves": np.zeros((4, 2))})
+    expected = "episode 7: actions: expected 5 rows of `moves`, one for each step, or one more, found 4"
+    assert refusal(selection, short) == expected
+
+
 def test_nan_is_refused_with_its_place() -> None:
     states = walk(5, 0)
     states[4, 1] = np.nan

@@ -125,6 +125,13 @@ def test_columns_of_a_table_are_observations(tmp_path: Path) -> None:
     assert loaded.left_out == 1
 
 
+def test_columns_of_a_table_are_actions(tmp_path: Path) -> None:
+    source = table(tmp_path, "episode,x,y,z,u,v", "0,1,2,3,0.5,-1", "0,4,5,6,1,0", "0,7,8,9,,")
+    [episode] = load(source, REACH, success="all", actions=["v", "u"]).episodes
+    np.testing.assert_array_equal(np.asarray(episode.actions), [[-1, 0.5], [0, 1]])
+    np.testing.assert_array_equal(np.asarray(episode.observations), [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+
+
 def test_without_keys_every_column_of_numbers_but_success_is_taken(tmp_path: Path) -> None:
     source = table(tmp_path, "episode_id,x,y,z,success", "0,1,2,3,0", "0,4,5,6,1")
     assert states(load(source, REACH))[0].tolist() == [[1, 2, 3], [4, 5, 6]]

@@ -109,7 +109,9 @@ pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
         "bc" => &["ppo.", "reward.", "rollout.lane_steps"],
         "bco" | "sqil" => &["ppo.", "reward."],
         "environment-reward" | "nearest-state" | "segment-matching" => &["reward."],
-        "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" => &["reward.pretraining_epochs"],
+        "gail" | "gaifo" | "gaifo-s" | "gaifo-s-uncertainty" | "gaifo-next-state" => {
+            &["reward.pretraining_epochs"]
+        }
         "temporal-distance" => &["reward.samples", "reward.experience"],
         _ => &[],
     };

@@ -16,7 +16,7 @@ pub struct Summary {
     /// Actor processes the run was configured with.
     pub actors: u64,
     /// Environment steps learned from.
-    pub env_steps: u64,
+    pub environment_steps: u64,
     /// Training episodes.
     pub episodes: u64,
     /// Iterations finished.
@@ -33,8 +33,9 @@ pub struct Summary {
     pub steps_per_s: f64,
     /// SHA-256 of the policy's weights.
     pub policy_sha256: String,
-    /// SHA-256 of the reward model's weights.
-    pub proximity_sha256: String,
+    /// SHA-256 of the reward model's weights; empty if the method has none.
+    #[serde(default)]
+    pub reward_model_sha256: String,
     /// The recorded files.
     pub log: Log,
 }
@@ -71,6 +72,6 @@ pub struct Hashes {
 impl Summary {
     /// The hashes of the final weights.
     pub fn hashes(&self) -> Hashes {
-        Hashes { policy: self.policy_sha256.clone(), proximity: self.proximity_sha256.clone() }
+        Hashes { policy: self.policy_sha256.clone(), proximity: self.reward_model_sha256.clone() }
     }
 }

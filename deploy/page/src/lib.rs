@@ -42,5 +42,5 @@ mod server;
 mod shown;
 mod state;
 
-pub use programs::{Processes, Programs, Score};
+pub use programs::{PagePrograms, Processes, Score};
 pub use server::{Server, Settings};

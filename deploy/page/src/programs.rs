@@ -1,4 +1,4 @@
-//! What the page requests from a run's programs. `goalward page` implements [`Programs`] and starts them.
+//! What the page requests from a run's programs. `goalward page` implements [`PagePrograms`] and starts them.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
 /// Requests to a run's programs, which the implementation starts.
-pub trait Programs: Send + Sync {
+pub trait PagePrograms: Send + Sync {
     /// Re-simulates a recorded episode of a run and writes it to the new file `out`, with its observations and
     /// scenes. `setting` is the environment's setting as JSON, or `None` for the run's. With `pictures`, a Python
     /// environment renders pictures, if it can.

@@ -13,7 +13,7 @@ use crate::curves::Curves;
 use crate::details::Details;
 use crate::kept::Kept;
 use crate::listed::{List, Listed};
-use crate::programs::Programs;
+use crate::programs::PagePrograms;
 use crate::shown::Shown;
 
 /// Maximum number of runs whose [`Line`] is cached.
@@ -25,7 +25,7 @@ const CURVES_KEPT: usize = 32;
 /// Maximum number of error lines that are shown.
 const TROUBLE_SHOWN: usize = 10;
 
-/// The runs in some folders; a folder may itself be a run.
+/// The runs at some folders, each of which is a run, has runs in it, or is that of an experiment.
 pub(crate) struct Runs {
     places: Vec<PathBuf>,
     overviews: Kept<Result<Line, String>>,
@@ -41,7 +41,7 @@ type Line = (u64, Overview);
 
 impl Runs {
     /// Returns the runs in `places`, with nothing read yet.
-    pub(crate) fn in_folders(places: Vec<PathBuf>, programs: Box<dyn Programs>) -> Runs {
+    pub(crate) fn in_folders(places: Vec<PathBuf>, programs: Box<dyn PagePrograms>) -> Runs {
         let (overviews, curves) = (Kept::of(OVERVIEWS_KEPT), Kept::of(CURVES_KEPT));
         Runs { places, overviews, curves, shown: Shown::new(programs) }
     }
@@ -100,14 +100,12 @@ impl Runs {
     fn find(&self) -> (Vec<Found>, Vec<String>) {
         let (mut found, mut trouble) = (Vec::new(), Vec::new());
         for place in &self.places {
-            if RunFolder::new(place).config_file().is_file() {
-                found.push(place.clone());
-                continue;
-            }
-            match RunFolder::all_in(place) {
+            match RunFolder::all_at(place) {
                 // Others may see the page, so a link does not lead out of the folder.
                 Ok(runs) => found.extend(
-                    runs.iter().map(|run| run.path().to_owned()).filter(|run| !run.is_symlink()),
+                    runs.iter()
+                        .map(|run| run.path().to_owned())
+                        .filter(|run| run == place || !run.is_symlink()),
                 ),
                 Err(error) => trouble.push(format!("{}: {error}", place.display())),
             }

@@ -17,7 +17,7 @@ use axum::routing::get;
 use tokio::net::TcpListener;
 
 use crate::guard::Guard;
-use crate::programs::Programs;
+use crate::programs::PagePrograms;
 use crate::runs::Runs;
 use crate::state::{Pages, Refused};
 use crate::{api, assets};
@@ -31,14 +31,14 @@ const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; frame-ance
 
 /// Where a page listens and what it shows.
 pub struct Settings {
-    /// Folders of runs, or folders that contain them.
+    /// Folders of runs, or folders that contain them, such as that of an experiment.
     pub folders: Vec<PathBuf>,
     /// The address to listen on.
     pub host: IpAddr,
     /// The port; 0 takes a free one.
     pub port: u16,
     /// What starts the programs of runs.
-    pub programs: Box<dyn Programs>,
+    pub programs: Box<dyn PagePrograms>,
 }
 
 /// A page that listens on its port.

@@ -14,13 +14,13 @@ use serde::Serialize;
 
 use crate::collections::{Collections, locked};
 use crate::episodes::Recorded;
-use crate::programs::{Processes, Programs, Score};
+use crate::programs::{PagePrograms, Processes, Score};
 use crate::scenes::Scenes;
 
 /// What serves requests about episodes and processes: the collections and the programs.
 pub(crate) struct Shown {
     collections: Collections,
-    programs: Box<dyn Programs>,
+    programs: Box<dyn PagePrograms>,
 }
 
 /// An episode that a browser requests.
@@ -35,7 +35,7 @@ pub(crate) struct Asked {
 
 impl Shown {
     /// Creates it with nothing read yet.
-    pub(crate) fn new(programs: Box<dyn Programs>) -> Shown {
+    pub(crate) fn new(programs: Box<dyn PagePrograms>) -> Shown {
         Shown { collections: Collections::default(), programs }
     }
 

@@ -51,6 +51,11 @@ function ofAuthors(published) {
   return published === null ? [] : [["success, published by the authors", `${percent(published.rate)}, ${published.source}`]];
 }
 
+/** Returns the row of the reward model's hash; none for a method that learns no reward. */
+function ofRewardModel({ reward_model_sha256: hash }) {
+  return hash === undefined ? [] : [["reward model SHA-256", element("code", {}, hash)]];
+}
+
 function standing(run, summary) {
   const rows = [
     ["state", element("span", { class: `state ${run.state}` }, run.state)],
@@ -66,9 +71,9 @@ function standing(run, summary) {
     ...rows,
     evaluated(evaluation),
     ["speed", `${count(summary.steps_per_s)} steps/s`],
-    ...times.map((time) => [`${percent(time.success_rate)} for good`, `${duration(time.wall_s)}, ${count(time.env_steps)} steps`]),
+    ...times.map((time) => [`${percent(time.success_rate)} for good`, `${duration(time.wall_s)}, ${count(time.environment_steps)} steps`]),
     ["policy SHA-256", element("code", {}, summary.policy_sha256)],
-    ["reward model SHA-256", element("code", {}, summary.proximity_sha256)],
+    ...ofRewardModel(summary),
     ["build", builds(summary)],
   ];
 }

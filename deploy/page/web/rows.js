@@ -35,7 +35,7 @@ export class Rows {
 }
 
 /** Returns the predicate of a filter: words such as `failed` and `training`, and comparisons such as `steps<20`. */
-export function matcher(filter) {
+function matcher(filter) {
   const wishes = filter.toLowerCase().split(/[\s,]+/).filter(Boolean).map(wish);
   return (row) => wishes.every((holds) => holds(row));
 }

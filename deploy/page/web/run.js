@@ -106,7 +106,7 @@ export class RunView {
       this.troubles.set(id, found.trouble);
       if (this.processes && this.isOpen) {
         renew(this.facts, facts(found));
-        this.processes.follow(found.run.state === "live");
+        this.processes.follow(found.run.state === "training");
       }
       return true;
     } catch (error) {

@@ -78,7 +78,7 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
             &mut text,
             format_args!(
                 "{names},{method},{preset},1,{},{},{},{success},{},{evaluated},{:.1},{:.1},{:.0},{},{}{}",
-                summary.env_steps,
+                summary.environment_steps,
                 summary.episodes,
                 summary.iterations,
                 summary.evaluation.episodes,
@@ -86,7 +86,7 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
                 summary.processor_s,
                 summary.steps_per_s,
                 summary.policy_sha256,
-                summary.proximity_sha256,
+                summary.reward_model_sha256,
                 times_to_success(run),
             ),
         );
@@ -135,7 +135,9 @@ fn estimate(estimate: Option<Estimate>) -> String {
 /// Formats the fields of each level of success; empty for levels that were not reached.
 fn times_to_success(run: &Measured) -> String {
     let fields = |time: Option<&TimeToSuccess>| match time {
-        Some(time) => format!(",{},{:.1},{:.1}", time.env_steps, time.wall_s, time.processor_s),
+        Some(time) => {
+            format!(",{},{:.1},{:.1}", time.environment_steps, time.wall_s, time.processor_s)
+        }
         None => ",,,".to_owned(),
     };
     TimeToSuccess::by_level(&run.times_to_success).map(fields).concat()

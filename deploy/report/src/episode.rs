@@ -9,7 +9,7 @@ use run::folder::RunFolder;
 
 use crate::chart::{self, Axis, COLORS, Chart, Line, Marker, Style, UNITS};
 use crate::estimate::{self, Episode};
-use crate::programs::{Estimates, Programs};
+use crate::programs::{Estimates, ReportPrograms};
 use crate::solid::{Camera, Solid};
 use crate::{grid, scene};
 use terminal::numbers;
@@ -47,7 +47,7 @@ pub(crate) struct Along {
 pub(crate) fn along(
     folder: &RunFolder,
     config: &RunConfig,
-    programs: &dyn Programs,
+    programs: &dyn ReportPrograms,
 ) -> Result<Along> {
     let mut episodes = estimate::episodes(folder, config, programs)?;
     ensure!(!episodes.is_empty(), "{}: expected an evaluation episode", folder.path().display());

@@ -11,7 +11,7 @@ use run::checkpoint;
 use run::config::{RewardConfig, RewardInput, RunConfig};
 use run::folder::{POLICY_FILE, RunFolder};
 
-use crate::programs::Programs;
+use crate::programs::ReportPrograms;
 
 /// Number of episodes read, from the first of a file. Later ones have no scenes.
 const EPISODES: usize = 20;
@@ -38,7 +38,7 @@ pub(crate) fn has_proximity(config: &RunConfig) -> bool {
 pub(crate) fn episodes(
     folder: &RunFolder,
     config: &RunConfig,
-    programs: &dyn Programs,
+    programs: &dyn ReportPrograms,
 ) -> Result<Vec<Episode>> {
     let file = match evaluated(folder)? {
         Some(file) => file,

@@ -160,11 +160,11 @@ mod tests {
             let steps = points.last().unwrap().0;
             serde_json::from_value(serde_json::json!({
                 "task": "navigation", "method": "goal-proximity", "preset": "goalward", "seed": 1,
-                "actors": 2, "env_steps": steps, "episodes": 10, "iterations": points.len(),
+                "actors": 2, "environment_steps": steps, "episodes": 10, "iterations": points.len(),
                 "success_rate": points.last().unwrap().1,
                 "evaluation": {"episodes": 50, "success_rate": evaluation},
                 "wall_s": 2.0, "steps_per_s": steps / 2, "policy_sha256": "ab",
-                "proximity_sha256": "cd", "log": {"files": 2, "trajectories": 9, "bytes": 9},
+                "reward_model_sha256": "cd", "log": {"files": 2, "trajectories": 9, "bytes": 9},
                 "seconds": {"rollout": 1, "environment": 1, "inference": 1, "transport": 1,
                     "log": 1, "scoring": 1, "policy_update": 1, "reward_update": 1}
             }))

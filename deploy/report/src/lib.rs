@@ -54,7 +54,7 @@ use crate::figure::Figure;
 use crate::measured::{MeasuredCurve, MeasuredFigure};
 use crate::origin::apart;
 use crate::pictures::Pictures;
-use crate::programs::Programs;
+use crate::programs::ReportPrograms;
 pub use crate::runs::OF_NO_CURVE;
 pub use crate::tensorboard::TensorBoard;
 
@@ -74,7 +74,7 @@ pub fn figure_of_runs(folders: Vec<RunFolder>) -> Result<Figure> {
 /// # Errors
 /// A usage error when two figures have the same name or no run has anything to show. Other errors when a chart cannot
 /// be drawn or the files cannot be written.
-pub fn write(figures: &[Figure], out: &Path, programs: &dyn Programs) -> Result<PathBuf> {
+pub fn write(figures: &[Figure], out: &Path, programs: &dyn ReportPrograms) -> Result<PathBuf> {
     let mut names = BTreeSet::new();
     if let Some(figure) = figures.iter().find(|figure| !names.insert(figure.name.as_str())) {
         return Err(wrong_usage(format!("expected each figure once, found {} twice", figure.name)));

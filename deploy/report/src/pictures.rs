@@ -12,7 +12,7 @@ use crate::grid::{Classes, Everywhere};
 use crate::learning::{self, Against};
 use crate::measured::{Measured, MeasuredFigure, MeasuredPanel};
 use crate::palette::Palette;
-use crate::programs::Programs;
+use crate::programs::ReportPrograms;
 
 /// Size of a chart against environment steps, pixels.
 const SIZE: [u32; 2] = [720, 400];
@@ -35,7 +35,10 @@ impl Pictures {
     ///
     /// # Errors
     /// When a chart cannot be drawn.
-    pub(crate) fn of(figures: &[MeasuredFigure], programs: &dyn Programs) -> Result<Pictures> {
+    pub(crate) fn of(
+        figures: &[MeasuredFigure],
+        programs: &dyn ReportPrograms,
+    ) -> Result<Pictures> {
         let mut pictures =
             Pictures { files: BTreeMap::new(), episodes: Vec::new(), heats: BTreeMap::new() };
         let panels = || figures.iter().flat_map(|figure| &figure.panels);
@@ -110,7 +113,7 @@ impl Pictures {
         Ok(())
     }
 
-    fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel, programs: &dyn Programs) {
+    fn draw_heat(&mut self, stem: String, panel: &MeasuredPanel, programs: &dyn ReportPrograms) {
         let Some(classes) = Classes::of(&panel.task) else { return };
         let Some(run) = asked(panel).into_iter().next() else { return };
         let drawn = heat(run, &classes, programs).map(|drawn| {
@@ -124,7 +127,7 @@ impl Pictures {
         self.heats.insert(stem, drawn.map_err(|error| format!("{error:#}")));
     }
 
-    fn draw_episode(&mut self, run: &Measured, programs: &dyn Programs) {
+    fn draw_episode(&mut self, run: &Measured, programs: &dyn ReportPrograms) {
         let drawn = episode::along(&run.folder, &run.config, programs).map(|along| {
             let name = format!("episode-{}.svg", run.config.task);
             self.files.insert(name.clone(), along.picture);
@@ -140,7 +143,7 @@ fn asked(panel: &MeasuredPanel) -> Vec<&Measured> {
     runs.filter(|run| run.is_finished() && estimate::has_proximity(&run.config)).collect()
 }
 
-fn heat(run: &Measured, classes: &Classes, programs: &dyn Programs) -> Result<String> {
+fn heat(run: &Measured, classes: &Classes, programs: &dyn ReportPrograms) -> Result<String> {
     let episodes = estimate::episodes(&run.folder, &run.config, programs)?;
     let bytes = run.config.task.spec().observation.bytes();
     let first = episodes.first().map(|episode| &episode.trajectory.observations()[..bytes]);

@@ -1,4 +1,4 @@
-//! What a report requests from a run's programs. `goalward report` implements [`Programs`] and starts them.
+//! What a report requests from a run's programs. `goalward report` implements [`ReportPrograms`] and starts them.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Estimates {
 }
 
 /// Requests to a run's programs, which the implementation starts.
-pub trait Programs {
+pub trait ReportPrograms {
     /// Returns estimates of the reward model in the newest checkpoint of a run for observations.
     ///
     /// # Errors

@@ -60,7 +60,7 @@ impl TensorBoard {
             ("evaluation/success_rate", number(summary.evaluation.success_rate)),
             ("evaluation/mean_return", number(summary.evaluation.mean_return)),
         ];
-        let step = summary.env_steps.max(summary.iterations);
+        let step = summary.environment_steps.max(summary.iterations);
         self.file.scalars(self.begun + summary.wall_s, step, &scalars)?;
         Ok(self.file.flush()?)
     }

@@ -1,6 +1,7 @@
 //! `goalward demonstrate`: a task's expert records demonstrations.
 //!
-//! The actor records them; this module only passes on what the user wants.
+//! The actor records them and prints the result as JSON; this module passes on what the user wants and shows it to
+//! people.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,13 +10,15 @@ use anyhow::{Result, ensure};
 use protocol::setting::{EXPERT, MAKE, Setting};
 use run::config::{RunConfig, set_by_user};
 use run::folder::RunFolder;
+use serde::{Deserialize, Serialize};
 use toml::Value;
 
 use crate::demonstrations::Recording;
+use crate::output_format::OutputFormat;
 use crate::tasks;
-use crate::{description, destination, machine, programs, settings};
+use crate::{description, destination, machine, settings};
+use terminal::numbers;
 use terminal::refusal::{stopped, wrong_usage};
-use terminal::status_line::StatusLine;
 
 /// Keys of the demonstrations that are set by flags of their own.
 const BY_FLAGS: [(&str, &str); 2] =
@@ -55,6 +58,17 @@ pub(crate) struct Arguments {
     /// Overwrites an existing file, but never one in a run's folder.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    output: OutputFormat,
+}
+
+/// The actor's report.
+#[derive(Debug, Deserialize, Serialize)]
+struct Recorded {
+    episodes: u64,
+    steps: u64,
+    failures: Option<u64>,
+    file: PathBuf,
 }
 
 /// Records demonstrations; the exit code is that of the actor.
@@ -73,10 +87,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let setting = description::complete_setting(task, &setting, policy.is_none())?;
     let policy = policy.as_deref();
     let recording = Recording { task, episodes, setting, policy, seed, file: out, force };
-    match recording.record(&mut recording.actor()?, StatusLine::new())? {
-        Some(status) => programs::expect_success(status),
-        None => Err(stopped()),
-    }
+    let ended = recording.record(&mut recording.actor()?)?.ok_or_else(stopped)?;
+    arguments.output.print(&ended.result()?, table)
+}
+
+fn table(recorded: &Recorded) -> String {
+    let Recorded { episodes, steps, failures, file } = recorded;
+    let failures = match failures {
+        Some(failures) => format!("{} further episodes", numbers::count(*failures)),
+        None => "the task tells no success: all were kept and none was cut at a goal".to_owned(),
+    };
+    numbers::table(&[
+        ("demonstrations", numbers::count(*episodes)),
+        ("steps", numbers::count(*steps)),
+        ("failures", failures),
+        ("recorded in", file.display().to_string()),
+    ])
 }
 
 /// Returns the keys that `--set` names. They must be of the environment or the demonstrations, since a recording has no
@@ -160,7 +186,20 @@ mod tests {
             seed: 1,
             out: PathBuf::from("d.mcap"),
             force: false,
+            output: OutputFormat::default(),
         }
+    }
+
+    #[test]
+    fn no_failure_is_counted_where_success_is_not_told() {
+        let of = |failures: &str| {
+            let text = r#"{"episodes": 2, "steps": 1500, "file": "d.mcap", "failures": "#;
+            table(&serde_json::from_str(&format!("{text}{failures}}}")).unwrap())
+        };
+        let told = "  demonstrations  2\n  steps           1,500\n  failures        3 further episodes\n  \
+                    recorded in     d.mcap\n";
+        assert_eq!(of("3"), told);
+        assert!(of("null").contains("  failures        the task tells no success"));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result};
+use run::config::set_by_user;
 
 use crate::output_format::OutputFormat;
 use crate::{destination, programs, tasks};
@@ -22,7 +23,7 @@ const FORMATS: [&str; 7] = ["auto", "npz", "csv", "minari", "lerobot", "robomimi
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Verb {
     /// Convert a data set to a file of demonstrations: npz, CSV, Minari, LeRobot, robomimic, MCAP or rosbag2.
-    Import(Import),
+    Import(Box<Import>),
     /// Say what a file of demonstrations holds.
     Info {
         /// The file.
@@ -56,6 +57,9 @@ pub(crate) struct Import {
     /// success signals. A bag with several topics needs them.
     #[arg(long, value_name = "KEY,KEY")]
     keys: Option<String>,
+    /// Keys of the data set's actions, which are choices or numbers in [-1, 1]; by default only states are taken.
+    #[arg(long, value_name = "KEY,KEY")]
+    actions: Option<String>,
     /// Which episodes reach the goal: `all`, each at its last observation, or the key of a success signal.
     #[arg(long, value_name = "all|KEY")]
     success: Option<String>,
@@ -70,11 +74,12 @@ pub(crate) struct Import {
 impl Import {
     /// Returns the flags that tell the package what to take from the data set.
     fn selection(&self) -> Vec<String> {
-        let Import { format, keys, success, labels, .. } = self;
+        let Import { format, keys, actions, success, labels, .. } = self;
         let episodes = self.episodes.map(|count| count.to_string());
         let flags = [
             ("--format", format),
             ("--keys", keys),
+            ("--actions", actions),
             ("--success", success),
             ("--labels", labels),
             ("--episodes", &episodes),
@@ -97,25 +102,27 @@ pub(crate) fn run(verb: &Verb) -> Result<()> {
 fn import(arguments: &Import) -> Result<()> {
     let Import { source, task, settings, out, force, .. } = arguments;
     destination::file(out, *force)?;
+    refuse_without_effect(task, settings)?;
     let config = tasks::configuration(task, None, settings)?;
-    for setting in settings {
-        let others: Vec<String> =
-            settings.iter().filter(|&other| other != setting).cloned().collect();
-        // An environment that cannot be made without a setting needs it.
-        let without = tasks::configuration(task, None, &others);
-        if without.is_ok_and(|without| without.task == config.task) {
-            return Err(wrong_usage(format!(
-                "--set {setting}: expected a setting of the environment that changes what {task} is, found \
-                 one that does not"
-            )));
-        }
-    }
     let spec = serde_json::to_string(&config.task).context("a task as JSON")?;
     package("import", |package| {
         package.arg(source).args(["--task-json", &spec, "--task-argument", task]);
         package.arg("--out").arg(out);
         package.args(force.then_some("--overwrite")).args(arguments.selection())
     })
+}
+
+/// Refuses settings that do not change what the task is: an environment of Python is made with those of its own table,
+/// and any other task is what its file says.
+fn refuse_without_effect(task: &str, settings: &[String]) -> Result<()> {
+    let has_effect = |key: &str| tasks::is_of_python(task) && key.starts_with("environment.");
+    match set_by_user(settings)?.into_iter().find(|(key, _)| !has_effect(key)) {
+        None => Ok(()),
+        Some((key, value)) => Err(wrong_usage(format!(
+            "--set {key}={value}: expected environment.KEY=VALUE and an environment of Python, such as \
+             gym:CartPole-v1, found --task {task}"
+        ))),
+    }
 }
 
 /// Runs the package, which itself says what it did, or why it did not.
@@ -136,9 +143,48 @@ fn package(verb: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Resul
 
 #[cfg(test)]
 mod tests {
-    use clap::Args;
+    use std::path::Path;
+
+    use clap::{Args, FromArgMatches};
 
     use super::*;
+
+    #[test]
+    fn formats_are_those_of_the_package() {
+        let file = "../python/src/goalward/demonstrations/formats.py";
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        let text = std::fs::read_to_string(path).unwrap();
+        let named = |line: &str| {
+            let (name, _) = line.trim().strip_prefix('"')?.split_once("\": Format(")?;
+            Some(name.to_owned())
+        };
+        let mut expected: Vec<_> = text.lines().filter_map(named).chain(["auto".into()]).collect();
+        let mut found = FORMATS.map(str::to_owned);
+        expected.sort();
+        found.sort();
+        assert_eq!(found.as_slice(), expected);
+    }
+
+    #[test]
+    fn what_to_take_is_passed_on() {
+        let words = ["import", "d.npz", "--task", "t", "--out", "d.mcap", "--actions", "a,b"];
+        let import = Import::augment_args(clap::Command::new("import")).get_matches_from(words);
+        let selection = Import::from_arg_matches(&import).unwrap().selection();
+        assert_eq!(selection, ["--actions", "a,b"]);
+    }
+
+    #[test]
+    fn settings_are_of_an_environment_of_python() {
+        let refused = |task: &str, setting: &str| {
+            refuse_without_effect(task, &[setting.to_owned()]).map_err(|error| error.to_string())
+        };
+        assert_eq!(refused("gym:x", "environment.kwargs.x=3"), Ok(()));
+        for (task, setting) in [("gym:x", "steps=9"), ("fetch-push", "environment.noise=2.0")] {
+            let said = refused(task, setting).unwrap_err();
+            assert!(said.starts_with(&format!("--set {setting}: expected")), "{said}");
+            assert!(said.ends_with(task), "{said}");
+        }
+    }
 
     #[test]
     fn what_the_package_would_refuse_is_no_flag() {

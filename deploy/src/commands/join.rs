@@ -13,7 +13,6 @@ use run::folder::RunFolder;
 use run::holder::Work;
 use terminal::print::print_remark;
 use terminal::refusal::{stopped, wrong_usage};
-use terminal::status_line::StatusLine;
 
 use crate::limits;
 use crate::listening::{golden, host_name};
@@ -106,9 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let task = &config.task.name;
     let is_cut = arguments.actors.is_none() && count == MOST_UNASKED;
     let more = if is_cut { " (more by --actors)" } else { "" };
-    print_remark(&format!(
-        "joining a run of {task} as {host}, actors: {count}{more}; Ctrl-C leaves it"
-    ));
+    print_remark(&format!("joining a run of {task}, actors: {count}{more}; Ctrl-C leaves it"));
     let mut gateway = vec!["join".into(), "--run".into(), folder.path().into()];
     gateway.extend(key_arguments(&key, arguments.address.as_deref()));
     gateway.extend(["--host".into(), host.into(), "--golden".into(), golden.into()]);
@@ -163,8 +160,9 @@ fn lay_out(folder: &RunFolder, key: &Path, address: Option<&str>) -> Result<bool
     fs::create_dir(folder.output())?;
     let mut gateway = Program::Gateway.command()?;
     gateway.arg("lay-out").arg("--run").arg(folder.path()).args(key_arguments(key, address));
-    let ended = programs::run_unless_stopped(&mut gateway, "reaching the run", StatusLine::new())?;
-    ended.map(programs::expect_success).transpose().map(|ended| ended.is_some())
+    let ended = programs::run_unless_stopped(&mut gateway, "reaching the run")?;
+    let ended = ended.map(|ended| programs::expect_success(ended.status)).transpose();
+    ended.map(|ended| ended.is_some())
 }
 
 fn key_arguments(key: &Path, address: Option<&str>) -> Vec<OsString> {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use bus::BusAddress;
-use page::{Processes, Programs, Score, Server, Settings};
+use page::{PagePrograms, Processes, Score, Server, Settings};
 use prost::Message;
 use protocol::trajectory::Trajectory;
 use report::programs::Estimates;
@@ -21,7 +21,7 @@ use crate::listening::resolved;
 use crate::other_reward::OtherReward;
 use crate::programs::Program;
 use crate::supervisor::{Signals, runtime};
-use crate::{answer, processes, progress_file, scenes};
+use crate::{answer, named_runs, processes, progress_file, scenes};
 
 /// Niceness of the page and of what it starts, which yield to training; 19 is most.
 const NICENESS: i32 = 10;
@@ -29,7 +29,7 @@ const NICENESS: i32 = 10;
 /// Flags of `goalward page`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folders of runs, or folders that contain them.
+    /// Folders of runs, or folders that contain them, such as that of an experiment.
     #[arg(default_value = "runs", value_name = "RUNS")]
     folders: Vec<PathBuf>,
     /// The address to listen on, or its name. If it is not a loopback address, browsers need the token in the printed
@@ -56,11 +56,7 @@ fn own_address(text: &str) -> Result<IpAddr, String> {
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let Arguments { folders, host, port, beside_training } = arguments;
-    for folder in &folders {
-        folder.read_dir().map_err(|error| {
-            wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
-        })?;
-    }
+    named_runs::at(&folders)?;
     // If the system refuses, the page runs with normal priority.
     rustix::process::nice(NICENESS).ok();
     runtime()?.block_on(async {
@@ -96,7 +92,7 @@ async fn end_of_input() {
 /// Asks the programs of the runs themselves.
 struct OfRuns;
 
-impl Programs for OfRuns {
+impl PagePrograms for OfRuns {
     fn draw(
         &self,
         folder: &RunFolder,

@@ -8,22 +8,22 @@ use std::process::Command;
 use anyhow::{Context, Result, anyhow};
 use report::TensorBoard;
 use report::figure::Figure;
-use report::programs::{Estimates, Programs};
+use report::programs::{Estimates, ReportPrograms};
 use run::folder::RunFolder;
 use run::summary::Summary;
 use serde::Deserialize;
 
 use crate::experiment::figure_of_plan;
 use crate::programs::{self, Program};
-use crate::{answer, destination, event_files};
+use crate::{answer, destination, event_files, named_runs};
 use terminal::print::{print_line, print_remark};
 use terminal::refusal::wrong_usage;
 
 /// Flags of `goalward report`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folders of runs, and plans, which end in .toml.
-    #[arg(required = true, value_name = "RUN|PLAN.toml")]
+    /// Folders of runs, or folders that contain them, such as that of an experiment, and plans, which end in .toml.
+    #[arg(required = true, value_name = "RUNS|PLAN.toml")]
     what: Vec<PathBuf>,
     /// Folder of the report.
     #[arg(long, value_name = "DIR", default_value = "report")]
@@ -54,10 +54,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
     let figure = |plan: &PathBuf| figure_of_plan(plan, &experiments, quick);
     let mut figures = plans.iter().map(figure).collect::<Result<Vec<_>>>()?;
-    refuse_twice(&folders)?;
     if !folders.is_empty() {
-        let folders = folders.into_iter().map(RunFolder::new).collect();
-        figures.push(report::figure_of_runs(folders)?);
+        figures.push(report::figure_of_runs(runs_at(&folders)?)?);
     }
     let event_folders = tensorboard.map(|folder| event_folders(&figures, &folder)).transpose()?;
     let page = destination::filled(&[&out], || report::write(&figures, &out, &OfRuns))?;
@@ -66,19 +64,30 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a run that is given twice: it would count as two seeds.
-fn refuse_twice(folders: &[PathBuf]) -> Result<()> {
+/// Returns the runs at some folders. Refuses a folder without runs, and a run that is given twice: it would count as
+/// two seeds.
+fn runs_at(folders: &[PathBuf]) -> Result<Vec<RunFolder>> {
     let mut seen = BTreeSet::new();
+    let mut runs = Vec::new();
     for folder in folders {
-        let place = folder.canonicalize().unwrap_or_else(|_| folder.clone());
-        if !seen.insert(place) {
+        let found = named_runs::at(std::slice::from_ref(folder))?;
+        if found.is_empty() {
             return Err(wrong_usage(format!(
-                "expected each run once, found {} again",
+                "expected a run, which has config.toml, or a folder of runs or of an experiment, \
+                 found none of them in {}",
                 folder.display()
             )));
         }
+        for run in &found {
+            let path = run.path();
+            if !seen.insert(path.canonicalize().unwrap_or_else(|_| path.to_owned())) {
+                let shown = path.display();
+                return Err(wrong_usage(format!("expected each run once, found {shown} again")));
+            }
+        }
+        runs.extend(found);
     }
-    Ok(())
+    Ok(runs)
 }
 
 /// Returns the folder of each run's event file within `folder`; several figures may share a run.
@@ -114,7 +123,7 @@ fn write_event_files(folders: BTreeMap<PathBuf, RunFolder>) -> Result<()> {
 /// Asks the programs of the runs themselves.
 struct OfRuns;
 
-impl Programs for OfRuns {
+impl ReportPrograms for OfRuns {
     fn estimate(&self, folder: &RunFolder, observations: &[u8]) -> Result<Estimates> {
         let mut service = Program::ProximityService.command()?;
         service.arg("estimate").arg("--run").arg(folder.path());

@@ -1,7 +1,7 @@
-//! `goalward runs`: the runs of a folder, newest first.
+//! `goalward runs`: the runs of folders, newest first.
 
 use std::cmp::Reverse;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use run::folder::RunFolder;
@@ -9,8 +9,8 @@ use run::overview::{Overview, State};
 use run::updates::begun;
 use terminal::numbers;
 use terminal::print::print_remark;
-use terminal::refusal::wrong_usage;
 
+use crate::named_runs;
 use crate::output_format::OutputFormat;
 
 /// Stands for an unknown value.
@@ -19,22 +19,19 @@ const UNKNOWN: &str = "-";
 /// Flags of `goalward runs`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder that contains the folders of runs.
-    #[arg(default_value = "runs")]
-    folder: PathBuf,
+    /// Folders of runs, or folders that contain them, such as that of an experiment.
+    #[arg(default_value = "runs", value_name = "RUNS")]
+    folders: Vec<PathBuf>,
     #[command(flatten)]
     output: OutputFormat,
 }
 
 /// Prints a line for each run.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let folder = &arguments.folder;
-    let mut found = RunFolder::all_in(folder).map_err(|error| {
-        wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
-    })?;
+    let mut found = named_runs::at(&arguments.folders)?;
     found.sort_by_cached_key(|run| Reverse(begun(run)));
     let lines: Vec<Overview> = found.iter().filter_map(line).collect();
-    arguments.output.print(&lines, |lines| table(lines, folder))
+    arguments.output.print(&lines, |lines| table(lines, &arguments.folders))
 }
 
 /// Returns the overview of a run. A run that cannot be read is named in a remark and left out.
@@ -42,9 +39,10 @@ fn line(run: &RunFolder) -> Option<Overview> {
     Overview::of(run, print_remark).inspect_err(|error| print_remark(&error.to_string())).ok()
 }
 
-fn table(lines: &[Overview], folder: &Path) -> String {
+fn table(lines: &[Overview], folders: &[PathBuf]) -> String {
     if lines.is_empty() {
-        return format!("no runs in {}", folder.display());
+        let folders: Vec<_> = folders.iter().map(|path| path.display().to_string()).collect();
+        return format!("no runs in {}", folders.join(", "));
     }
     let head = [
         "run",
@@ -64,10 +62,10 @@ fn table(lines: &[Overview], folder: &Path) -> String {
         let done = numbers::percent_done(line.environment_steps, line.steps_wanted);
         let steps = match line.state {
             State::Finished => numbers::count(line.environment_steps),
-            State::Live | State::Failed | State::Stopped if line.steps_wanted == 0 => {
+            State::Training | State::Failed | State::Stopped if line.steps_wanted == 0 => {
                 UNKNOWN.to_owned()
             }
-            State::Live | State::Failed | State::Stopped => {
+            State::Training | State::Failed | State::Stopped => {
                 format!("{} ({done} %)", numbers::count(line.environment_steps))
             }
         };

@@ -143,7 +143,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
         std::fs::create_dir(folder.output()).unwrap();
-        Hosts { present: vec![host("node-1")], expelled: Vec::new() }.write(&folder).unwrap();
+        Hosts { present: vec![host("node-1")], ..Hosts::default() }.write(&folder).unwrap();
         let remark = |host| await_actors(&folder, host, 2, Duration::ZERO);
         assert_eq!(remark("node-1"), None);
         assert_eq!(remark("node-2").as_deref(), Some("node-2 is no longer in the run"));

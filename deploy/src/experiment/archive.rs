@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use protocol::table::CHANGES_NO_RESULT;
 use run::config::RunConfig;
 use run::demonstrations::SHARED_FOLDER;
-use run::folder::RunFolder;
+use run::folder::{RUNS_FOLDER, RunFolder};
 use serde_json::Value;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -44,7 +44,7 @@ impl Archive {
 
     /// Returns the folder of the runs, and of what `goalward train` printed for each.
     pub(crate) fn runs(&self) -> PathBuf {
-        self.path.join("runs")
+        self.path.join(RUNS_FOLDER)
     }
 
     /// Returns the folder of the demonstrations.

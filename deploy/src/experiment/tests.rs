@@ -244,7 +244,10 @@ fn the_plans_of_the_figures_are_sound() {
     let numbers = [11, 12, 3, 4, 5, 6, 7, 8, 9].map(|number| format!("figure{number}"));
     assert_eq!(
         (&names[..9], &names[9..]),
-        (&numbers[..], &["no-online", "no-termination", "paper"].map(str::to_owned)[..])
+        (
+            &numbers[..],
+            &["next-state", "no-online", "no-termination", "paper"].map(str::to_owned)[..]
+        )
     );
     let of_figures = &plans[..9];
     let asked = of_figures.iter().flat_map(Plan::runs).count();

@@ -250,7 +250,7 @@ mod tests {
         let with = |actors| {
             let (name, build) = ("node-7".to_owned(), "0.0.9".to_owned());
             let present = vec![Host { name, build, actors, distance_ms: None }];
-            Hosts { present, expelled: Vec::new() }
+            Hosts { present, ..Hosts::default() }
         };
         actors.working[0].rests = true;
         assert!(!actors.nobody_works(&Hosts::default()), "the other one works");

@@ -27,9 +27,9 @@ pub(super) struct Gateway {
     told: Told,
 }
 
-/// The machines that the user was told about.
+/// The machines that the user was told about. A machine that takes part in a run tells of itself.
 #[derive(Default)]
-struct Told {
+pub(super) struct Told {
     looked: Option<Instant>,
     hosts: Hosts,
 }
@@ -70,7 +70,7 @@ impl Gateway {
 
 impl Told {
     /// Says which machines have joined, left or been expelled since the last look.
-    fn look(&mut self, folder: &RunFolder, view: &ProgressView) {
+    pub(super) fn look(&mut self, folder: &RunFolder, view: &ProgressView) {
         if self.looked.is_some_and(|looked| looked.elapsed() < LOOK_AT_HOSTS) {
             return;
         }
@@ -87,6 +87,35 @@ impl Told {
         for expelled in hosts.expelled.iter().filter(|one| !self.hosts.expelled.contains(one)) {
             view.note(&format!("{} is expelled: {}", expelled.name, expelled.why));
         }
+        if let (None, Some(why)) = (&self.hosts.unaudited, &hosts.unaudited) {
+            view.note(&format!(
+                "an episode of a host cannot be audited and is not published ({why}); output/gateway.log \
+                 has what follows"
+            ));
+        }
         self.hosts = hosts;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::Output;
+
+    #[test]
+    fn the_user_is_told_once_that_audits_fail() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(directory.path());
+        std::fs::create_dir(folder.output()).unwrap();
+        let remarks = Output::of(&folder, "supervisor");
+        let (view, mut told) = (ProgressView::kept_in(remarks.clone()), Told::default());
+        let unaudited = Some("the auditor has ended".to_owned());
+        Hosts { unaudited, ..Hosts::default() }.write(&folder).unwrap();
+        for _ in 0..2 {
+            told.looked = None;
+            told.look(&folder, &view);
+        }
+        let said = remarks.end().unwrap();
+        assert_eq!(said.matches("(the auditor has ended)").count(), 1, "{said}");
     }
 }

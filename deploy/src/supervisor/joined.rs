@@ -9,6 +9,8 @@ use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 
 use super::actors::{Actors, Source};
+use super::bus_folder::BusFolder;
+use super::gateway::Told;
 use super::process::Process;
 use super::signals::Signals;
 use super::{Outcome, clear_bus, fleet};
@@ -39,10 +41,10 @@ pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<
     let address = BusAddress::for_start(folder.path())?;
     let mut gateway = Process::new(folder, Program::Gateway, "gateway", gateway.clone());
     let mut actors = Actors::new(folder, source);
+    let bus = BusFolder::of(&address);
     gateway.start()?;
     actors.take_on();
-    let wanted = ActorsWanted::here(folder);
-    let outcome = watch(&mut gateway, &mut actors, wanted, &mut signals, view).await;
+    let outcome = watch(folder, bus, &mut gateway, &mut actors, &mut signals, view).await;
     let processes = actors.processes().chain([&mut gateway]).collect();
     let ended = fleet::end(processes, &mut signals).await;
     clear_bus(ended, &address, view).await;
@@ -50,12 +52,14 @@ pub(crate) async fn take_part(joining: &Joining, view: &ProgressView) -> Result<
 }
 
 async fn watch(
+    folder: &RunFolder,
+    mut bus: BusFolder,
     gateway: &mut Process,
     actors: &mut Actors,
-    mut wanted: ActorsWanted,
     signals: &mut Signals,
     view: &ProgressView,
 ) -> Result<Outcome> {
+    let (mut wanted, mut told) = (ActorsWanted::here(folder), Told::default());
     loop {
         if let Some(status) = gateway.reap()? {
             if status.success() {
@@ -63,6 +67,8 @@ async fn watch(
             }
             return Err(gateway.give_up(status, "and this machine has left the run"));
         }
+        bus.check()?;
+        told.look(folder, view);
         actors.follow(&mut wanted, true, view);
         actors.look_after(view)?;
         tokio::select! {

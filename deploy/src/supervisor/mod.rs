@@ -6,6 +6,7 @@
 //! changes the result.
 
 mod actors;
+mod bus_folder;
 mod bus_watch;
 mod fleet;
 mod gateway;
@@ -28,6 +29,7 @@ use run::hosts::Hosts;
 use crate::progress::ProgressView;
 use crate::progress_file;
 pub(crate) use actors::Source;
+use bus_folder::BusFolder;
 use bus_watch::BusWatch;
 use fleet::Fleet;
 pub(crate) use joined::{Joining, take_part};
@@ -106,8 +108,9 @@ async fn supervise(
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
+    let bus = BusFolder::of(&address);
     let mut supervision =
-        Supervision { folder, place, view, signals, watch, fleet, restarts, wanted };
+        Supervision { folder, place, bus, view, signals, watch, fleet, restarts, wanted };
     let outcome = supervision.run().await;
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
@@ -173,6 +176,7 @@ async fn await_predecessors(
 struct Supervision<'a> {
     folder: &'a RunFolder,
     place: Place,
+    bus: BusFolder,
     view: &'a mut ProgressView,
     signals: Signals,
     watch: BusWatch,
@@ -210,6 +214,7 @@ impl Supervision<'_> {
     /// Notices deaths and restarts what died; returns the outcome if the run has ended.
     async fn look_after(&mut self) -> Result<Option<Outcome>> {
         self.place.check()?;
+        self.bus.check()?;
         if let Some(status) = self.fleet.learner.reap()? {
             if status.success() && self.is_finished() {
                 return Ok(Some(Outcome::Finished));

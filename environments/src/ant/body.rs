@@ -8,12 +8,11 @@ use super::anatomy::{
     DENSITY, HIP_LIMIT, JOINTS, LEGS, LIMB_RADIUS, LINK_NAMES, LINKS, LONG_REACH, Leg, SHORT_REACH,
     State, TORSO_RADIUS, TORSO_ROW, limb_rows,
 };
-use crate::physics::{Dynamics, Physics};
+use crate::physics::{Dynamics, Physics, place_links};
 use rapier3d::prelude::{
-    BvhOptimizationStrategy, ColliderBuilder, ColliderHandle, FrictionModel, Group,
-    InteractionGroups, InteractionTestMode, Multibody, MultibodyJointHandle, MultibodyJointSet,
-    PhysicsWorld, Pose, RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, SharedShape,
-    SpringCoefficients, Vector,
+    ColliderBuilder, ColliderHandle, FrictionModel, Group, InteractionGroups, InteractionTestMode,
+    Multibody, MultibodyJointHandle, MultibodyJointSet, PhysicsWorld, Pose, RevoluteJointBuilder,
+    RigidBodyBuilder, RigidBodyHandle, SharedShape, SpringCoefficients, Vector,
 };
 
 /// Rotor inertia that every hinge adds to the inertia of what it turns, kilogram square meters.
@@ -39,8 +38,6 @@ const DYNAMICS: Dynamics = Dynamics {
     contact_prediction_m: 0.1,
     contact_softness: SpringCoefficients { natural_frequency: 20.0, damping_ratio: 1.0 },
     friction_model: FrictionModel::Coulomb,
-    // Optimization gains nothing for so few leaves, which every reset restores.
-    tree_upkeep: BvhOptimizationStrategy::None,
 };
 
 /// The handles of the ant and its floor.
@@ -145,11 +142,7 @@ impl Body {
         velocities.rows_mut(3, 3).copy_from_slice(&angular_velocity.to_array());
         velocities.rows_mut(TORSO_FREEDOMS, JOINTS).copy_from_slice(&state.rates);
 
-        multibody.forward_kinematics(&world.bodies, true);
-        // `update_rigid_bodies` would leave the colliders where they were until after the next step.
-        for link in multibody.links() {
-            world.bodies[link.rigid_body_handle()].set_position(*link.local_to_world(), false);
-        }
+        place_links(multibody, &mut world.bodies);
     }
 
     /// Reads the current state of the ant.

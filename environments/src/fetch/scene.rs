@@ -6,12 +6,12 @@
 //! The palm's body has its origin at the grip site, between the fingertips.
 
 use crate::EnvironmentError;
-use crate::physics::{Dynamics, Physics};
+use crate::physics::{Dynamics, Physics, place_links};
 use crate::scene::{Pose, Shape, Solid};
 use rapier3d::prelude::{
-    BvhOptimizationStrategy, ColliderBuilder, FrictionModel, GenericJointBuilder, JointAxesMask,
-    MultibodyJoint, MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RigidBodyBuilder,
-    RigidBodyHandle, Rotation, SharedShape, SpringCoefficients, Vector,
+    ColliderBuilder, FrictionModel, GenericJointBuilder, JointAxesMask, MultibodyJoint,
+    MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RigidBodyBuilder, RigidBodyHandle,
+    Rotation, SharedShape, SpringCoefficients, Vector,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -21,8 +21,6 @@ const DYNAMICS: Dynamics = Dynamics {
     timestep_s: 0.02,
     solver_iterations: 4,
     contact_prediction_m: 0.02,
-    // Optimization gains nothing for so few leaves, which every reset restores.
-    tree_upkeep: BvhOptimizationStrategy::None,
     contact_softness: SpringCoefficients { natural_frequency: 60.0, damping_ratio: 10.0 },
     friction_model: FrictionModel::Simplified,
 };
@@ -250,10 +248,7 @@ fn adjust(world: &mut PhysicsWorld, handles: &Handles, grip_start: Vector) {
     multibody.damping_mut().rows_mut(3, 2).fill(FINGER_DAMPING);
     let [x, y, z] = grip_start.to_array();
     multibody.apply_displacements(&[x, y, z, 0.0, 0.0]);
-    multibody.forward_kinematics(&world.bodies, true);
-    for link in multibody.links() {
-        world.bodies[link.rigid_body_handle()].set_position(*link.local_to_world(), false);
-    }
+    place_links(multibody, &mut world.bodies);
     for axis in 0..3 {
         let joint = joint_mut(world, handles.palm_joint);
         joint.set_spring(axis, PALM_STIFFNESS, grip_start[axis]);

@@ -71,7 +71,7 @@ fn work(setup: Setup, orders: Receiver<Outgoing>, news: SyncSender<Incoming>) ->
     let tasks = LocalSet::new();
     tasks.block_on(&runtime, async {
         let link = Rc::new(Link {
-            session: Session::new(&key, identity)?,
+            session: Session::new(&folder, &key, identity)?,
             news,
             bell: bus.ringer(Role::Learner)?,
             window: Arc::new(Semaphore::new(WINDOW)),

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use protocol::build;
+use run::folder::RunFolder;
+use run::hosts::{Host, Hosts};
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Response, Status};
 
@@ -62,6 +64,8 @@ pub struct Identity {
 /// A session with the hub.
 pub(super) struct Session {
     pub(super) number: u64,
+    /// This host's folder for the run.
+    folder: RunFolder,
     address: String,
     identity: Identity,
     client: GatewayClient<Channel>,
@@ -115,9 +119,10 @@ pub(super) async fn configuration(key: &JoinKey) -> Result<String> {
 }
 
 impl Session {
-    pub(super) fn new(key: &JoinKey, identity: Identity) -> Result<Session> {
+    pub(super) fn new(folder: &RunFolder, key: &JoinKey, identity: Identity) -> Result<Session> {
         Ok(Session {
             number: RandomState::new().hash_one(std::process::id()),
+            folder: folder.clone(),
             address: key.address.clone(),
             actors: Cell::new(identity.actors),
             identity,
@@ -223,9 +228,20 @@ impl Session {
                 let known = self.host.replace(Some(welcome.host.clone()));
                 let verb = if known.is_none() { "joined" } else { "back in" };
                 tracing::info!("{verb} the run at {} as {}", self.address, welcome.host);
+                self.keep_name(welcome.host);
                 Ok(())
             }
             Err(status) => self.bear(&status),
+        }
+    }
+
+    /// Keeps the name that this host got, which its supervisor tells the user.
+    fn keep_name(&self, name: String) {
+        let (build, actors) = (build::version().to_owned(), self.actors.get());
+        let present = vec![Host { name, build, actors, distance_ms: None }];
+        let hosts = Hosts { present, ..Hosts::default() };
+        if let Err(error) = hosts.write(&self.folder) {
+            tracing::warn!("the name of this host could not be kept: {error}");
         }
     }
 
@@ -276,8 +292,6 @@ fn words(status: &Status) -> String {
 
 #[cfg(test)]
 mod tests {
-    use run::folder::RunFolder;
-
     use super::*;
     use crate::key;
 
@@ -300,7 +314,7 @@ mod tests {
         let key = JoinKey::of_file(&folder.join_file()).unwrap();
         let (host, golden) = ("node-7".to_owned(), String::new());
         let identity = Identity { host, golden, other_build: false, actors: 1 };
-        Session::new(&key, identity).unwrap()
+        Session::new(&folder, &key, identity).unwrap()
     }
 
     #[test]

@@ -53,6 +53,7 @@ pub(super) struct Auditor {
     weights: watch::Receiver<Newest>,
     cases: mpsc::Sender<Case>,
     judged: Mutex<Judged>,
+    trouble: watch::Receiver<Option<String>>,
 }
 
 /// What the audit of an episode found.
@@ -132,9 +133,15 @@ impl Auditor {
         weights: watch::Receiver<Newest>,
     ) -> Auditor {
         let (cases, waiting) = mpsc::channel(WAITING);
-        tokio::spawn(work(audit.program.clone(), folder.clone(), waiting));
+        let (told, trouble) = watch::channel(None);
+        tokio::spawn(work(audit.program.clone(), folder.clone(), waiting, told));
         let (random, judged) = (RandomState::new(), Mutex::new(Judged::new()));
-        Auditor { share: audit.share, random, spec, weights, cases, judged }
+        Auditor { share: audit.share, random, spec, weights, cases, judged, trouble }
+    }
+
+    /// Returns why an episode could not be re-simulated, the first time.
+    pub(super) fn trouble(&self) -> Option<String> {
+        self.trouble.borrow().clone()
     }
 
     /// Has an episode judged if it is sampled. Bytes that are not a trajectory are not: they are refused later.
@@ -180,7 +187,12 @@ impl Auditor {
 }
 
 /// Judges one case after another.
-async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Case>) {
+async fn work(
+    program: PathBuf,
+    folder: RunFolder,
+    mut cases: mpsc::Receiver<Case>,
+    trouble: watch::Sender<Option<String>>,
+) {
     let mut actor = None;
     let mut audited: u64 = 0;
     let mut failed = Dropped::new("episodes of hosts that could not be audited");
@@ -196,7 +208,13 @@ async fn work(program: PathBuf, folder: RunFolder, mut cases: mpsc::Receiver<Cas
             tracing::info!("episodes of hosts re-simulated: {audited}");
         }
         let verdict = judged.unwrap_or_else(|error| {
-            failed.note_loudly(format!("{error:#}"));
+            let why = format!("{error:#}");
+            failed.note_loudly(&why);
+            trouble.send_if_modified(|first| {
+                let is_first = first.is_none();
+                first.get_or_insert(why);
+                is_first
+            });
             Verdict::Unknown
         });
         case.verdict.send_replace(Some(verdict));
@@ -306,7 +324,8 @@ exec sleep 60
             let case = Case { version: 3, weights, trajectory, patience, verdict };
             cases.try_send(case).ok().unwrap();
             drop(cases);
-            block_on(work(program, RunFolder::new(directory.path()), waiting));
+            let (trouble, _) = watch::channel(None);
+            block_on(work(program, RunFolder::new(directory.path()), waiting, trouble));
             let difference = Verdict::Differs("another observation".to_owned());
             assert_eq!(*judged.borrow(), Some(difference));
         }

@@ -112,7 +112,8 @@ impl Hub {
         let present = guests.values().filter(|guest| guest.is_there());
         let present = present.map(|guest| guest.about.clone()).collect();
         let expelled = self.expelled().iter().map(|(_, who)| who.clone()).collect();
-        Hosts { present, expelled }
+        let unaudited = self.auditor.as_ref().and_then(Auditor::trouble);
+        Hosts { present, expelled, unaudited }
     }
 
     /// Returns whether the run is over for its hosts.

@@ -77,6 +77,7 @@ fn an_episode_that_cannot_be_audited_is_not_published_and_its_host_stays() {
         let delivery = Exchange { session: 1, trajectories, ..Exchange::default() };
         hub.exchange(delivery).await.unwrap();
         hub.beat(Beat { session: 1, ..Beat::default() }).await.unwrap();
+        stage.await_hosts(|hosts| hosts.unaudited.is_some()).await;
     });
     assert_eq!(stage.published(), Vec::<Bytes>::new());
 }

@@ -84,7 +84,7 @@ fn a_trajectory_is_nothing_but_an_episode_of_the_runs_task() {
 #[test]
 fn a_host_stays_expelled_under_its_name() {
     let offence = Expelled { name: "host-1".to_owned(), why: "its episode differs".to_owned() };
-    let earlier = Hosts { present: Vec::new(), expelled: vec![offence] };
+    let earlier = Hosts { expelled: vec![offence], ..Hosts::default() };
     let stage = Stage::after(&earlier);
     block_on(async {
         let mut hub = connect(&stage.key).unwrap();

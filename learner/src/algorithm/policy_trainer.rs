@@ -57,11 +57,6 @@ impl PolicyTrainer {
         &self.network
     }
 
-    /// Returns the trainer of its parameters.
-    pub(crate) fn trainer(&self) -> &ShardedTrainer<ActorCritic> {
-        &self.trainer
-    }
-
     /// Returns the number of observation bytes per row.
     pub(crate) fn row_bytes(&self) -> usize {
         self.network.row_size().observation_bytes
@@ -91,7 +86,7 @@ impl PolicyTrainer {
     }
 
     /// Applies `of_row` to the action parameters of rows of observations; returns the results in order.
-    pub(crate) fn outputs<T: Clone + Send>(
+    pub(crate) fn outputs<T: Send>(
         &mut self,
         parameters: &[f32],
         observations: &[u8],

@@ -3,11 +3,7 @@
 use protocol::seed::Stream;
 use rand::RngExt;
 
-/// Returns the logarithm of the sum of the exponentials.
-fn log_sum_exp(logits: &[f32]) -> f32 {
-    let largest = logits.iter().fold(f32::NEG_INFINITY, |largest, &logit| largest.max(logit));
-    largest + libm::logf(logits.iter().map(|logit| libm::expf(logit - largest)).sum())
-}
+use crate::loss::log_sum_exp;
 
 /// Returns the index of an action from its byte.
 fn index(action: &[u8]) -> usize {
@@ -22,7 +18,7 @@ fn write(index: usize, action: &mut [u8]) {
 
 /// Draws an action by inverting the cumulative probabilities.
 pub(super) fn sample(logits: &[f32], stream: &mut Stream, action: &mut [u8]) {
-    let total = log_sum_exp(logits);
+    let total = log_sum_exp(logits, 1.0);
     let mut left: f32 = stream.random();
     let chosen = logits.iter().position(|logit| {
         left -= libm::expf(logit - total);
@@ -45,12 +41,12 @@ pub(super) fn mode(logits: &[f32], action: &mut [u8]) {
 
 /// Returns the normalized log-probability of an action.
 pub(super) fn log_probability(logits: &[f32], action: &[u8]) -> f32 {
-    logits[index(action)] - log_sum_exp(logits)
+    logits[index(action)] - log_sum_exp(logits, 1.0)
 }
 
 /// Returns the entropy, the sum of `-p ln p`.
 pub(super) fn entropy(logits: &[f32]) -> f32 {
-    let total = log_sum_exp(logits);
+    let total = log_sum_exp(logits, 1.0);
     logits.iter().map(|logit| libm::expf(logit - total) * (total - logit)).sum()
 }
 
@@ -62,7 +58,7 @@ pub(super) fn gradient(
     entropy_derivative: f32,
     gradient: &mut [f32],
 ) {
-    let (total, entropy) = (log_sum_exp(logits), entropy(logits));
+    let (total, entropy) = (log_sum_exp(logits, 1.0), entropy(logits));
     for (derivative, logit) in gradient.iter_mut().zip(logits) {
         let log_probability = logit - total;
         let through_all =

@@ -24,7 +24,7 @@ use super::topic::Topic;
 use super::write_error;
 
 /// Uncompressed bytes after which a chunk is closed. A crash can lose about as much.
-pub const CHUNK_BYTES: u64 = 1 << 20;
+const CHUNK_BYTES: u64 = 1 << 20;
 /// Maximum length of a message, in bytes, so that readers can bound their memory.
 pub const LONGEST_MESSAGE: usize = LONGEST_RECORD / 2;
 

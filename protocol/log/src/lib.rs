@@ -6,10 +6,10 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`topic`] | topics, their schemas, which file they go to |
-//! | [`metadata`] | the first record of every file: what the file is |
+//! | `metadata` | the first record of every file: what the file is |
 //! | [`file`](mod@file) | [`FileWriter`]: one file, from creation to sealing |
-//! | [`writer`] | [`LogWriter`]: a run's folder; rotation and numbering |
-//! | [`folder`] | names of a folder's files, room on the disk |
+//! | `writer` | [`LogWriter`]: a run's folder; rotation and numbering |
+//! | `folder` | names of a folder's files, room on the disk |
 //! | `beginning` | the beginning of a file, which has no checksum of its own |
 //! | `siblings` | what the files of a run say of each other, for one whose own metadata is damaged |
 //! | `batches` | the batches a run learned from, while its log is read |
@@ -18,13 +18,13 @@
 //! | `source` | top-level records of a file |
 //! | `summary` | the summary at the end of a sealed file |
 //! | `scan` | turns the bytes of a file into blocks of messages, whatever state the file is in |
-//! | [`reader`] | [`FileReader`]: the records of one file and how it ends |
-//! | [`run`] | [`read_run`]: all files of a run in order, each record once |
+//! | `reader` | [`FileReader`]: the records of one file and how it ends |
+//! | `run` | [`read_run`]: all files of a run in order, each record once |
 //! | `name` | the name of a record; records with the same name are the same thing, recorded twice |
 //! | `undone` | which records a run has undone by going back to a checkpoint |
-//! | [`mod@rewrite`] | copies a run's log with other trajectories |
-//! | [`mod@info`] | what a file holds, for `goalward log info` |
-//! | [`mod@repair`] | seals a file that a crash or a bad disk left, for `goalward log repair` |
+//! | `rewrite` | copies a run's log with other trajectories |
+//! | `info` | what a file holds, for `goalward log info` |
+//! | `repair` | seals a file that a crash or a bad disk left, for `goalward log repair` |
 //!
 //! What a crash can lose: messages since the last [`LogWriter::flush`], at most one chunk (1 MiB) and the message
 //! after it. What was flushed survives the death of the process; what was synced survives the death of the machine. A
@@ -39,22 +39,22 @@ mod batches;
 mod beginning;
 mod chunk;
 pub mod file;
-pub mod folder;
-pub mod info;
-pub mod metadata;
+mod folder;
+mod info;
+mod metadata;
 mod name;
-pub mod reader;
+mod reader;
 mod record;
-pub mod repair;
-pub mod rewrite;
-pub mod run;
+mod repair;
+mod rewrite;
+mod run;
 mod scan;
 mod siblings;
 mod source;
 mod summary;
 pub mod topic;
 mod undone;
-pub mod writer;
+mod writer;
 
 pub use batches::Batches;
 pub use file::{FileWriter, remove_abandoned};

@@ -9,7 +9,7 @@ use protocol::build::Build;
 use super::record::Trouble;
 
 /// The layout of topics and metadata that this build writes, and the newest one that it reads.
-pub const FORMAT_VERSION: u32 = 1;
+const FORMAT_VERSION: u32 = 1;
 
 /// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,6 +8,9 @@ use protocol::{Error, durable};
 use crate::config::{ActionChoice, RunConfig};
 use crate::holder::{Holder, Work};
 
+/// Name of the folder with the runs of an experiment.
+pub const RUNS_FOLDER: &str = "runs";
+
 /// The folder of a run. Everything in it except the log is derived from configuration, seed and log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunFolder {
@@ -25,11 +28,22 @@ impl RunFolder {
         &self.path
     }
 
-    /// Returns the folders with a configuration that are directly in a folder, in the order of their paths.
+    /// Returns the run at a path, or else the runs that are directly in the folder, in the order of their paths. Of an
+    /// experiment's folder, those are in [`RUNS_FOLDER`], unless that is a link, which may lead anywhere.
     ///
     /// # Errors
     /// The operating system's error, when the folder cannot be read.
-    pub fn all_in(folder: &Path) -> std::io::Result<Vec<RunFolder>> {
+    pub fn all_at(path: &Path) -> std::io::Result<Vec<RunFolder>> {
+        let named = RunFolder::new(path);
+        if named.config_file().is_file() {
+            return Ok(vec![named]);
+        }
+        let (found, inner) = (RunFolder::all_in(path)?, path.join(RUNS_FOLDER));
+        let is_of_experiment = found.is_empty() && inner.is_dir() && !inner.is_symlink();
+        if is_of_experiment { RunFolder::all_in(&inner) } else { Ok(found) }
+    }
+
+    fn all_in(folder: &Path) -> std::io::Result<Vec<RunFolder>> {
         let paths = folder.read_dir()?.map(|entry| entry.map(|entry| entry.path()));
         let mut paths = paths.collect::<std::io::Result<Vec<PathBuf>>>()?;
         paths.sort();
@@ -233,6 +247,28 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn a_run_stands_for_itself_and_a_folder_for_the_runs_in_it() {
+        let directory = tempfile::tempdir().unwrap();
+        let made = |name: &str| {
+            let run = RunFolder::new(directory.path().join(name));
+            fs::create_dir_all(run.path()).unwrap();
+            fs::write(run.config_file(), "").unwrap();
+            run
+        };
+        let runs = ["experiment/runs/a", "experiment/runs/b"].map(made);
+        let at = |name: &str| RunFolder::all_at(&directory.path().join(name));
+        for (name, expected) in [
+            ("experiment/runs/a", &runs[..1]),
+            ("experiment/runs", &runs[..]),
+            ("experiment", &runs[..]),
+            (".", &runs[2..]),
+        ] {
+            assert_eq!(at(name).unwrap(), expected, "{name}");
+        }
+        assert!(at("nowhere").is_err());
+    }
 
     #[test]
     fn a_folder_that_was_moved_removed_or_replaced_is_noticed() {

@@ -19,6 +19,9 @@ pub struct Hosts {
     pub present: Vec<Host>,
     /// Machines that broke the rules since the run was started.
     pub expelled: Vec<Expelled>,
+    /// Why an episode of theirs could not be audited, the first time; such episodes are not published.
+    #[serde(default)]
+    pub unaudited: Option<String>,
 }
 
 /// A machine that takes part.
@@ -100,7 +103,8 @@ mod tests {
         let same = Host { build: build::version().to_owned(), ..node.clone() };
         assert_eq!(same.line(), "node-7, actors: 8, 0.4 ms away");
         let expelled = Expelled { name: "x".to_owned(), why: "its episode differs".to_owned() };
-        let hosts = Hosts { present: vec![node], expelled: vec![expelled] };
+        let unaudited = Some("the auditor has ended".to_owned());
+        let hosts = Hosts { present: vec![node], expelled: vec![expelled], unaudited };
         hosts.write(&folder).unwrap();
         assert_eq!(Hosts::of_run(&folder), hosts);
         fs::write(folder.hosts_file(), "{").unwrap();

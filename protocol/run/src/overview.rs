@@ -15,7 +15,7 @@ use crate::updates::policy_updates;
 #[serde(rename_all = "kebab-case")]
 pub enum State {
     /// A `goalward train` holds it.
-    Live,
+    Training,
     /// It has a summary.
     Finished,
     /// Neither, because its last training failed; it can be resumed.
@@ -28,7 +28,7 @@ impl State {
     /// Returns the name shown to users.
     pub fn name(self) -> &'static str {
         match self {
-            State::Live => "live",
+            State::Training => "training",
             State::Finished => "finished",
             State::Failed => "failed",
             State::Stopped => "stopped",
@@ -38,7 +38,7 @@ impl State {
     /// Returns the state of a run that is not finished.
     fn of_unfinished(folder: &RunFolder) -> State {
         match folder.is_trained() {
-            true => State::Live,
+            true => State::Training,
             false if failure(folder).is_some() => State::Failed,
             false => State::Stopped,
         }
@@ -108,7 +108,7 @@ impl Overview {
     fn finished(self, summary: &Summary) -> Overview {
         Overview {
             state: State::Finished,
-            environment_steps: summary.env_steps,
+            environment_steps: summary.environment_steps,
             success_rate: summary.success_rate,
             evaluated_success_rate: summary.evaluation.success_rate,
             wall_s: Some(summary.wall_s),
@@ -157,6 +157,6 @@ mod tests {
         let lock = fs::File::open(folder.lock_file()).unwrap();
         lock.lock().unwrap();
         fs::write(folder.lock_file(), "").unwrap();
-        assert_eq!(state(), State::Live);
+        assert_eq!(state(), State::Training);
     }
 }

@@ -5,7 +5,7 @@ use std::fs;
 use protocol::build::Build;
 use protocol::dropped::shortened;
 use protocol::error::MESSAGE_CHARS;
-use protocol::{Error, durable};
+use protocol::{Error, durable, weights};
 use serde::{Deserialize, Serialize};
 
 use crate::folder::RunFolder;
@@ -25,8 +25,9 @@ pub struct Summary {
     pub seed: u64,
     /// Actor processes the run was configured with.
     pub actors: u64,
-    /// Environment steps learned from.
-    pub env_steps: u64,
+    /// Environment steps learned from; called `env_steps` in earlier summaries.
+    #[serde(alias = "env_steps")]
+    pub environment_steps: u64,
     /// Training episodes learned from.
     pub episodes: u64,
     /// Iterations finished.
@@ -48,8 +49,14 @@ pub struct Summary {
     pub steps_per_s: f64,
     /// SHA-256 of the policy's weights.
     pub policy_sha256: String,
-    /// SHA-256 of the reward model's weights.
-    pub proximity_sha256: String,
+    /// SHA-256 of the reward model's weights; left out where it is that of no weights. Called `proximity_sha256` in
+    /// earlier summaries, which have the hash of no weights, too.
+    #[serde(
+        alias = "proximity_sha256",
+        default = "of_no_weights",
+        skip_serializing_if = "is_of_no_weights"
+    )]
+    pub reward_model_sha256: String,
     /// The builds that trained it, in order; empty in a summary from before builds were recorded.
     #[serde(default)]
     pub builds: Vec<Build>,
@@ -147,6 +154,14 @@ impl Summary {
     }
 }
 
+fn of_no_weights() -> String {
+    weights::sha256([])
+}
+
+fn is_of_no_weights(hash: &str) -> bool {
+    hash == of_no_weights()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -159,5 +174,35 @@ mod tests {
         fs::write(folder.summary_file(), "{").unwrap();
         let error = Summary::of_run(&folder).unwrap_err();
         assert!(error.to_string().contains("summary.json"), "{error}");
+    }
+
+    #[test]
+    fn a_summary_names_what_there_is_and_earlier_names_are_read() {
+        let text = |reward_model: &str| {
+            format!(
+                r#"{{"task": "navigation", "method": "m", "preset": "p", "seed": 7, "actors": 2,
+                "env_steps": 90, "episodes": 9, "iterations": 3, "success_rate": null,
+                "evaluation": {{"episodes": 0, "success_rate": null}}, "wall_s": 2.5,
+                "time_to_success":
+                    [{{"success_rate": 0.5, "env_steps": 60, "wall_s": 1.0, "processor_s": 2.0}}],
+                "steps_per_s": 36.0, "policy_sha256": "ab", "proximity_sha256": "{reward_model}",
+                "log": {{"files": 2, "trajectories": 9, "bytes": 900}},
+                "seconds": {{"rollout": 1, "environment": 1, "inference": 1, "transport": 1,
+                    "log": 1, "scoring": 1, "policy_update": 1, "reward_update": 1}}}}"#
+            )
+        };
+        for (hash, shown) in [("cd".to_owned(), Some("cd")), (of_no_weights(), None)] {
+            let earlier: Summary = serde_json::from_str(&text(&hash)).unwrap();
+            assert_eq!((earlier.environment_steps, &earlier.reward_model_sha256), (90, &hash));
+            let value = serde_json::to_value(&earlier).unwrap();
+            assert_eq!(value["environment_steps"], 90);
+            assert_eq!(value["time_to_success"][0]["environment_steps"], 60);
+            let named = value.get("reward_model_sha256").and_then(serde_json::Value::as_str);
+            assert_eq!(named, shown);
+            for name in ["env_steps", "proximity_sha256"] {
+                assert!(value.get(name).is_none(), "{value}");
+            }
+            assert_eq!(serde_json::from_value::<Summary>(value).unwrap(), earlier);
+        }
     }
 }

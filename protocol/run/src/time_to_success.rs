@@ -15,8 +15,9 @@ pub const LEVELS: [f64; 4] = [0.5, 0.9, 0.95, 0.98];
 pub struct TimeToSuccess {
     /// The success rate, in (0, 1].
     pub success_rate: f64,
-    /// Environment steps.
-    pub env_steps: u64,
+    /// Environment steps; called `env_steps` in earlier summaries.
+    #[serde(alias = "env_steps")]
+    pub environment_steps: u64,
     /// Wall time of training, offline training included, seconds.
     pub wall_s: f64,
     /// Processor time of all processes in that time, seconds.
@@ -57,7 +58,7 @@ fn reached(updates: &[PolicyUpdate], level: f64) -> Option<TimeToSuccess> {
     }
     first.map(|update| TimeToSuccess {
         success_rate: level,
-        env_steps: update.environment_steps,
+        environment_steps: update.environment_steps,
         wall_s: update.wall_s,
         processor_s: update.processor_s,
     })
@@ -75,7 +76,7 @@ mod tests {
         };
         let updates: Vec<PolicyUpdate> = rates.iter().enumerate().map(update).collect();
         let reached = TimeToSuccess::of_updates(&updates);
-        reached.iter().map(|one| (one.success_rate, one.env_steps)).collect()
+        reached.iter().map(|one| (one.success_rate, one.environment_steps)).collect()
     }
 
     #[test]

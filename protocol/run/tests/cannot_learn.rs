@@ -249,7 +249,7 @@ fn a_learner_comes_to_its_first_update() {
 fn deviations_of_squashed_numbers_are_fitted() {
     let refusal: &[&str] = &["`cloning.deviations`", "true", "squashed-gaussian", "found false"];
     judge(
-        "fetch-push",
+        "fetch-pick",
         &[
             ("method=bc policy.distribution=squashed-gaussian", refusal),
             ("method=bc policy.distribution=squashed-gaussian cloning.deviations=true", &[]),

@@ -4,7 +4,7 @@
 //! As in all our ensembles, each member is trained on its own, on shared minibatches unless bootstrapped. The
 //! authors train the mean of five logits with one loss.
 
-use networks::{Score as RowScore, Squashing, binary_cross_entropy};
+use networks::{RowScore, Squashing, binary_cross_entropy};
 use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput};
 
@@ -25,15 +25,17 @@ impl Objective for Discriminator {
         Discriminator
     }
 
-    /// Appends one row per step: a state without an action, such as the goal, says nothing about who acts.
+    /// Appends one row per step. A demonstration's last state, which is at the goal, is thus among the states that
+    /// steps reach and not among those in which they act.
     fn append_training_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
         input.append_steps(seen.observations, seen.actions, rows);
     }
 
-    /// Appends one row per step. For states it also appends the last one, whose score is shown but not rewarded.
+    /// Appends one row per step, or one per observation if a row is a single state. All observations are shown with
+    /// their scores, although the steps act in all but the last and reach all but the first.
     fn append_scored_rows(&self, input: &Input, seen: EpisodeView<'_>, rows: &mut Vec<u8>) {
-        if input.sees() == RewardInput::State {
-            input.append_observations(seen.observations, seen.actions, rows);
+        if input.sees().is_single_state() {
+            rows.extend(seen.observations);
         } else {
             input.append_steps(seen.observations, seen.actions, rows);
         }
@@ -56,9 +58,10 @@ impl Objective for Discriminator {
         }
     }
 
-    /// Rewards each step for the state it acts in, so the last state's row earns no reward.
+    /// Rewards each step for the state in which it acts, for the one it reaches, or for its own row.
     fn rewards(&self, rows: &[RowScore], steps: usize, config: &RewardConfig) -> Vec<f32> {
-        step_rewards(&rows[..steps], config)
+        let first = usize::from(config.input == RewardInput::NextState);
+        step_rewards(&rows[first..first + steps], config)
     }
 }
 
@@ -69,6 +72,13 @@ mod tests {
     use crate::tests::{assert_reproducible, config, learned, place, pretrained, walk, walk_back};
     use protocol::trajectory::{Encoded, Source};
     use run::config::RewardForm;
+
+    const INPUTS: [RewardInput; 4] = [
+        RewardInput::State,
+        RewardInput::NextState,
+        RewardInput::Transition,
+        RewardInput::StateAction,
+    ];
 
     /// Returns the configuration of a single discriminator.
     fn of(input: RewardInput) -> RewardConfig {
@@ -110,6 +120,20 @@ mod tests {
     }
 
     #[test]
+    fn a_step_is_rewarded_for_the_state_in_which_it_acts_or_for_the_one_it_reaches() {
+        for (input, first) in [(RewardInput::State, 0), (RewardInput::NextState, 1)] {
+            let (rewards, model) = rewards_of(&of(input), walk(1.0, Source::Training));
+            assert!(rewards[1] > 1.0 && rewards[0] < -1.0, "{input}: {rewards:?}");
+            let score = &model.score(0, &[Encoded::encode(walk(0.0, Source::Training))])[0];
+            assert_eq!((score.rewards.len(), score.proximity.len()), (10, 11));
+            for (reward, proximity) in score.rewards.iter().zip(&score.proximity[first..]) {
+                let logit = libm::logf(proximity / (1.0 - proximity));
+                assert!((reward - logit).abs() < 1e-4, "{input}: {reward} and {logit}");
+            }
+        }
+    }
+
+    #[test]
     fn transitions_tell_which_way_the_agent_walks_where_states_do_not() {
         let back = walk_back(0.0, Source::Training);
         let (blind, _) = rewards_of(&of(RewardInput::State), back.clone());
@@ -132,7 +156,7 @@ mod tests {
 
     #[test]
     fn threads_change_no_bit_and_a_restored_model_goes_on_alike() {
-        for input in [RewardInput::State, RewardInput::Transition, RewardInput::StateAction] {
+        for input in INPUTS {
             let penalty = RewardConfig { gradient_penalty: 1.0, ensemble: 3, ..of(input) };
             assert_reproducible::<Discriminator>(&penalty);
         }

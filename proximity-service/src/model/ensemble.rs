@@ -5,8 +5,8 @@
 //! of threads never changes a bit.
 
 use networks::{
-    Ensemble, Network, Prepared, PreparedEnsemble, RewardArchitecture, RunningNormalizer,
-    Score as RowScore, Shard, ShardedTrainer, Squashing, Step, WindowIndex, Workspace,
+    Ensemble, Network, Prepared, PreparedEnsemble, RewardArchitecture, RowScore, RunningNormalizer,
+    Shard, ShardedTrainer, Squashing, Step, WindowIndex, Workspace,
 };
 use protocol::seed::{self, Purpose};
 use protocol::tensors::Tensors;

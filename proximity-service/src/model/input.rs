@@ -57,9 +57,9 @@ impl Input {
     /// Returns the number of extra inputs in a row. A discrete action is one-hot encoded.
     pub fn extra_inputs(&self) -> usize {
         match (self.sees, self.action) {
-            (RewardInput::State | RewardInput::Transition, _) => 0,
             (RewardInput::StateAction, ActionSpec::Discrete { count }) => count,
             (RewardInput::StateAction, ActionSpec::Continuous { len }) => len,
+            _ => 0,
         }
     }
 
@@ -77,11 +77,14 @@ impl Input {
         self.observation_bytes() + 4 * self.extra_inputs()
     }
 
-    /// Appends a row for every step of an episode, that is, for every observation except the last.
+    /// Appends a row for every step of an episode. Its first observation is the one in which the step acts, or the one
+    /// it reaches if the model sees next states.
     pub fn append_steps(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
         let (one, seen) = (self.observation.bytes(), self.observation_bytes());
+        let ahead = usize::from(self.sees == RewardInput::NextState);
         for step in 0..observations.len() / one - 1 {
-            rows.extend(&observations[step * one..step * one + seen]);
+            let first = (step + ahead) * one;
+            rows.extend(&observations[first..first + seen]);
             if self.sees == RewardInput::StateAction {
                 let width = self.action.bytes();
                 self.append_action(&actions[step * width..(step + 1) * width], rows);
@@ -167,6 +170,7 @@ mod tests {
             input.split(rows)
         };
         assert_eq!(steps(RewardInput::State).observations, [1, 2, 3, 4]);
+        assert_eq!(steps(RewardInput::NextState).observations, [3, 4, 5, 6]);
         assert_eq!(steps(RewardInput::Transition).observations, [1, 2, 3, 4, 3, 4, 5, 6]);
         let found = steps(RewardInput::StateAction);
         assert_eq!(found.observations, [1, 2, 3, 4]);

@@ -12,7 +12,6 @@ use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
 use run::config::{RewardConfig, RewardInput, RunConfig};
-use run::folder::RunFolder;
 use run::learning_rate::LearningRate;
 use run::process::Final;
 
@@ -47,11 +46,10 @@ pub struct Learned<O> {
 }
 
 impl<O: Objective> Learned<O> {
-    pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Self> {
-        let demonstrations = run::origin::load_demonstrations(folder, config)?;
+    pub(super) fn of_run(config: &RunConfig, demonstrations: &[Trajectory]) -> Result<Self> {
         let (spec, rate) = (config.task.spec(), config.reward_learning_rate());
         let (reward, threads) = (&config.reward, threads(config)?);
-        Ok(Learned::new(&spec, reward, rate, config.seed, &demonstrations, threads))
+        Ok(Learned::new(&spec, reward, rate, config.seed, demonstrations, threads))
     }
 
     /// Creates an untrained model for a task.
@@ -306,7 +304,7 @@ impl<O: Objective> RewardModel for Learned<O> {
 
     fn estimate(&self, observations: &[u8]) -> Result<Estimates> {
         let found = match self.input.sees() {
-            RewardInput::State => {
+            RewardInput::State | RewardInput::NextState => {
                 let rows = self.ensemble.scores(observations);
                 return Ok(Estimates {
                     model_version: self.version,

@@ -1,7 +1,7 @@
 //! Objectives, in which learned reward models differ: the rows they see, their training minibatches, their loss,
 //! and the rewards computed from their scores.
 
-use networks::{Score as RowScore, Squashing};
+use networks::{RowScore, Squashing};
 use protocol::seed::{self, Purpose, Stream};
 use protocol::trajectory::Trajectory;
 use rand::seq::SliceRandom;

@@ -28,9 +28,10 @@ pub struct ProximityDiscriminator {
 
 impl ProximityDiscriminator {
     pub(super) fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
+        let demonstrations = run::origin::load_demonstrations(folder, config)?;
         Ok(Box::new(ProximityDiscriminator {
-            proximity: Learned::of_run(folder, config)?,
-            discriminator: Learned::of_run(folder, config)?,
+            proximity: Learned::of_run(config, &demonstrations)?,
+            discriminator: Learned::of_run(config, &demonstrations)?,
             config: config.reward.clone(),
         }))
     }

@@ -38,7 +38,8 @@ fn learned<O: Objective + 'static>(
     folder: &RunFolder,
     config: &RunConfig,
 ) -> Result<Box<dyn RewardModel>> {
-    Ok(Box::new(Learned::<O>::of_run(folder, config)?))
+    let demonstrations = run::origin::load_demonstrations(folder, config)?;
+    Ok(Box::new(Learned::<O>::of_run(config, &demonstrations)?))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! TimeRewarder classifies distances into bins; this model uses regression, as for proximity. It learns nothing
 //! from the agent's experience: a step back is a pair in reverse order.
 
-use networks::{Score as RowScore, Squashing, squared_error};
+use networks::{RowScore, Squashing, squared_error};
 use protocol::seed::Stream;
 use protocol::trajectory::Trajectory;
 use rand::RngExt;

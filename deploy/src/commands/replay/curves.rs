@@ -8,19 +8,36 @@ use serde::{Deserialize, Serialize};
 
 use report::chart::{self, Axis, COLORS, Chart, Line, Marker, Style};
 
-/// Mean returns of consecutive episodes; the first number of each pair is recorded, the second is from the other
-/// reward.
+/// A number as recorded and from the other reward. The service prints the two without names.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(from = "[f64; 2]")]
+pub(super) struct Pair {
+    pub(super) recorded: f64,
+    pub(super) now: f64,
+}
+
+impl From<[f64; 2]> for Pair {
+    fn from([recorded, now]: [f64; 2]) -> Pair {
+        Pair { recorded, now }
+    }
+}
+
+/// Mean returns of consecutive episodes.
 #[derive(Debug, Deserialize, Serialize)]
 pub(super) struct Point {
     episodes: u64,
-    reached: Option<[f64; 2]>,
-    missed: Option<[f64; 2]>,
+    reached: Option<Pair>,
+    missed: Option<Pair>,
 }
 
 const SIZE: [u32; 2] = [1360, 420];
 
-/// Names and colors of the curves: blue for recorded, orange for the other reward.
-const SERIES: [(&str, usize); 2] = [("recorded", 1), ("now", 0)];
+/// Which number of a pair a curve shows.
+type Number = fn(Pair) -> f64;
+
+/// Names, colors and numbers of the curves: blue for recorded, orange for the other reward.
+const SERIES: [(&str, usize, Number); 2] =
+    [("recorded", 1, |pair| pair.recorded), ("now", 0, |pair| pair.now)];
 
 /// Draws the curves into an SVG file.
 ///
@@ -38,14 +55,14 @@ fn panels(curve: &[Point]) -> [Chart; 2] {
     ]
 }
 
-fn panel(title: &str, curve: &[Point], side: fn(&Point) -> Option<[f64; 2]>) -> Chart {
+fn panel(title: &str, curve: &[Point], side: fn(&Point) -> Option<Pair>) -> Chart {
     let last = curve.last().map_or(1, |point| point.episodes);
-    let returns = curve.iter().filter_map(side).flatten();
+    let returns = curve.iter().filter_map(side).flat_map(|pair| [pair.recorded, pair.now]);
     let (low, high) =
         returns.fold((0.0_f64, 0.0_f64), |(low, high), one| (low.min(one), high.max(one)));
     let room = 0.05 * (high - low).max(1e-6);
-    let line = |(place, (name, color)): (usize, (&str, usize))| {
-        let point = |point: &Point| Some([point.episodes as f64, side(point)?[place]]);
+    let line = |(name, color, number): (&str, usize, Number)| {
+        let point = |point: &Point| Some([point.episodes as f64, number(side(point)?)]);
         Line {
             name: name.to_owned(),
             style: Style { color: COLORS[color], marker: Marker::None },
@@ -61,7 +78,7 @@ fn panel(title: &str, curve: &[Point], side: fn(&Point) -> Option<[f64; 2]>) -> 
         title: title.to_owned(),
         x: axis("episodes", [0.0, last as f64]),
         y: axis("mean return", [low - room, high + room]),
-        curves: SERIES.into_iter().enumerate().map(line).collect(),
+        curves: SERIES.into_iter().map(line).collect(),
         marks: Vec::new(),
     }
 }
@@ -74,8 +91,8 @@ mod tests {
     fn both_panels_have_both_curves() {
         let point = |episodes: u64| Point {
             episodes,
-            reached: Some([1.0, 0.5]),
-            missed: (episodes > 1).then_some([0.25, -0.25]),
+            reached: Some([1.0, 0.5].into()),
+            missed: (episodes > 1).then_some([0.25, -0.25].into()),
         };
         let text = chart::draw(&panels(&[1, 2, 3, 4].map(point)), SIZE).unwrap();
         let count = |part: &str| text.matches(part).count();

@@ -10,7 +10,7 @@ use run::demonstrations::existing_file_of;
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
-use super::curves::{self, Point};
+use super::curves::{self, Pair, Point};
 use crate::destination;
 use crate::full_log::{self, FullLog};
 use crate::other_reward::OtherReward;
@@ -19,14 +19,14 @@ use crate::programs::{self, Program};
 use terminal::numbers;
 use terminal::refusal::{Refusal, wrong_usage};
 
-/// The service's report; the first number of each pair is from the recorded rewards, the second from the others.
+/// The service's report.
 #[derive(Debug, Deserialize, Serialize)]
 struct Comparison {
     episodes: u64,
-    reached: Option<[f64; 2]>,
-    missed: Option<[f64; 2]>,
+    reached: Option<Pair>,
+    missed: Option<Pair>,
     correlation: Option<f64>,
-    ordered: Option<[f64; 2]>,
+    ordered: Option<Pair>,
     curve: Vec<Point>,
 }
 
@@ -92,14 +92,14 @@ fn files(folder: &RunFolder, out: Option<PathBuf>, force: bool) -> Result<[PathB
 
 fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {
     let Comparison { episodes, reached, missed, correlation, ordered, .. } = comparison;
-    let pair = |pair: &Option<[f64; 2]>| match pair {
-        Some([recorded, other]) => format!("{recorded:.4} recorded, {other:.4} now"),
+    let pair = |pair: &Option<Pair>| match pair {
+        Some(Pair { recorded, now }) => format!("{recorded:.4} recorded, {now:.4} now"),
         None => "no such episode".to_owned(),
     };
-    let shares = |pair: &Option<[f64; 2]>| match pair {
-        Some(shares) => {
-            let [recorded, other] = shares.map(|share| numbers::percent(share, 1));
-            format!("{recorded} recorded, {other} now")
+    let shares = |pair: &Option<Pair>| match pair {
+        Some(Pair { recorded, now }) => {
+            let [recorded, now] = [*recorded, *now].map(|share| numbers::percent(share, 1));
+            format!("{recorded} recorded, {now} now")
         }
         None => "no such pair".to_owned(),
     };
@@ -120,14 +120,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_services_figures_become_a_table() {
+    fn the_services_figures_become_a_table_and_get_names() {
         let text = r#"{"episodes": 1234, "reached": [0.5, 0.25], "missed": null,
-            "correlation": 0.98765, "ordered": [0.9, 0.8], "curve": []}"#;
+            "correlation": 0.98765, "ordered": [0.9, 0.8],
+            "curve": [{"episodes": 3, "reached": null, "missed": [0.125, 0.0]}]}"#;
         let [out, picture] = ["r/rescored.csv", "r/rescored.svg"].map(Path::new);
-        let table = table(&serde_json::from_str(text).unwrap(), out, picture);
+        let comparison: Comparison = serde_json::from_str(text).unwrap();
+        let table = table(&comparison, out, picture);
         let parts = ["1,234", "0.5000 recorded, 0.2500 now", "no such episode", "0.988", "80.0 %"];
         for part in parts {
             assert!(table.contains(part), "expected {part} in\n{table}");
         }
+        let printed = serde_json::to_value(&comparison).unwrap();
+        let pair = |recorded: f64, now: f64| serde_json::json!({"recorded": recorded, "now": now});
+        assert_eq!(printed["reached"], pair(0.5, 0.25));
+        assert_eq!(printed["ordered"], pair(0.9, 0.8));
+        assert_eq!(printed["curve"][0]["missed"], pair(0.125, 0.0));
     }
 }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use mcap_log::{Contents, Record, read_contents};
+use protocol::weights;
 use run::config::RunConfig;
 use run::demonstrations::existing_file_of;
 use run::folder::RunFolder;
@@ -25,6 +26,10 @@ use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped, wrong_usage};
+
+/// What is updated.
+const POLICY: &str = "policy";
+const REWARD_MODEL: &str = "reward model";
 
 /// Hashes of the weights after every update, by what was updated and its version.
 type Hashes = BTreeMap<(&'static str, u64), String>;
@@ -102,10 +107,10 @@ fn hashes(folder: &RunFolder) -> Result<Hashes> {
     for entry in read_contents(&folder.log(), Contents::Updates)? {
         match entry?.record {
             Record::PolicyUpdate(update) => {
-                hashes.insert(("policy", update.policy_version), update.weights_sha256);
+                hashes.insert((POLICY, update.policy_version), update.weights_sha256);
             }
             Record::RewardUpdate(update) => {
-                hashes.insert(("ensemble", update.model_version), update.weights_sha256);
+                hashes.insert((REWARD_MODEL, update.model_version), update.weights_sha256);
             }
             _ => {}
         }
@@ -120,14 +125,16 @@ struct Same {
     updates: u64,
     /// Hash after the last of them.
     policy_sha256: Option<String>,
-    ensemble_sha256: Option<String>,
+    /// `None` for a method that learns no reward.
+    reward_model_sha256: Option<String>,
 }
 
 impl Same {
     fn table(&self) -> String {
-        let Same { updates, policy_sha256, ensemble_sha256 } = self;
+        let Same { updates, policy_sha256, reward_model_sha256 } = self;
         let weights = format!("the weights after {} updates", numbers::count(*updates));
-        let hashes = [("policy sha256", policy_sha256), ("ensemble sha256", ensemble_sha256)];
+        let hashes =
+            [("policy sha256", policy_sha256), ("reward model sha256", reward_model_sha256)];
         let hashes = hashes.into_iter().filter_map(|(title, hash)| Some((title, hash.clone()?)));
         numbers::table(&std::iter::once(("the same", weights)).chain(hashes).collect::<Vec<_>>())
     }
@@ -153,7 +160,9 @@ fn compare(expected: &Hashes, found: &Hashes) -> Result<Same> {
         let newest = found.iter().rev().find(|((name, _), _)| *name == kind);
         newest.map(|(_, hash)| hash.clone())
     };
-    Ok(Same { updates, policy_sha256: last("policy"), ensemble_sha256: last("ensemble") })
+    let policy_sha256 = last(POLICY);
+    let reward_model_sha256 = last(REWARD_MODEL).filter(|hash| *hash != weights::sha256([]));
+    Ok(Same { updates, policy_sha256, reward_model_sha256 })
 }
 
 fn expect_all(expected: &Hashes, found: &Hashes) -> Result<()> {
@@ -171,23 +180,27 @@ mod tests {
 
     #[test]
     fn the_first_update_that_differs_is_named() {
-        let hashes = |of_policy: [&str; 3], of_ensemble: [&str; 2]| {
+        let hashes = |of_policy: [&str; 3], of_reward_model: [&str; 2]| {
             let named = |kind, hashes: &[&str]| -> Hashes {
                 (1..)
                     .zip(hashes)
                     .map(|(number, hash)| ((kind, number), (*hash).to_owned()))
                     .collect()
             };
-            let mut all = named("policy", &of_policy);
-            all.extend(named("ensemble", &of_ensemble));
+            let mut all = named(POLICY, &of_policy);
+            all.extend(named(REWARD_MODEL, &of_reward_model));
             all
         };
         let recorded = hashes(["a", "b", "c"], ["x", "y"]);
         compare(&recorded, &recorded).unwrap();
         let other = hashes(["a", "b", "d"], ["x", "z"]);
         let error = compare(&recorded, &other).unwrap_err().to_string();
-        assert!(error.contains("ensemble differs first after update 2: expected y"), "{error}");
+        assert!(error.contains("reward model differs first after update 2: expected y"), "{error}");
         assert!(compare(&recorded, &Hashes::new()).is_err());
+        let of_nothing = weights::sha256([]);
+        let without_model = hashes(["a", "b", "c"], [&of_nothing, &of_nothing]);
+        let same = compare(&without_model, &without_model).unwrap();
+        assert_eq!((same.policy_sha256.as_deref(), same.reward_model_sha256), (Some("c"), None));
 
         expect_all(&recorded, &recorded).unwrap();
         let short = hashes(["a", "b", "c"], ["x", "y"])

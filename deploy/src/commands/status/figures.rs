@@ -1,5 +1,7 @@
 //! The state of a run, for programs.
 
+use std::path::PathBuf;
+
 use protocol::messages::{PolicyUpdate, Progress};
 use serde_json::{Value, json};
 
@@ -16,6 +18,7 @@ impl Status {
                 let figures = json!({
                     "trouble": trouble(processes, progress.as_deref()),
                     "progress": progress.as_deref().map(of_progress),
+                    "checkpoint": of_checkpoint(self.folder.newest_checkpoint().as_ref()),
                     "time_to_success": times,
                     "processes": processes.figures(heard),
                     "hosts": hosts.present,
@@ -32,6 +35,7 @@ impl Status {
                     "trainer": trainer,
                     "progress": progress.as_deref().map(of_progress),
                     "progress_age_s": age.as_secs_f64(),
+                    "checkpoint": of_checkpoint(self.folder.newest_checkpoint().as_ref()),
                     "time_to_success": times,
                 });
                 ("training", figures)
@@ -83,17 +87,18 @@ fn of_update(update: &PolicyUpdate) -> Value {
     })
 }
 
+fn of_checkpoint(newest: Option<&(u64, PathBuf)>) -> Option<Value> {
+    newest.map(|(iteration, folder)| json!({ "iteration": iteration, "folder": folder }))
+}
+
 fn of_stopped(stopped: &Stopped) -> Value {
     let Stopped { holder, failure, begun, newest, damaged, unreadable, update, times } = stopped;
-    let checkpoint = newest
-        .as_ref()
-        .map(|(iteration, folder)| json!({ "iteration": iteration, "folder": folder }));
     json!({
         "holder": holder,
         "failure": failure,
         "begun": begun,
         "unreadable": unreadable.as_ref().map(ToString::to_string),
-        "checkpoint": checkpoint,
+        "checkpoint": of_checkpoint(newest.as_ref()),
         "damaged": damaged.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "update": update.as_ref().map(of_update),
         "time_to_success": times,

@@ -1,7 +1,10 @@
 //! The state of a run, for people.
 
+use std::path::Path;
+
 use protocol::messages::{Phase, PolicyUpdate, Progress};
 use run::config::RunConfig;
+use run::folder::RunFolder;
 use run::holder::Holder;
 use run::hosts::Expelled;
 
@@ -10,6 +13,8 @@ use crate::processes::Processes;
 use crate::progress::offline;
 use crate::summary::{self, times_to_success};
 use terminal::numbers;
+
+const NEWEST_CHECKPOINT: &str = "newest checkpoint";
 
 impl Status {
     /// Returns a headline and a table.
@@ -21,6 +26,7 @@ impl Status {
                     Some(progress) => live_rows(progress, config),
                     None => common_rows(config),
                 };
+                rows.extend(checkpoint_row(&self.folder));
                 rows.extend(times_to_success(times));
                 rows.extend(hosts.present.iter().map(|host| ("host", host.line())));
                 let expelled = |one: &Expelled| format!("{}: {}", one.name, one.why);
@@ -46,6 +52,7 @@ impl Status {
                 if progress.is_some() {
                     rows.push(("told", format!("{} ago", numbers::duration(age.as_secs_f64()))));
                 }
+                rows.extend(checkpoint_row(&self.folder));
                 rows.extend(times_to_success(times));
                 format!("training, by {}\n{}", trainer.shown(), numbers::table(&rows))
             }
@@ -103,13 +110,11 @@ pub(super) fn doing(progress: &Progress) -> String {
 fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
     let mut rows = common_rows(config);
     let place = match (&stopped.newest, &stopped.unreadable) {
-        (Some((iteration, folder)), _) => {
-            format!("after iteration {}, {}", numbers::count(*iteration), folder.display())
-        }
+        (Some((iteration, folder)), _) => place_of(*iteration, folder),
         (None, Some(error)) => format!("not known: {error}"),
         (None, None) => "none: the run starts over".to_owned(),
     };
-    rows.push(("newest checkpoint", place));
+    rows.push((NEWEST_CHECKPOINT, place));
     let use_of = |holder: &Holder| format!("{} by {}", holder.work.done_to_it(), holder.shown());
     rows.extend(stopped.holder.iter().map(|holder| ("being", use_of(holder))));
     rows.extend(stopped.damaged.iter().map(|error| ("damaged", error.to_string())));
@@ -128,7 +133,18 @@ fn stopped_table(stopped: &Stopped, config: &RunConfig) -> String {
 }
 
 fn common_rows(config: &RunConfig) -> Vec<(&'static str, String)> {
-    vec![("run", format!("{}, preset {}, seed {}", config.task, config.preset, config.seed))]
+    let RunConfig { task, method, preset, seed, .. } = config;
+    vec![("run", format!("{task}, {method}, preset {preset}, seed {seed}"))]
+}
+
+/// Returns a row for the newest checkpoint, if there is one. Its files are not checked: they may be replaced meanwhile.
+fn checkpoint_row(folder: &RunFolder) -> Option<(&'static str, String)> {
+    let (iteration, folder) = folder.newest_checkpoint()?;
+    Some((NEWEST_CHECKPOINT, place_of(iteration, &folder)))
+}
+
+fn place_of(iteration: u64, folder: &Path) -> String {
+    format!("after iteration {}, {}", numbers::count(iteration), folder.display())
 }
 
 fn update_rows(update: &PolicyUpdate) -> Vec<(&'static str, String)> {
@@ -151,7 +167,7 @@ fn steps(done: u64, wanted: u64) -> String {
 #[cfg(test)]
 mod tests {
     use protocol::messages::{Pretraining, RewardUpdate};
-    use run::folder::{CHECKPOINT_FILES, RunFolder};
+    use run::folder::CHECKPOINT_FILES;
     use run::holder::Work;
     use run::tasks;
 
@@ -172,6 +188,7 @@ mod tests {
         assert!(found.starts_with("never started") && found.contains("starts over"), "{found}");
         std::fs::create_dir(folder.log()).unwrap();
         assert!(table().starts_with("stopped"));
+        assert_eq!(checkpoint_row(&folder), None);
         let checkpoint = folder.checkpoint_folder(1250);
         std::fs::create_dir_all(&checkpoint).unwrap();
         let found = table();
@@ -181,6 +198,7 @@ mod tests {
         }
         let found = table();
         assert!(found.contains("after iteration 1,250"), "{found}");
+        assert_eq!(checkpoint_row(&folder), Some((NEWEST_CHECKPOINT, place_of(1250, &checkpoint))));
     }
 
     #[test]
@@ -231,8 +249,12 @@ mod tests {
         let trainer = r#"{"work":"training","process":12,"machine":"node-7"}"#;
         std::fs::write(folder.lock_file(), trainer).unwrap();
         progress_file::write(&folder, &Progress { actors: 3, ..Progress::default() }).unwrap();
-        let found = Status::of(folder).unwrap().table();
+        std::fs::create_dir_all(folder.checkpoint_folder(8)).unwrap();
+        let status = Status::of(folder).unwrap();
+        assert_eq!(status.figures()["checkpoint"]["iteration"], 8);
+        let found = status.table();
         assert!(found.starts_with("training, by process 12 on node-7"), "{found}");
+        assert!(found.contains("after iteration 8, "), "{found}");
         assert!(found.contains("3, 0 leases") && found.contains("ago"), "{found}");
     }
 
@@ -248,6 +270,7 @@ mod tests {
         let table = numbers::table(&live_rows(&Progress::default(), &config()));
         assert!(table.contains("waiting for the proximity service"), "{table}");
         assert!(table.contains("0 of 0 (0 %)"), "{table}");
+        assert!(table.contains("navigation, goal-proximity, preset goalward"), "{table}");
         let pretraining = Some(Pretraining { done: 30, total: 120 });
         let reward_update =
             Some(RewardUpdate { model_version: 2, gradient_steps: 64, ..RewardUpdate::default() });

@@ -5,7 +5,7 @@ mod loss;
 mod tests;
 
 use anyhow::Result;
-use networks::{ActorCritic, Adam, Distribution, Observations, RunningMoments, WindowIndex};
+use networks::{ActorCritic, Distribution, Observations, RunningMoments, WindowIndex};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
 use protocol::task::Spec;
@@ -62,13 +62,13 @@ impl PolicyLearner for Ppo {
     }
 
     fn save(&self, tensors: &mut Tensors) {
-        self.update.trainer.save("adam", tensors);
+        self.update.save(tensors);
         let RunningMoments { mean, variance, count } = self.reward_scale.returns;
         tensors.put_f64("reward_scale", [mean, variance, count]);
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
-        self.update.trainer.restore("adam", tensors)?;
+        self.update.restore(tensors)?;
         let returns = tensors.exactly("reward_scale", 3, Tensors::f64)?;
         let returns = RunningMoments { mean: returns[0], variance: returns[1], count: returns[2] };
         self.reward_scale = RewardScale { returns };
@@ -97,9 +97,14 @@ impl PpoUpdate {
         PpoUpdate { spec, config, trainer }
     }
 
-    /// Returns the optimizer of the parameters.
-    pub fn optimizer(&self) -> &Adam {
-        self.trainer.trainer().optimizer()
+    /// Adds the optimizer's state to `tensors`, as `adam`.
+    pub fn save(&self, tensors: &mut Tensors) {
+        self.trainer.save("adam", tensors);
+    }
+
+    /// Restores what [`PpoUpdate::save`] added.
+    fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
+        self.trainer.restore("adam", tensors)
     }
 
     /// Improves the parameters with a batch: several epochs of minibatches, ended early by an epoch whose

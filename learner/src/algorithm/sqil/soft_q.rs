@@ -1,7 +1,7 @@
 //! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`, and the
 //! corresponding policy has the logits `Q / temperature`.
 
-use networks::{ActorCritic, WindowIndex};
+use networks::{ActorCritic, WindowIndex, log_sum_exp};
 use protocol::seed::Stream;
 use protocol::tensors::Tensors;
 use run::config::{PpoConfig, RunConfig, SqilConfig};
@@ -32,13 +32,6 @@ impl SoftQ {
     }
 }
 
-/// Computes the soft value of Q-values.
-fn soft_value(q_values: &[f32], temperature: f32) -> f32 {
-    let largest = q_values.iter().fold(f32::NEG_INFINITY, |largest, &value| largest.max(value));
-    let sum = q_values.iter().map(|value| libm::expf((value - largest) / temperature)).sum();
-    largest + temperature * libm::logf(sum)
-}
-
 impl SoftLearner for SoftQ {
     fn update(
         &mut self,
@@ -52,7 +45,7 @@ impl SoftLearner for SoftQ {
             self.targets.clone_from(policy);
         }
         let SqilConfig { temperature, gamma, target_rate, .. } = self.config;
-        let value = |outputs: &[f32]| soft_value(outputs, temperature as f32);
+        let value = |outputs: &[f32]| log_sum_exp(outputs, temperature as f32);
         let next = &minibatch.next_observations;
         let next_values = self.trainer.outputs(&self.targets, next, value);
         let loss = Bellman {
@@ -105,18 +98,5 @@ impl RowLoss for Bellman<'_> {
         gradients[action] = self.weight * error;
         let value_loss = 0.5 * f64::from(self.weight * error * error);
         (Metrics { value_loss, ..Metrics::default() }, 0.0)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_soft_value_lies_between_the_largest_and_that_plus_the_entropy_of_chance() {
-        let value = soft_value(&[1.0, 3.0, 2.0, -50.0], 0.01);
-        assert!((value - 3.0).abs() < 1e-6, "{value}");
-        let equal = soft_value(&[2.0; 4], 0.5);
-        assert!((equal - (2.0 + 0.5 * libm::logf(4.0))).abs() < 1e-6, "{equal}");
     }
 }

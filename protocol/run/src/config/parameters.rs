@@ -139,7 +139,7 @@ impl RunConfig {
     /// Returns the number of observations and of extra inputs in a row of the reward model.
     pub(super) fn reward_row(&self) -> [usize; 2] {
         match self.reward.input {
-            RewardInput::State => [1, 0],
+            RewardInput::State | RewardInput::NextState => [1, 0],
             RewardInput::Transition => [2, 0],
             RewardInput::StateAction => [1, action_numbers(self.task.spec().action)],
         }

@@ -221,7 +221,12 @@ pub const REWARD_MODELS: &[RewardModel] = &[
     RewardModel {
         name: "discriminator",
         adversarial: true,
-        inputs: &[RewardInput::State, RewardInput::Transition, RewardInput::StateAction],
+        inputs: &[
+            RewardInput::State,
+            RewardInput::NextState,
+            RewardInput::Transition,
+            RewardInput::StateAction,
+        ],
         forms: &[RewardForm::Airl, RewardForm::Gail],
         ..TRAINED
     },
@@ -317,8 +322,10 @@ impl<'de> Deserialize<'de> for &'static RewardModel {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RewardInput {
-    /// A state.
+    /// The state in which a step acts.
     State,
+    /// The state that a step reaches.
+    NextState,
     /// A state and the next one.
     Transition,
     /// A state and the action taken there.
@@ -337,6 +344,13 @@ pub enum RewardForm {
     Airl,
     /// `-log(1 - D)` of a discriminator: the form of GAIL.
     Gail,
+}
+
+impl RewardInput {
+    /// Returns whether a row is a single state, so that a model can score any state by itself.
+    pub fn is_single_state(self) -> bool {
+        matches!(self, RewardInput::State | RewardInput::NextState)
+    }
 }
 
 impl fmt::Display for RewardInput {

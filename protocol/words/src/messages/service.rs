@@ -17,7 +17,7 @@ pub struct ServiceRequest {
 /// The kinds of request.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum Ask {
-    /// Restore the state after this many iterations; for 0, a fresh model trained offline.
+    /// Restore the state after this many iterations; for 0, a fresh model trained offline. Comes before any batch.
     #[prost(message, tag = "1")]
     Begin(Begin),
     /// Make these trajectories the batch of an iteration, and report which of them are missing.

@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     importer.add_argument("--out", type=Path, required=True, help="the MCAP file to write")
     importer.add_argument("--format", choices=[AUTO, *FORMATS], default=AUTO)
     importer.add_argument("--keys", type=_keys, help="observation keys, in the order of the task")
+    importer.add_argument("--actions", type=_keys, default=[], help="keys of the actions; by default none")
     importer.add_argument("--success", help="`all`, or the key that tells which episodes succeed, and when")
     importer.add_argument("--labels", choices=["match", "ignore"], default="match")
     importer.add_argument("--episodes", type=_count, help="take so many at most")
@@ -83,10 +84,12 @@ def _import(options: argparse.Namespace) -> str:
         success=options.success,
         labels=options.labels,
         episodes=options.episodes,
+        actions=options.actions,
     )
     write(options.out, loaded.episodes, task, overwrite=options.overwrite)
     count = len(loaded.episodes)
-    counts = f"{count} episodes with {_steps(loaded.episodes)} steps, {loaded.left_out} left out"
+    steps = f"{_steps(loaded.episodes)} steps{' and their actions' if options.actions else ''}"
+    counts = f"{count} episodes with {steps}, {loaded.left_out} left out"
     named = options.task_argument or str(options.task or task.name)
     words = ["goalward", "train", named, "--demonstrations", str(options.out)]
     command = shlex.join([*words, "--set", f"demonstrations.episodes={count}"])

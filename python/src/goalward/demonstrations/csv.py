@@ -43,7 +43,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
         places.setdefault(name, []).append(place)
     for name, own in places.items():
         taken = {key: column[own] for key, column in numeric.items()}
-        yield Recording(name, taken, taken)
+        yield Recording(name, taken, taken, taken)
 
 
 def _table(source: Path) -> tuple[list[str], list[list[str]]]:

@@ -78,8 +78,9 @@ def load(
     success: str | None = None,
     labels: Literal["match", "ignore"] = "match",
     episodes: int | None = None,
+    actions: Sequence[str] = (),
 ) -> Loaded:
-    """Make demonstrations from a data set: states only, each up to where it first reached the goal.
+    """Make demonstrations from a data set, each up to where it first reached the goal.
 
     Args:
         source: the file or folder of the data set.
@@ -91,6 +92,7 @@ def load(
         labels: `match` to refuse keys that differ from the parts named by the task's labels; `ignore` to
             accept them.
         episodes: maximum number of demonstrations, taken from the beginning; None for all.
+        actions: keys of the actions, choices or numbers in [-1, 1]; without keys, states only are taken.
 
     Raises:
         Error: if the data set cannot be read or does not fit; the line names the episode and the key.
@@ -99,8 +101,8 @@ def load(
     if episodes is not None and episodes < 1:
         raise Error(f"episodes: expected a number from 1, found {episodes}")
     chosen = _format(source, format)
-    wanted = Wanted(keys, None if success == ALL else success)
-    selection = Selection(task, keys, success, chosen.success, labels)
+    wanted = Wanted(keys, None if success == ALL else success, actions)
+    selection = Selection(task, keys, success, chosen.success, labels, actions)
     taken: list[Episode] = []
     left_out = 0
     for episode in selection.episodes(chosen.recordings(source, wanted)):

@@ -42,9 +42,9 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
         name for name in numeric if (name in wanted.keys if wanted.keys else name.startswith(OBSERVED))
     ]
     signals = [name for name in numeric if name.startswith(FOLLOWING) or name == wanted.signal]
-    columns = list(dict.fromkeys([EPISODE, FRAME, *observed, *signals]))
+    columns = list(dict.fromkeys([EPISODE, FRAME, *observed, *signals, *wanted.actions]))
     for path in sorted(source.glob("data/*/*.parquet")):
-        yield from _episodes(_columns(path, columns), observed, signals)
+        yield from _episodes(_columns(path, columns), observed, signals, wanted.actions)
 
 
 def _columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
@@ -84,7 +84,7 @@ def _rows(column: Any) -> Array:
 
 
 def _episodes(
-    arrays: Mapping[str, Array], observed: Sequence[str], signals: Sequence[str]
+    arrays: Mapping[str, Array], observed: Sequence[str], signals: Sequence[str], actions: Sequence[str]
 ) -> Iterator[Recording]:
     order = np.lexsort((arrays[FRAME], arrays[EPISODE]))
     episodes, firsts = np.unique(arrays[EPISODE][order], return_index=True)
@@ -92,4 +92,4 @@ def _episodes(
         own = {name: arrays[name][rows] for name in observed}
         told = {name: arrays[name][rows] for name in signals if arrays[name][:1].size <= 1}
         shifted = {name: of_states(told[name]) if name.startswith(FOLLOWING) else told[name] for name in told}
-        yield Recording(str(episode), own, shifted)
+        yield Recording(str(episode), own, shifted, {name: arrays[name][rows] for name in actions})

@@ -70,6 +70,8 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
         Error: if a file is damaged, its messages cannot be decoded, a bag lacks a key, the numbers of a key
             change, or no bag has the signal.
     """
+    if wanted.actions:
+        raise Error(f"{source}: actions: expected none, since a bag does not tell which step a command is of")
     parts: _Parts | None = None
     heard: dict[str, None] = {}
     for name, files in _bags(source):

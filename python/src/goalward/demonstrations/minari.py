@@ -2,7 +2,7 @@
 
 Keys have the names that Goalward gives to the parts of a Gymnasium observation: `observation` for a space
 without parts, `achieved_goal` or `arm/joints` for the entries of a Dict, `0` for those of a Tuple. A Discrete
-observation becomes one-hot.
+observation becomes one-hot. The key of actions is `actions`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("infos/success", "infos/is_success")
-WHOLE = "observation"
+WHOLE, ACTIONS = "observation", "actions"
 
 
 def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
@@ -31,12 +31,12 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     Raises:
         Error: if the data set is damaged, or minari is not installed.
     """
-    for episode, space in _episodes(source):
-        yield _recording(episode, space)
+    for episode, *of_data in _episodes(source):
+        yield _recording(episode, *of_data)
 
 
-def _episodes(source: Path) -> Iterator[tuple[Any, Any]]:
-    """Yield the episodes as Minari reads them, each with the observation space."""
+def _episodes(source: Path) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the episodes as Minari reads them, each with the spaces of observations and actions."""
     minari = optional("minari", "minari")
     storage = "expected the packages of Minari's storage (pip install 'goalward[minari]')"
     # For damage, Minari raises whatever its storage packages raise.
@@ -44,15 +44,26 @@ def _episodes(source: Path) -> Iterator[tuple[Any, Any]]:
     with damage, expecting(storage, ImportError):
         data = minari.MinariDataset(source / "data" if (source / "data").is_dir() else source)
         for episode in data.iterate_episodes():
-            yield episode, data.observation_space
+            yield episode, data.observation_space, data.action_space
 
 
-def _recording(episode: Any, space: Any) -> Recording:
+def _recording(episode: Any, observed: Any, acted: Any) -> Recording:
     signals = {f"infos/{key}": array for key, array in _leaves(episode.infos or {})}
     signals |= {"terminations": episode.terminations, "rewards": episode.rewards}
     numeric = {key: np.asarray(array) for key, array in signals.items() if is_numeric(np.asarray(array))}
-    observations = dict(_parts(space, episode.observations, ""))
-    return Recording(str(episode.id), observations, numeric)
+    observations = dict(_parts(observed, episode.observations, ""))
+    return Recording(str(episode.id), observations, numeric, _actions(acted, episode.actions))
+
+
+def _actions(space: Any, values: Any) -> dict[str, Array]:
+    """Return actions in Goalward's measure: numbers from -1 to 1 over the bounds of a Box, choices from 0."""
+    spaces = optional("gymnasium", "minari").spaces
+    if isinstance(space, spaces.Discrete):
+        return {ACTIONS: np.asarray(values) - int(space.start)}
+    if isinstance(space, spaces.Box) and space.is_bounded():
+        low, high = space.low.astype(np.float64), space.high.astype(np.float64)
+        return {ACTIONS: 2 * (np.asarray(values) - low) / (high - low) - 1}
+    return {}
 
 
 def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

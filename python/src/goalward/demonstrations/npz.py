@@ -64,7 +64,7 @@ def _joined(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
     for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
         own = {name: array[start:end] for name, array in of_rows.items() if name not in (ENDS, *of_episodes)}
         ended = {name: array[number] for name, array in of_episodes.items()}
-        yield Recording(str(number), own, _flat(own) | ended)
+        yield Recording(str(number), own, _flat(own) | ended, own)
 
 
 def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | None) -> Iterator[Recording]:
@@ -83,7 +83,8 @@ def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | No
         # An array with one row less has a value for each step.
         steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
         ended = {name: array[number] for name, array in of_episodes.items()}
-        yield Recording(str(number), observed, _flat(observed) | _flat(steps) | ended)
+        signals = _flat(observed) | _flat(steps) | ended
+        yield Recording(str(number), observed, signals, observed | steps)
 
 
 def _size(stacks: Mapping[str, Array], keys: Sequence[str] | None) -> tuple[int, int]:

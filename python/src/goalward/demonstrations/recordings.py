@@ -19,10 +19,12 @@ class Wanted:
     Attributes:
         keys: observation keys; None for all.
         signal: the key that indicates success; None if none was named.
+        actions: keys of actions; none for states only.
     """
 
     keys: Sequence[str] | None = None
     signal: str | None = None
+    actions: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +36,14 @@ class Recording:
         observations: arrays with N rows by key, in the data set's order.
         signals: values that may indicate success, by key: N, one for each observation; N - 1, one for each
             step; or one for the episode.
+        actions: arrays that may be actions, by key: N - 1 rows, one for each step; or N, the last of which
+            has no state behind it.
     """
 
     name: str
     observations: Mapping[str, Array]
     signals: Mapping[str, Array] = field(default_factory=dict)
+    actions: Mapping[str, Array] = field(default_factory=dict)
 
 
 def of_states(signal: Array) -> Array:

@@ -56,7 +56,8 @@ def _recording(name: str, group: Any, wanted: Wanted) -> Recording:
     signals = {key: group[key][()] for key in ("rewards", "dones") if key in group}
     if not has_last:
         signals = {key: of_states(signal) for key, signal in signals.items()}
-    return Recording(name, observations, signals)
+    actions = {key: group[key][()] for key in wanted.actions if key in group}
+    return Recording(name, observations, signals, actions)
 
 
 def _with_last(observed: Any, following: Any) -> Array:

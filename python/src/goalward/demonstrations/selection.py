@@ -13,7 +13,7 @@ import numpy as np
 from goalward.demonstrations.episode import Episode, checked_observations
 from goalward.demonstrations.recordings import Array, Recording
 from goalward.error import Error
-from goalward.task import Cells, Task
+from goalward.task import Cells, Discrete, Task
 
 ALL = "all"
 
@@ -29,6 +29,7 @@ class Selection:
             `known_success` that the data set has.
         known_success: the keys that indicate success by the convention of the format.
         labels: whether the parts of the observation must match the task's labels.
+        actions: keys of the actions; none for states only.
     """
 
     task: Task
@@ -36,6 +37,7 @@ class Selection:
     success: str | None = None
     known_success: Sequence[str] = ()
     labels: Literal["match", "ignore"] = "match"
+    actions: Sequence[str] = ()
 
     def episodes(self, recordings: Iterable[Recording]) -> Iterator[Episode | None]:
         """Make a demonstration from every recording.
@@ -54,13 +56,14 @@ class Selection:
 
     def _episode(self, recording: Recording, keys: Sequence[str], success: str) -> Episode | None:
         observations = self._joined(recording, keys)
+        actions = self._acted(recording, len(observations) - 1) if self.actions else None
         if success != ALL:
             reached = _reached(recording, success, len(observations))
             if not reached.any() or reached[0]:
                 return None
             observations = observations[: int(np.argmax(reached)) + 1]
         checked = checked_observations(observations, self.task, f"episode {recording.name}")
-        return Episode(checked, name=recording.name)
+        return Episode(checked, None if actions is None else actions[: len(checked) - 1], name=recording.name)
 
     def _success_key(self, recording: Recording) -> str:
         if self.success is None:
@@ -78,7 +81,8 @@ class Selection:
 
     def _keys(self, recording: Recording, success: str) -> Sequence[str]:
         found = recording.observations
-        keys = self.keys or [key for key in found if key not in (success, *self.known_success)]
+        others = (success, *self.known_success, *self.actions)
+        keys = self.keys or [key for key in found if key not in others]
         missing = next((key for key in keys if key not in found), None)
         where = f"episode {recording.name}: keys"
         if missing is not None:
@@ -103,6 +107,21 @@ class Selection:
         if isinstance(self.task.observation, Cells) and len(arrays) == 1:
             return arrays[0].reshape(len(arrays[0]), *self.task.observation.shape)
         return np.concatenate([array.reshape(len(array), _width(array)) for array in arrays], axis=1)
+
+    def _acted(self, recording: Recording, steps: int) -> Array:
+        """Return the actions of `steps` steps: choices, or rows of numbers."""
+        where = f"episode {recording.name}: actions"
+        columns = []
+        for key in self.actions:
+            if key not in recording.actions:
+                raise Error(f"{where}: expected `{key}`, found {_listed(recording.actions)}")
+            array = recording.actions[key]
+            if len(array) not in (steps, steps + 1):
+                expected = f"{steps} rows of `{key}`, one for each step, or one more"
+                raise Error(f"{where}: expected {expected}, found {len(array)}")
+            columns.append(array[:steps].reshape(steps, _width(array)))
+        joined = np.concatenate(columns, axis=1)
+        return joined[:, 0] if isinstance(self.task.action, Discrete) and joined.shape[1] == 1 else joined
 
 
 def _reached(recording: Recording, key: str, observations: int) -> Array:
