@@ -6,7 +6,7 @@ use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -53,7 +53,7 @@ pub(super) struct Auditor {
     weights: watch::Receiver<Newest>,
     cases: mpsc::Sender<Case>,
     judged: Mutex<Judged>,
-    trouble: watch::Receiver<Option<String>>,
+    trouble: Arc<OnceLock<String>>,
 }
 
 /// What the audit of an episode found.
@@ -133,15 +133,15 @@ impl Auditor {
         weights: watch::Receiver<Newest>,
     ) -> Auditor {
         let (cases, waiting) = mpsc::channel(WAITING);
-        let (told, trouble) = watch::channel(None);
-        tokio::spawn(work(audit.program.clone(), folder.clone(), waiting, told));
+        let trouble = Arc::<OnceLock<String>>::default();
+        tokio::spawn(work(audit.program.clone(), folder.clone(), waiting, trouble.clone()));
         let (random, judged) = (RandomState::new(), Mutex::new(Judged::new()));
         Auditor { share: audit.share, random, spec, weights, cases, judged, trouble }
     }
 
     /// Returns why an episode could not be re-simulated, the first time.
     pub(super) fn trouble(&self) -> Option<String> {
-        self.trouble.borrow().clone()
+        self.trouble.get().cloned()
     }
 
     /// Has an episode judged if it is sampled. Bytes that are not a trajectory are not: they are refused later.
@@ -191,7 +191,7 @@ async fn work(
     program: PathBuf,
     folder: RunFolder,
     mut cases: mpsc::Receiver<Case>,
-    trouble: watch::Sender<Option<String>>,
+    trouble: Arc<OnceLock<String>>,
 ) {
     let mut actor = None;
     let mut audited: u64 = 0;
@@ -210,11 +210,7 @@ async fn work(
         let verdict = judged.unwrap_or_else(|error| {
             let why = format!("{error:#}");
             failed.note_loudly(&why);
-            trouble.send_if_modified(|first| {
-                let is_first = first.is_none();
-                first.get_or_insert(why);
-                is_first
-            });
+            trouble.get_or_init(|| why);
             Verdict::Unknown
         });
         case.verdict.send_replace(Some(verdict));
@@ -324,7 +320,7 @@ exec sleep 60
             let case = Case { version: 3, weights, trajectory, patience, verdict };
             cases.try_send(case).ok().unwrap();
             drop(cases);
-            let (trouble, _) = watch::channel(None);
+            let trouble = Arc::default();
             block_on(work(program, RunFolder::new(directory.path()), waiting, trouble));
             let difference = Verdict::Differs("another observation".to_owned());
             assert_eq!(*judged.borrow(), Some(difference));
