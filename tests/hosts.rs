@@ -122,6 +122,23 @@ fn hosts_come_and_go_and_the_weights_are_the_same() {
 }
 
 #[test]
+fn a_host_stays_when_the_run_is_stopped_and_acts_again_when_it_is_resumed() {
+    let (run, address) = (TestRun::new(programs!()), free_address());
+    let mut training = listen(&run, &address, 0.1);
+    let mut host = join(&run, "host", &address);
+    await_actor_of(&run, "@host");
+    training.await_checkpoint(4);
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
+    assert!(host.try_wait().unwrap().is_none(), "the host has left a run that is not over");
+    let mut training = run.resume_with(&["--listen", &address]);
+    await_actor_of(&run, "@host");
+    training.expect_going_on("the host came back");
+    assert_eq!(training.finish().hashes(), *alone());
+    assert!(host.wait().unwrap().success());
+}
+
+#[test]
 fn hosts_have_as_many_actors_as_they_are_scaled_to() {
     let (run, address) = (TestRun::new(programs!()), free_address());
     let (took, said) = run.goalward(&["train", "--run", "run", "--actors", "0"]);

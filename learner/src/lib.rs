@@ -10,11 +10,11 @@ mod beginning;
 mod checkpoint;
 pub mod cli;
 pub mod desk;
+mod end;
 pub mod ledger;
 mod reward_scale;
 mod scoring;
 pub mod state;
-mod summary;
 mod trainer;
 
 use anyhow::Result;

@@ -228,8 +228,13 @@ impl TestRun {
 
     /// Starts `goalward train --resume` on the run.
     pub fn resume(&self) -> Training<'_> {
+        self.resume_with(&[])
+    }
+
+    /// Starts `goalward train --resume` on the run, with further arguments.
+    pub fn resume_with(&self, arguments: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
-        command.args(["train", "--resume", "--no-page"]);
+        command.args(["train", "--resume", "--no-page"]).args(arguments);
         self.start(command)
     }
 

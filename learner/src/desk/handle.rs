@@ -81,13 +81,23 @@ impl DeskHandle {
         Ok(())
     }
 
-    /// Ends the desk and waits for it; returns the seconds spent appending to the log.
+    /// Ends the desk of a run that is over, and waits for it; returns the seconds spent appending to the log.
     ///
     /// # Errors
     /// When the desk failed; the error says why.
     pub fn finish(mut self) -> Result<f64> {
         self.order(Order::Finish)?;
         self.join()
+    }
+
+    /// Ends the desk of a run that was stopped, and waits for it.
+    ///
+    /// # Errors
+    /// When the desk failed; the error says why.
+    pub fn stop(mut self) -> Result<()> {
+        self.order(Order::Stop)?;
+        self.join()?;
+        Ok(())
     }
 
     fn failure(&mut self) -> anyhow::Error {

@@ -71,6 +71,8 @@ pub enum Order {
     Sync(SyncSender<()>),
     /// Tell the actors that the run is over, seal the log and end.
     Finish,
+    /// Seal the log and end: the run was stopped, and goes on when it is resumed.
+    Stop,
     /// Seal the log and end: the trainer has failed.
     Leave,
 }
@@ -121,6 +123,8 @@ enum Work {
     GoesOn,
     /// The run is over, and actors are told so.
     IsDone,
+    /// The run was stopped.
+    IsStopped,
     /// The trainer has failed; the run goes on when the learner is restarted.
     IsLeft,
 }
@@ -211,7 +215,9 @@ impl Desk {
                 self.tell()?;
             }
         }
-        self.answer_actors()?;
+        if self.work == Work::IsDone {
+            self.answer_actors()?;
+        }
         match self.work {
             // Its failure does not wait for a disk that refuses.
             Work::IsLeft => self.log.finish()?,
@@ -291,6 +297,7 @@ impl Desk {
                 done.send(()).ok();
             }
             Order::Finish => self.work = Work::IsDone,
+            Order::Stop => self.work = Work::IsStopped,
             Order::Leave => self.work = Work::IsLeft,
         }
         Ok(())

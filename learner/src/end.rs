@@ -17,8 +17,7 @@ impl Trainer {
         if self.state.iteration > 0 {
             self.save()?;
         }
-        self.desk.finish()?;
-        Ok(())
+        self.desk.stop()
     }
 
     /// Ends a run that was trained to its end.
