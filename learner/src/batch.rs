@@ -51,6 +51,12 @@ impl Batch {
         let mut batch = Batch::default();
         for (encoded, score) in trajectories.iter().zip(scores) {
             let trajectory = &encoded.trajectory;
+            let expected = (trajectory.iteration, trajectory.lane, trajectory.episode);
+            let found = (score.iteration, score.lane, score.episode);
+            ensure!(
+                found == expected,
+                "expected the score of iteration, lane and episode {expected:?}, found {found:?}"
+            );
             let steps = trajectory.steps as usize;
             ensure!(
                 score.rewards.len() == steps,

@@ -108,7 +108,7 @@ pub(crate) fn rescore(
             _ => {}
         }
     }
-    ensure!(!returns.is_empty(), "expected updates in {}, found none", log.display());
+    ensure!(!returns.is_empty(), "expected scored episodes in {}, found none", log.display());
     Ok(comparison(&returns))
 }
 

@@ -70,9 +70,10 @@ mod tests {
             prop_assert!((sum - (last + last - first)).abs() < 1e-4);
         }
 
-        /// Checks Eq. 3 for any discount: the final proximity has the discount of the last step.
+        /// Checks the discounted sum of Eq. 5: the final proximity has the discount of the last step, γ^(T-1),
+        /// where Eq. 3 has γ^T.
         #[test]
-        fn discounted_rewards_are_the_discounted_objective(
+        fn the_final_proximity_is_discounted_as_the_last_step(
             proximity in prop::collection::vec(0.0f32..1.0, 2..60),
             gamma in 0.5f64..1.0,
         ) {

@@ -45,7 +45,7 @@ const MOST_QUERIED: usize = 4096;
 /// The proximity service of a run.
 pub(crate) struct Service {
     spec: Spec,
-    /// Number of iterations that the run is to have.
+    /// Number of iterations whose trajectories a batch may ask for; none of a learner that does not act.
     iterations: u64,
     model: Box<dyn RewardModel>,
     fresh: Tensors,
@@ -89,7 +89,7 @@ impl Service {
         let fresh = model.save();
         Ok(Service {
             spec: config.task.spec(),
-            iterations: config.iterations(),
+            iterations: if config.learner.acts() { config.iterations() } else { 0 },
             offline: OfflineTraining::Idle,
             offline_file: OfflineFile::new(folder.offline_file(), &fresh),
             fresh,
@@ -125,7 +125,8 @@ impl Service {
                     tracing::warn!("an answer found no place: {error}");
                 }
             }
-            if trains {
+            // A checkpoint of the learner has the weights, so there is nothing left to train.
+            if trains && matches!(self.offline, OfflineTraining::UnderWay(_)) {
                 self.train_offline(SLICE);
             }
         }
@@ -318,13 +319,13 @@ mod tests {
     use crate::model::FixedReward;
     use crate::tests::{CORRIDOR_FILE, walk};
 
-    /// Calls `check` with a service and another member of its bus.
-    fn with_service(check: impl FnOnce(&mut Service, &Bus)) {
+    /// Calls `check` with a service of a run of `method` and another member of its bus.
+    fn with_service(method: &str, check: impl FnOnce(&mut Service, &Bus)) {
         let home = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(home.path());
         let address = BusAddress::for_start(folder.path()).unwrap();
-        let method = ["method=environment-reward".to_owned()];
-        let config = of_text(CORRIDOR_FILE, "corridor", None, &method).unwrap();
+        let config =
+            of_text(CORRIDOR_FILE, "corridor", None, &[format!("method={method}")]).unwrap();
         let [own, other] = ["service", "other"].map(|name| Bus::open(&address, name).unwrap());
         let model = Box::new(FixedReward::Environment);
         let mut service = Service::open(&folder, &config, own, model).unwrap();
@@ -335,7 +336,7 @@ mod tests {
 
     #[test]
     fn a_batch_is_refused_unless_the_learner_has_begun() {
-        with_service(|service, _| {
+        with_service("environment-reward", |service, _| {
             let mut answer = |ask: Ask| {
                 let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
                 service.answer(&request, Some(Role::Learner))
@@ -353,17 +354,21 @@ mod tests {
 
     #[test]
     fn episodes_that_no_batch_will_ask_for_are_not_kept() {
-        with_service(|service, other| {
-            let publisher = other.rollout_publisher(Duration::from_secs(1)).unwrap();
-            let episode = |iteration| {
-                Encoded::encode(Trajectory { iteration, ..walk(0.0, Source::Training) })
-            };
-            let episodes = [service.iterations - 1, service.iterations].map(episode);
-            for encoded in &episodes {
-                publisher.publish(&encoded.bytes, TrajectoryHeader::from(encoded)).unwrap();
-            }
-            service.take_trajectories().unwrap();
-            assert_eq!(service.intake.received_bytes(), episodes[0].bytes.len());
-        });
+        for (method, kept) in [("environment-reward", 1), ("bc", 0)] {
+            with_service(method, |service, other| {
+                let publisher = other.rollout_publisher(Duration::from_secs(1)).unwrap();
+                let episode = |iteration| {
+                    Encoded::encode(Trajectory { iteration, ..walk(0.0, Source::Training) })
+                };
+                let end = service.iterations.max(1);
+                let episodes = [end - 1, end].map(episode);
+                for encoded in &episodes {
+                    publisher.publish(&encoded.bytes, TrajectoryHeader::from(encoded)).unwrap();
+                }
+                service.take_trajectories().unwrap();
+                let bytes: usize = episodes[..kept].iter().map(|one| one.bytes.len()).sum();
+                assert_eq!(service.intake.received_bytes(), bytes, "{method}");
+            });
+        }
     }
 }

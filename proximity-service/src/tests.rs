@@ -117,6 +117,9 @@ pub(crate) fn assert_reproducible<O: Objective>(config: &RewardConfig) {
         assert!(of_one.gradient_steps > 0);
         assert_eq!(of_one.weights_sha256, of_other.weights_sha256);
     }
+    // More rows than a thread scores at once.
+    let batch: Vec<Encoded> =
+        (0u8..20).map(|row| Encoded::encode(walk(row.into(), Source::Training))).collect();
     assert_eq!(one.score(4, &batch), other.score(4, &batch));
 }
 

@@ -201,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_learner_of_a_configuration_can_be_made() {
+    fn the_tables_name_the_same_learners() {
         let names = LEARNERS.iter().map(|(name, _)| *name);
         assert!(names.eq(run::config::LEARNERS.iter().map(|learner| learner.name())));
     }

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_model_of_a_configuration_can_be_made() {
+    fn the_tables_name_the_same_models() {
         let names = MODELS.iter().map(|(name, _)| *name);
         assert!(names.eq(REWARD_MODELS.iter().map(|model| model.name)));
     }

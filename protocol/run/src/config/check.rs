@@ -136,8 +136,7 @@ impl RunConfig {
         let reward = &self.reward;
         let rewards = reward.model.rewards || !self.learner.is_rewarded();
         within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
-        let RewardModel { name, trains, adversarial, inputs, forms, pairs, online, .. } =
-            *reward.model;
+        let RewardModel { name, trains, adversarial, inputs, forms, pairs, .. } = *reward.model;
         let segments = reward.segments;
         within("reward.segments", (1..=1000).contains(&segments), "from 1 to 1000", segments)?;
         if !trains {
@@ -165,9 +164,8 @@ impl RunConfig {
         )?;
         let holds = penalty == 0.0 || reward.prior == 0.0;
         within("reward.prior", holds, "0 with reward.gradient_penalty", reward.prior)?;
-        let alone = online && !pairs;
         let expected = format!("false with {name}, whose rows belong together");
-        within("reward.bootstrap", alone || !reward.bootstrap, &expected, true)
+        within("reward.bootstrap", !pairs || !reward.bootstrap, &expected, true)
     }
 
     fn check_limits(&self) -> Result<(), Error> {

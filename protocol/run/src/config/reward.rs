@@ -64,8 +64,8 @@ pub struct RewardConfig {
     pub decay_steps: u64,
     /// Passes over the demonstrations before the agent acts; 0 switches offline training off.
     pub pretraining_epochs: u64,
-    /// Rows of demonstrations in a batch, and as many of the agent. Ranking has as many pairs
-    /// within demonstrations and, online, as many pairs of an expert's and an agent's row besides.
+    /// Rows of demonstrations in a batch, and as many of the agent. Ranking and temporal distance have as many
+    /// pairs within demonstrations; ranking, online, as many pairs of an expert's and an agent's row besides.
     pub batch: usize,
     /// Rows of demonstrations sampled for an online update, and as many of the agent; fewer of both
     /// if there are not enough of one. 0 switches online training off.
@@ -234,6 +234,7 @@ pub const REWARD_MODELS: &[RewardModel] = &[
     RewardModel {
         name: "temporal-distance",
         labels: true,
+        pairs: true,
         online: false,
         inputs: &[RewardInput::Transition],
         forms: &[RewardForm::Difference],
