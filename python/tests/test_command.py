@@ -119,6 +119,16 @@ def test_a_file_that_is_there_is_kept_unless_it_may_be_replaced(
     assert len(read(out).episodes) == 3
 
 
+def test_an_episode_of_no_length_is_told_in_one_line(
+    task: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "walks.npz"
+    np.savez(source, states=np.zeros((3, 5, 3)), success=np.ones(3), lengths=[5, 0, 3])
+    assert main(["import", str(source), "--task", str(task), "--out", str(tmp_path / "x.mcap")]) == 2
+    expected = f"{source}: episode 1: lengths: expected a number from 1 to 5, found 0"
+    assert capsys.readouterr().err == f"goalward: {expected}\n"
+
+
 @pytest.mark.parametrize("name", ["none.npz", "notes.txt"])
 def test_a_source_of_no_format_is_refused(
     task: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import minari
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from walks import REACH, walk
 from goalward import Error, Task, Vector
 from goalward.demonstrations import load
 from goalward.demonstrations.minari import _actions
-from goalward.spaces import observations_of
+from goalward.spaces import actions_of, observations_of
 
 PARTS = spaces.Dict(
     {
@@ -162,3 +163,28 @@ def test_actions_are_numbers_over_the_bounds_or_choices() -> None:
     source = stored([buffer(0, walk(4, 0), 4)], spaces.Box(-np.inf, np.inf, (3,), np.float32))
     [episode] = load(source, REACH, success="all", actions=["actions"]).episodes
     np.testing.assert_array_equal(np.asarray(episode.actions), np.zeros((4, 2)))
+
+
+def test_an_action_that_its_bounds_leave_no_choice_is_zero() -> None:
+    box = spaces.Box(np.array([-1, 0], np.float32), np.array([1, 0], np.float32))
+    found = _actions(box, np.array([[-1, 0], [0.5, 0]], np.float32))["actions"]
+    np.testing.assert_array_equal(found, [[-1, 0], [0.5, 0]])
+
+
+@pytest.mark.parametrize("space", [spaces.Box(-4, 4, (2, 2), np.int16), spaces.Box(0, 5, ())], ids=str)
+def test_actions_are_those_that_an_actor_acts_on(space: spaces.Space[Any]) -> None:
+    space.seed(1)
+    moves = [space.sample() for _ in range(5)]
+    own = actions_of(space)
+    expected = [np.frombuffer(own.encode(move), "<f4") for move in moves]
+    np.testing.assert_array_equal(_actions(space, np.stack(moves))["actions"], expected)
+
+
+def test_actions_of_another_shape_than_their_space_are_refused() -> None:
+    source = stored([buffer(0, walk(4, 0), 4)], spaces.Box(-np.inf, np.inf, (3,), np.float32))
+    with h5py.File(source / "data" / "main_data.hdf5", "a") as file:
+        del file["episode_0/actions"]
+        file["episode_0/actions"] = np.zeros((4, 3))
+    assert len(load(source, REACH, success="all").episodes) == 1
+    with pytest.raises(Error, match=r"episode 0: actions: .* expected shape \(4, 2\), found \(4, 3\)"):
+        load(source, REACH, success="all", actions=["actions"])

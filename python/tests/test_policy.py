@@ -1,5 +1,6 @@
-"""Tests that policies act in the spaces that they were trained in, and in no others."""
+"""Tests that policies act in the spaces that they were trained in and on observations of their task only."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium import spaces
+from walks import ROOMS
 
 from goalward import Cells, Discrete, Error, Task, Vector
 from goalward.policy import Policy
@@ -46,3 +48,33 @@ def test_numbers_are_known_by_their_labels_where_the_task_has_some() -> None:
         policy(task).for_space(numbers, choices)
     act = policy(replace(task, labels=())).for_space(numbers, choices)
     assert act(np.zeros(2, dtype=np.float32)) == 2
+
+
+@pytest.mark.parametrize("value", [3, 256, -1, 1.5, np.nan])
+@pytest.mark.parametrize("rows", [(), (2,)])
+def test_a_grid_has_classes_of_the_task(value: float, rows: tuple[int, ...]) -> None:
+    grid = np.zeros((*rows, 4, 5), type(value))
+    grid[..., -1, 2] = value
+    place = [0] * len(rows) + [3, 2]
+    expected = f"policy.onnx: observations{place}: expected a whole number below 3, found {value}"
+    with pytest.raises(Error, match=re.escape(expected)):
+        policy(ROOMS).act(grid)
+
+
+@pytest.mark.parametrize("kind", [bool, np.int64, np.float32, np.uint8])
+def test_classes_may_be_of_any_type(kind: type) -> None:
+    assert policy(ROOMS).act(np.ones((4, 5), kind)) == 2
+    assert policy(ROOMS).act(np.ones((3, 4, 5), kind)).tolist() == [2, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("observations", "expected"),
+    [
+        ([["a"] * 5] * 4, "expected numbers, found values of type <U1"),
+        ([[0], [0, 1]], "expected one array, found rows of differing lengths"),
+        (np.zeros((5, 4)), r"expected shape (4, 5) or rows of it, found (5, 4)"),
+    ],
+)
+def test_what_is_no_observation_is_refused(observations: Any, expected: str) -> None:
+    with pytest.raises(Error, match=re.escape(f"policy.onnx: observations: {expected}")):
+        policy(ROOMS).act(observations)

@@ -88,3 +88,50 @@ def test_actions_are_read(tmp_path: Path, following: bool) -> None:
     source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])], following=following)
     [episode] = load(source, REACH, keys=["hand", "cube"], actions=["actions"]).episodes
     assert np.shape(np.asarray(episode.actions)) == (4 if following else 3, 2)
+
+
+def add(source: Path, **members: Any) -> None:
+    with h5py.File(source, "a") as file:
+        for name, member in members.items():
+            file["data/demo_0"][name] = member
+
+
+@pytest.mark.parametrize("following", [True, False])
+@pytest.mark.parametrize(
+    ("won", "states"),
+    [([0, 1, 0, 0], 3), ([False, False, False, True], 5), ([1], 5), (1.0, 5)],
+)
+def test_a_signal_beside_the_observations_tells_success(
+    tmp_path: Path, following: bool, won: Any, states: int
+) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 0])], following=following)
+    add(source, won=won)
+    [episode] = load(source, REACH, keys=["hand", "cube"], success="won").episodes
+    np.testing.assert_array_equal(episode.observations, walk(4, 0)[: states if following else min(states, 4)])
+
+
+def test_a_signal_that_never_tells_success_leaves_the_demonstration_out(tmp_path: Path) -> None:
+    demonstrations = [(walk(4, number), [0.0, 0, 0, 1]) for number in range(2)]
+    source = stored(tmp_path / "demo.hdf5", demonstrations)
+    with h5py.File(source, "a") as file:
+        file["data/demo_0/won"], file["data/demo_1/won"] = [0] * 4, [0, 0, 1, 0]
+    loaded = load(source, REACH, keys=["hand", "cube"], success="won")
+    assert [episode.name for episode in loaded.episodes] == ["demo_1"]
+    assert loaded.left_out == 1
+
+
+@pytest.mark.parametrize("key", ["none", "obs", "obs/won", "words"])
+def test_what_is_no_signal_is_refused(tmp_path: Path, key: str) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])])
+    add(source, words=["a"] * 4, **{"obs/won": [0] * 4})
+    expected = rf"episode demo_0: success: .* success key \(dones, rewards\), found `{key}`"
+    with pytest.raises(Error, match=expected):
+        load(source, REACH, keys=["hand", "cube"], success=key)
+
+
+def test_a_group_is_neither_a_key_nor_an_action(tmp_path: Path) -> None:
+    source = stored(tmp_path / "demo.hdf5", [(walk(4, 0), [0, 0, 0, 1])])
+    add(source, **{"obs/camera/depth": [0] * 4})
+    assert len(load(source, REACH).episodes) == 1
+    with pytest.raises(Error, match="episode demo_0: actions: expected `obs`, found none"):
+        load(source, REACH, keys=["hand", "cube"], actions=["obs"])

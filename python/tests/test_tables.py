@@ -79,7 +79,11 @@ def test_a_grid_is_read_from_an_archive(tmp_path: Path) -> None:
     [
         ({"states": np.zeros((4, 3)), "episode_ends": [3, 2]}, "episode_ends: expected rows that grow"),
         ({"states": np.zeros((4, 3)), "episode_ends": [5]}, "expected arrays of 5 rows"),
-        ({"states": np.zeros((2, 4, 3)), "lengths": [5, 4]}, "lengths: expected 2 numbers up to 4"),
+        ({"states": np.zeros((2, 4, 3)), "lengths": [4]}, "lengths: expected 2 numbers, found 1"),
+        (
+            {"states": np.zeros((2, 4, 3)), "lengths": [4, 5]},
+            "episode 1: lengths: expected a number from 1 to 4, found 5",
+        ),
         ({"states": np.array(["a"])}, "expected arrays of numbers, found none"),
         ({"states": np.zeros((0, 4, 3))}, "expected at least one episode that reaches the goal, found no"),
     ],
@@ -89,6 +93,14 @@ def test_arrays_that_do_not_fit_together_are_refused(
 ) -> None:
     with pytest.raises(Error, match=expected):
         load(saved(tmp_path, **arrays), REACH, success="all")
+
+
+@pytest.mark.parametrize("success", [None, "all"])
+@pytest.mark.parametrize("length", [0, -1])
+def test_an_episode_without_observations_is_refused(tmp_path: Path, success: str | None, length: int) -> None:
+    source = saved(tmp_path, states=np.zeros((3, 5, 3)), success=[0, 1, 0], lengths=[5, length, 3])
+    with pytest.raises(Error, match=f"episode 1: lengths: expected a number from 1 to 5, found {length}"):
+        load(source, REACH, success=success)
 
 
 def test_no_demonstration_at_all_is_not_asked_for(tmp_path: Path) -> None:
@@ -141,7 +153,8 @@ def test_without_keys_every_column_of_numbers_but_success_is_taken(tmp_path: Pat
     ("lines", "expected"),
     [
         (["x,y,z", "1,2,3"], "expected a column episode or episode_id or episode_index, found x, y, z"),
-        (["episode,x,y,z", "0,1,2,3", "0,1,2"], "row 2: expected 4 columns, found 3"),
+        (["episode,x,y,z", "0,1,2,3", "0,1,2"], "line 3: expected 4 columns, found 3"),
+        (["episode,x,y,z", "", '0,"1', '",2,3', "", "0,1,2"], "line 6: expected 4 columns, found 3"),
         (["episode,x,x,z", "0,1,2,3"], "expected columns of differing names, found episode, x, x, z"),
         (["episode,x,y,z"], "expected rows below the header, found none"),
         (

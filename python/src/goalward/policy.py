@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from goalward.arrays import checked_array, checked_choices, require
 from goalward.error import Error, expecting
 from goalward.packages import optional
 from goalward.scale import scaled
-from goalward.task import Discrete, Task, Vector
+from goalward.task import Cells, Discrete, Task, Vector
 from goalward.toml import tomllib
 
 
@@ -57,13 +58,17 @@ class Policy:
             observation.
 
         Raises:
-            Error: if the shape is not that of the task's observations.
+            Error: if the observations do not have the task's shape, or are not numbers; in cells, classes.
         """
-        shape = self.task.observation.shape
-        kind = np.float32 if len(shape) == 1 else np.uint8
-        rows = np.asarray(observations, dtype=kind)
-        if rows.shape[-len(shape) :] != shape or rows.ndim - len(shape) not in (0, 1):
-            raise Error(f"observations: expected shape {shape} or rows of it, found {rows.shape}")
+        spec, where, what = self.task.observation, str(self.path), "observations"
+        shape = spec.shape
+        rows = checked_array(observations, where, what)
+        fits = rows.shape[-len(shape) :] == shape and rows.ndim - len(shape) in (0, 1)
+        require(fits, where, what, f"shape {shape} or rows of it", rows.shape)
+        if isinstance(spec, Cells):
+            rows = checked_choices(rows, rows.shape, spec.classes, where, what)
+        else:
+            rows = rows.astype(np.float32)
         outputs = self._outputs(rows.reshape(-1, *shape))
         actions = outputs["action"] if rng is None else self._sample(outputs, rng)
         return actions[0] if rows.ndim == len(shape) else actions

@@ -51,16 +51,17 @@ def _table(source: Path) -> tuple[list[str], list[list[str]]]:
         expecting(f"{source}: expected a CSV file", OSError, ValueError, csv.Error),
         source.open(newline="", encoding="utf-8-sig") as file,
     ):
-        names, *rows = list(csv.reader(file)) or [[]]
+        reader = csv.reader(file)
+        names = next(reader, [])
+        lines = [(reader.line_num, row) for row in reader if row]
     if len(set(names)) < len(names):
         raise Error(f"{source}: expected columns of differing names, found {', '.join(names)}")
-    rows = [row for row in rows if row]
-    for number, row in enumerate(rows):
+    for line, row in lines:
         if len(row) != len(names):
-            raise Error(f"{source}: row {number + 1}: expected {len(names)} columns, found {len(row)}")
-    if not rows:
+            raise Error(f"{source}: line {line}: expected {len(names)} columns, found {len(row)}")
+    if not lines:
         raise Error(f"{source}: expected rows below the header, found none")
-    return names, rows
+    return names, [row for _, row in lines]
 
 
 def _numbers(texts: Sequence[str]) -> Array | None:

@@ -26,13 +26,13 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the folder of the data set, such as `~/.minari/datasets/D4RL/door/human-v2`, or its `data`.
-        wanted: not used, because the observation space determines the keys.
+        wanted: whether actions are wanted; the spaces determine all keys.
 
     Raises:
-        Error: if the data set is damaged, or minari is not installed.
+        Error: if the data set is damaged, its actions do not fit their space, or minari is not installed.
     """
-    for episode, *of_data in _episodes(source):
-        yield _recording(episode, *of_data)
+    for episode, observed, acted in _episodes(source):
+        yield _recording(episode, observed, acted, wanted)
 
 
 def _episodes(source: Path) -> Iterator[tuple[Any, Any, Any]]:
@@ -47,12 +47,14 @@ def _episodes(source: Path) -> Iterator[tuple[Any, Any, Any]]:
             yield episode, data.observation_space, data.action_space
 
 
-def _recording(episode: Any, observed: Any, acted: Any) -> Recording:
+def _recording(episode: Any, observed: Any, acted: Any, wanted: Wanted) -> Recording:
     signals = {f"infos/{key}": array for key, array in _leaves(episode.infos or {})}
     signals |= {"terminations": episode.terminations, "rewards": episode.rewards}
     numeric = {key: np.asarray(array) for key, array in signals.items() if is_numeric(np.asarray(array))}
     observations = dict(_parts(observed, episode.observations, ""))
-    return Recording(str(episode.id), observations, numeric, _actions(acted, episode.actions))
+    with expecting(f"episode {episode.id}: {ACTIONS}: expected those of the action space", ValueError):
+        actions = _actions(acted, episode.actions) if wanted.actions else {}
+    return Recording(str(episode.id), observations, numeric, actions)
 
 
 def _actions(space: Any, values: Any) -> dict[str, Array]:
@@ -61,8 +63,12 @@ def _actions(space: Any, values: Any) -> dict[str, Array]:
     if isinstance(space, spaces.Discrete):
         return {ACTIONS: np.asarray(values) - int(space.start)}
     if isinstance(space, spaces.Box) and space.is_bounded():
-        low, high = space.low.astype(np.float64), space.high.astype(np.float64)
-        return {ACTIONS: 2 * (np.asarray(values) - low) / (high - low) - 1}
+        from goalward.spaces import actions_of
+
+        # All rows are one action of a space with the bounds of each.
+        rows = optional("gymnasium.vector.utils", "minari").batch_space(space, len(values))
+        numbers = np.frombuffer(actions_of(rows).encode(values), "<f4")
+        return {ACTIONS: numbers.reshape(len(values), int(np.prod(space.shape)))}
     return {}
 
 

@@ -73,15 +73,18 @@ def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | No
         raise Error(f"{source}: expected arrays (episodes, observations, ...) or `{ENDS}`, found neither")
     episodes, rows = _size(stacks, keys)
     lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
-    if len(lengths) != episodes or (lengths > rows).any() or (lengths < 0).any():
-        found = lengths.tolist()[:10]
-        raise Error(f"{source}: {LENGTHS}: expected {episodes} numbers up to {rows}, found {found}")
+    if len(lengths) != episodes:
+        raise Error(f"{source}: {LENGTHS}: expected {episodes} numbers, found {len(lengths)}")
+    wrong = np.flatnonzero((lengths < 1) | (lengths > rows))
+    if len(wrong):
+        where, found = f"{source}: episode {wrong[0]}: {LENGTHS}", lengths[wrong[0]]
+        raise Error(f"{where}: expected a number from 1 to {rows}, found {found}")
     of_episodes = _signals_of_episodes(arrays, episodes)
     for number, length in enumerate(lengths):
         own = {name: array[number] for name, array in stacks.items() if len(array) == episodes}
         observed = {name: array[:length] for name, array in own.items() if len(array) == rows}
         # An array with one row less has a value for each step.
-        steps = {name: array[: max(length - 1, 0)] for name, array in own.items() if len(array) == rows - 1}
+        steps = {name: array[: length - 1] for name, array in own.items() if len(array) == rows - 1}
         ended = {name: array[number] for name, array in of_episodes.items()}
         signals = _flat(observed) | _flat(steps) | ended
         yield Recording(str(number), observed, signals, observed | steps)

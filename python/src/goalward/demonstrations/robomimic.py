@@ -19,6 +19,7 @@ from goalward.error import Error, expecting
 from goalward.packages import optional
 
 SUCCESS = ("rewards",)
+SIGNALS = ("rewards", "dones")
 MOST_DIMENSIONS = 2  # rows of numbers; images have more dimensions
 
 
@@ -27,7 +28,8 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 
     Args:
         source: the `.hdf5` file.
-        wanted: the observation keys to read; without keys, all that have rows of numbers.
+        wanted: the observation keys to read; without keys, all that have rows of numbers. The signal is one
+            beside `obs`: a value per step, or one of the demonstration.
 
     Raises:
         Error: if the file is damaged or is not a robomimic data set, or h5py is not installed.
@@ -50,14 +52,24 @@ def _recording(name: str, group: Any, wanted: Wanted) -> Recording:
         raise Error(f"episode {name}: expected a group `obs`, found {', '.join(group)}")
     observed, following = group["obs"], group.get("next_obs", {})
     asked = [key for key in observed if wanted.keys is None or key in wanted.keys]
-    rows = [key for key in asked if observed[key].ndim <= MOST_DIMENSIONS and is_numeric(observed[key])]
+    rows = [key for key in asked if _has_numbers(observed[key]) and observed[key].ndim <= MOST_DIMENSIONS]
     has_last = all(key in following for key in rows)
     observations = {key: _with_last(observed[key], following[key] if has_last else None) for key in rows}
-    signals = {key: group[key][()] for key in ("rewards", "dones") if key in group}
+    signals = _signals(group, wanted.signal)
     if not has_last:
-        signals = {key: of_states(signal) for key, signal in signals.items()}
-    actions = {key: group[key][()] for key in wanted.actions if key in group}
+        signals = {key: of_states(told) if told.size > 1 else told for key, told in signals.items()}
+    actions = {key: group[key][()] for key in wanted.actions if key in group and _has_numbers(group[key])}
     return Recording(name, observations, signals, actions)
+
+
+def _signals(group: Any, wanted: str | None) -> dict[str, Array]:
+    # Only what is beside `obs`: a path into it would be of observations, not of steps.
+    found = {name: group[name] for name in group if name in (*SIGNALS, wanted)}
+    return {name: member[()] for name, member in found.items() if _has_numbers(member)}
+
+
+def _has_numbers(member: Any) -> bool:
+    return hasattr(member, "dtype") and is_numeric(member)  # a group has no type
 
 
 def _with_last(observed: Any, following: Any) -> Array:
