@@ -73,6 +73,7 @@ fn run(page: &str, change: impl Fn(String) -> String, begin: &str) {
         command.current_dir(home.path("")).stdin(Stdio::null()).env_remove("RUST_LOG");
         command.env("PATH", path.join(":")).env("GOALWARD_PYTHON", &python);
         command.env("PYTHONPATH", format!("{REPOSITORY}/python/src"));
+        command.env("XDG_STATE_HOME", home.path("state"));
         let output = command.output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
     };

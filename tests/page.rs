@@ -4,8 +4,9 @@
 //! a browser would send.
 #![allow(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
-use std::fs;
+use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
 
 use mcap_log::{Contents, log_files};
@@ -67,14 +68,15 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
 fn train_with_page(run: &TestRun) -> (Child, Page) {
     let mut command = run.program("goalward");
     command.args(["train", "navigation", "--run", "run"]).stderr(Stdio::piped());
+    command.env("XDG_STATE_HOME", run.path("state"));
     for setting in SMALL {
         command.args(["--set", setting]);
     }
     let mut training = command.spawn().unwrap();
     let mut line = String::new();
     BufReader::new(training.stderr.as_mut().unwrap()).read_line(&mut line).unwrap();
-    let address = line.split_once("http://").unwrap().1.trim();
-    (training, Page::at(address.strip_suffix("/#/run/run").unwrap()))
+    let (_, url) = line.trim().split_once("; ").unwrap();
+    (training, Page::at(url.strip_suffix("#/run/run").unwrap()))
 }
 
 #[test]
@@ -153,24 +155,48 @@ fn strangers_are_not_answered() {
     let line = page.refusal(403, &page.question("GET", "/api/runs", "evil.example:7878"));
     assert!(line.contains("own name"), "{line}");
     let host = page.address();
-    let foreign = format!(
-        "GET /api/runs HTTP/1.1\r\nhost: {host}\r\norigin: http://evil.example\r\nconnection: close\r\n\r\n"
-    );
-    page.refusal(403, &foreign);
+    let asked = page.question("GET", "/api/runs", host);
+    let foreign = asked.replacen("\r\n", "\r\norigin: http://evil.example\r\n", 1);
+    let line = page.refusal(403, &foreign);
+    assert!(line.contains("another site"), "{line}");
+    // Another user of this machine, who does not know the token.
+    for path in ["/api/runs", "/api/runs?token=00", "/api/events"] {
+        let line = page.refusal(403, &Page::question_of_a_stranger("GET", path, host));
+        assert!(line.contains("token"), "{line}");
+    }
     // Neither half a request nor noise blocks other clients.
     let _half = page.send("GET /api/runs HTTP/1.1\r\nhost: ");
     let _noise = page.send("\0\0\0\0");
     assert_eq!(page.get("/api/runs").0, 200);
 
     let open = Page::over(&run, &[".", "--host", "0.0.0.0"]);
-    open.refusal(403, &open.question("GET", "/api/runs", "10.0.0.5"));
-    open.refusal(403, &open.question("GET", "/api/runs?token=00", "10.0.0.5"));
+    assert!(!open.address().starts_with("0.0.0.0"), "{}", open.address());
+    for path in ["/api/runs", "/api/runs?token=00"] {
+        open.refusal(403, &Page::question_of_a_stranger("GET", path, "10.0.0.5"));
+    }
     // The page's own files need no token in their address.
     for path in ["/", "/app.js", "/style.css"] {
-        assert_eq!(open.answer(&open.question("GET", path, "10.0.0.5")).0, 200, "{path}");
+        let asked = Page::question_of_a_stranger("GET", path, "10.0.0.5");
+        assert_eq!(open.answer(&asked).0, 200, "{path}");
     }
-    let path = format!("/api/runs?{}", open.query());
-    assert_eq!(open.answer(&open.question("GET", &path, "10.0.0.5")).0, 200);
+    assert_eq!(open.answer(&open.question("GET", "/api/runs", "10.0.0.5")).0, 200);
+}
+
+#[test]
+fn a_page_that_is_started_again_has_the_same_token_unless_others_may_know_it() {
+    let run = TestRun::new(programs!());
+    let known = Page::over(&run, &["."]).query().to_owned();
+    assert_eq!(Page::over(&run, &["."]).query(), known);
+    fs::set_permissions(run.path("state/goalward/page-token"), Permissions::from_mode(0o644))
+        .unwrap();
+    let page = Page::over(&run, &["."]);
+    assert_ne!(page.query(), known);
+    let old = format!("/api/runs?{known}");
+    page.refusal(403, &Page::question_of_a_stranger("GET", &old, page.address()));
+    // It cannot be kept where there is no folder.
+    fs::remove_dir_all(run.path("state")).unwrap();
+    fs::write(run.path("state"), "").unwrap();
+    assert_eq!(Page::over(&run, &["."]).get("/api/runs").0, 200);
 }
 
 #[test]
@@ -181,5 +207,5 @@ fn a_port_that_is_taken_and_a_folder_that_is_none_are_refused() {
     let (well, said) = run.goalward(&["page", ".", "--port", port]);
     assert!(!well && said.contains("--port chooses another port"), "{said}");
     let (well, said) = run.goalward(&["page", "nowhere"]);
-    assert!(!well && said.contains("expected a folder of runs, nowhere"), "{said}");
+    assert!(!well && said.contains("nowhere: expected a folder of runs"), "{said}");
 }

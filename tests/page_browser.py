@@ -37,6 +37,8 @@ PATIENCE_S = 120
 # A run that is requested and does not exist.
 UNKNOWN = "nobody"
 WIDE, PHONE = (1300, 1150), (400, 800)
+# Tabs of one page: more than the six connections that browsers open to a server.
+TABS = 8
 
 
 class Browser:
@@ -49,7 +51,7 @@ class Browser:
     def open(self, place: str) -> None:
         """Opens a route of the page, as if the address had been typed."""
         self.driver.get("about:blank")
-        self.driver.get(f"{self.address}/#/{place}")
+        self.driver.get(f"{self.address}#/{place}")
 
     def find(self, selector: str) -> WebElement:
         """Waits for a visible element and returns it."""
@@ -200,6 +202,24 @@ def cloning_moves_over_its_iterations(page: Browser) -> None:
     assert page.texts(".controls button[aria-pressed=true]") == ["seconds"]
 
 
+def a_tab_that_is_not_seen_takes_no_connection(page: Browser) -> None:
+    """Every one of many tabs shows the runs, and the first is up to date once it is seen again."""
+    page.open("")
+    first = page.driver.current_window_handle
+    for _ in range(TABS):
+        page.driver.switch_to.new_window("tab")
+        page.open("")
+        page.find("tbody tr")
+    page.driver.switch_to.window(first)
+    listed = page.texts("tbody")
+    page.expect("a list that changes", lambda: page.texts("tbody") != listed)
+    assert page.script("return document.getElementById('connection').hidden;")
+    for tab in set(page.driver.window_handles) - {first}:
+        page.driver.switch_to.window(tab)
+        page.driver.close()
+    page.driver.switch_to.window(first)
+
+
 def a_stopped_and_a_killed_learner_show(page: Browser) -> None:
     """The table of processes shows that the learner is stopped; once it is killed, there is another one."""
     page.open("run/run")
@@ -328,12 +348,20 @@ def demonstrations_are_browsed(page: Browser) -> None:
 
 
 def damage_is_told(page: Browser) -> None:
-    """A log without its end shows what is left, and says so; unknown routes are handled."""
+    """A log without its end shows what is left, and says so; unknown routes and refused words are handled."""
     page.open("episodes/damaged")
     page.says(".trouble", "cut off")
     assert len(page.all(".long tbody tr")) > 5
     page.open(f"episodes/{UNKNOWN}")
     page.says(".trouble", f"no run is called {UNKNOWN}")
+    refused = page.script(
+        """
+        const api = await import(new URL("./api.js", document.baseURI).href);
+        return api.episode(arguments[0], "log", "x").catch((error) => error.message);
+        """,
+        UNKNOWN,
+    )
+    assert "Invalid URL" in refused, refused
     page.open("run/50%")
     page.says("h1", "Runs")
 
@@ -373,6 +401,7 @@ def main() -> None:
             curves_move_while_a_run_trains(page)
             the_keyboard_stays_where_it_is(page)
             the_authors_curve_is_marked(page)
+            a_tab_that_is_not_seen_takes_no_connection(page)
             a_stopped_and_a_killed_learner_show(page)
             return
         for run in ["navigation", "fetch-pick", "fetch-push", "ant-reach"]:

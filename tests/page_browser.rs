@@ -51,7 +51,7 @@ fn people_see_runs_curves_and_episodes() {
     let see = |part: &str| {
         let mut script = Command::new(&python);
         script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/page_browser.py"));
-        script.arg(format!("http://{}", page.address())).arg(part);
+        script.arg(page.url()).arg(part);
         if let Ok(folder) = std::env::var("GOALWARD_PICTURES") {
             script.args(["--pictures", &folder]);
         }

@@ -9,6 +9,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use anyhow::{Context, Result};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, PercentEncode, utf8_percent_encode};
 
 /// Longest time that the page may take to print its address.
@@ -30,26 +31,34 @@ pub(crate) struct CompanionPage {
 }
 
 impl CompanionPage {
-    /// Starts a page for the run at `run`. Returns `None` if that fails; training goes on without a page.
-    pub(crate) fn start(run: &Path) -> Option<CompanionPage> {
-        let run = run.canonicalize().ok()?;
-        let mut command = Command::new(std::env::current_exe().ok()?);
-        command.args(["page", "--beside-training"]).arg(run.parent()?);
+    /// Starts a page for the run at `run`.
+    ///
+    /// # Errors
+    /// When the program cannot be started, or does not print its address in time. Training goes on without a page.
+    pub(crate) fn start(run: &Path) -> Result<CompanionPage> {
+        let run = run.canonicalize()?;
+        let (folder, name) = run.parent().zip(run.file_name()).context("expected a folder")?;
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["page", "--beside-training"]).arg(folder);
         // The page has a process group of its own, so that Ctrl-C reaches the training alone.
         command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let mut page = command.spawn().ok()?;
-        let mut lines = BufReader::new(page.stdout.take()?).lines();
+        let mut page = CompanionPage { page: command.spawn()?, address: String::new() };
+        let printed = page.printed();
+        let address = printed.with_context(|| {
+            format!("expected its address within {} s, found none", PATIENCE.as_secs())
+        })?;
+        page.address = address_of_run(&address, &name.to_string_lossy());
+        Ok(page)
+    }
+
+    /// Waits for the address that the page prints; `None` if it ends before that or takes too long.
+    fn printed(&mut self) -> Option<String> {
+        let mut lines = BufReader::new(self.page.stdout.take()?).lines();
         let (told, first) = mpsc::sync_channel(1);
         let listening = thread::Builder::new().name("page".to_owned());
         listening.spawn(move || told.send(lines.next())).ok()?;
-        let Ok(Some(Ok(line))) = first.recv_timeout(PATIENCE) else {
-            page.kill().ok();
-            page.wait().ok();
-            return None;
-        };
-        let address = line.split_whitespace().next()?;
-        let name = run.file_name()?.to_string_lossy();
-        Some(CompanionPage { page, address: format!("{address}/#/run/{}", encoded(&name)) })
+        let line = first.recv_timeout(PATIENCE).ok()??.ok()?;
+        line.split_whitespace().next().map(str::to_owned)
     }
 
     /// Returns the address at which a browser finds the run.
@@ -71,6 +80,11 @@ impl Drop for CompanionPage {
     }
 }
 
+/// Returns the address of a run on a page. What names the run comes behind the query, which has the token.
+fn address_of_run(page: &str, name: &str) -> String {
+    format!("{page}#/run/{}", encoded(name))
+}
+
 /// Percent-encodes a name for an address.
 fn encoded(name: &str) -> PercentEncode<'_> {
     utf8_percent_encode(name, ENCODED)
@@ -84,5 +98,15 @@ mod tests {
     fn names_are_encoded_as_a_browser_reads_them() {
         assert_eq!(encoded("navigation-0001_a.b~c").to_string(), "navigation-0001_a.b~c");
         assert_eq!(encoded("50% of a/b,#é").to_string(), "50%25%20of%20a%2Fb%2C%23%C3%A9");
+        let address = address_of_run("http://127.0.0.1:7878/?token=abc", "a b");
+        assert_eq!(address, "http://127.0.0.1:7878/?token=abc#/run/a%20b");
+    }
+
+    #[test]
+    fn a_page_that_does_not_start_says_so() {
+        // The program of this test has no verb `page` and ends with a refusal.
+        let directory = tempfile::tempdir().unwrap();
+        let refused = CompanionPage::start(directory.path()).err().unwrap().to_string();
+        assert_eq!(refused, "expected its address within 2 s, found none");
     }
 }

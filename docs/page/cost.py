@@ -9,7 +9,6 @@ that other load on the machine affects both.
 
 import json
 import random
-import re
 import signal
 import statistics
 import subprocess
@@ -34,18 +33,19 @@ EDGE_S = 0.3
 class Client(threading.Thread):
     """Reads a page as a browser does: new curves at every event, the processes every two seconds."""
 
-    def __init__(self, address, run, open_):
+    def __init__(self, url, run, open_):
         super().__init__(daemon=True)
-        self.api, self.run_, self.open_ = (
-            f"{address}/api",
-            urllib.parse.quote(run),
-            open_,
-        )
+        self.url, self.run_, self.open_ = url, urllib.parse.quote(run), open_
         self.updates = 0
+
+    def address(self, path):
+        """Returns the address of something of the page's API, with the token that the page printed."""
+        mark = "&" if "?" in path else "?"
+        return f"{self.url.scheme}://{self.url.netloc}/api/{path}{mark}{self.url.query}"
 
     def get(self, path):
         """Returns the JSON response of the page."""
-        with urllib.request.urlopen(f"{self.api}/{path}", timeout=60) as answer:
+        with urllib.request.urlopen(self.address(path), timeout=60) as answer:
             return json.load(answer)
 
     def run(self):
@@ -54,7 +54,7 @@ class Client(threading.Thread):
         self.get(f"runs/{self.run_}")
         while True:
             self.open_.wait()
-            with urllib.request.urlopen(f"{self.api}/events", timeout=60) as events:
+            with urllib.request.urlopen(self.address("events"), timeout=60) as events:
                 looked = 0.0
                 for line in events:
                     if not self.open_.is_set():
@@ -104,12 +104,12 @@ def main(goalward, minutes):
             stdout=subprocess.PIPE,
             text=True,
         )
-        address = re.search(r"http://[^\s/]+", page.stdout.readline()).group()
+        url = urllib.parse.urlsplit(page.stdout.readline().split()[0])
         while not (run / "checkpoints").is_dir() or not any((run / "checkpoints").glob("0*")):
             time.sleep(0.5)
         open_ = threading.Event()
         for _ in range(CLIENTS):
-            Client(address, run.name, open_).start()
+            Client(url, run.name, open_).start()
         windows = []
         until = time.time() + minutes * 60
         while time.time() < until:

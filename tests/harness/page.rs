@@ -18,21 +18,28 @@ pub struct Page {
 }
 
 impl Page {
-    /// Starts a page from the test's folder, with these arguments.
+    /// Starts a page from the test's folder, with these arguments. Its token is kept in that folder, too.
     pub fn over(run: &TestRun, arguments: &[&str]) -> Page {
         let mut command = run.program("goalward");
-        command.arg("page").args(arguments).args(["--port", "0"]).stdout(Stdio::piped());
+        command.env("XDG_STATE_HOME", run.path("state")).stdout(Stdio::piped());
+        command.arg("page").args(arguments).args(["--port", "0"]);
         let mut server = command.spawn().unwrap();
         let mut line = String::new();
         BufReader::new(server.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let address = line.split_whitespace().next().unwrap().strip_prefix("http://").unwrap();
-        let (address, query) = address.split_once("/?").unwrap_or((address, ""));
-        Page { server: Some(server), address: address.to_owned(), query: query.to_owned() }
+        let mut page = Page::at(line.split_whitespace().next().unwrap());
+        page.server = Some(server);
+        page
     }
 
-    /// Returns the page at an address, which somebody else has started.
-    pub fn at(address: &str) -> Page {
-        Page { server: None, address: address.to_owned(), query: String::new() }
+    /// Returns the page at a URL, which somebody else has started.
+    pub fn at(url: &str) -> Page {
+        let (address, query) = url.strip_prefix("http://").unwrap().split_once("/?").unwrap();
+        Page { server: None, address: address.to_owned(), query: query.to_owned() }
+    }
+
+    /// The page's URL, with its token.
+    pub fn url(&self) -> String {
+        format!("http://{}/?{}", self.address, self.query)
     }
 
     /// Whether the page accepts connections.
@@ -45,13 +52,19 @@ impl Page {
         &self.address
     }
 
-    /// The query string of the page's address.
+    /// The query string of the page's URL, which has the token.
     pub fn query(&self) -> &str {
         &self.query
     }
 
-    /// Returns an HTTP request as a browser sends it.
+    /// Returns an HTTP request as a browser sends it that has opened the page's URL.
     pub fn question(&self, method: &str, path: &str, host: &str) -> String {
+        let sign = if path.contains('?') { '&' } else { '?' };
+        Page::question_of_a_stranger(method, &format!("{path}{sign}{}", self.query), host)
+    }
+
+    /// Returns an HTTP request as a browser sends it that does not know the token.
+    pub fn question_of_a_stranger(method: &str, path: &str, host: &str) -> String {
         format!("{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\n\r\n")
     }
 

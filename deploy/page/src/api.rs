@@ -132,21 +132,42 @@ struct Model {
     checkpoint: Option<u64>,
 }
 
+impl Model {
+    /// Returns the checkpoint.
+    ///
+    /// # Errors
+    /// When the run has no such checkpoint.
+    fn of(self, asked: &Asked) -> Result<Option<u64>, Refused> {
+        match self.checkpoint {
+            Some(number) if !asked.has_checkpoint(number) => {
+                Err(Refused::unknown(format!("there is no checkpoint {number}")))
+            }
+            checkpoint => Ok(checkpoint),
+        }
+    }
+}
+
 async fn proximity(
     State(pages): Shared,
     Path((id, collection, row)): Path<(String, String, usize)>,
-    Query(Model { checkpoint }): Query<Model>,
+    Query(model): Query<Model>,
 ) -> Answer {
-    let ask = move |runs: &Runs, asked: Asked| json(&runs.shown.proximity(&asked, checkpoint)?);
+    let ask = move |runs: &Runs, asked: Asked| {
+        let checkpoint = model.of(&asked)?;
+        json(&runs.shown.proximity(&asked, checkpoint)?)
+    };
     of_episode(pages, id, collection, row, ask).await
 }
 
 async fn grid(
     State(pages): Shared,
     Path((id, collection, row)): Path<(String, String, usize)>,
-    Query(Model { checkpoint }): Query<Model>,
+    Query(model): Query<Model>,
 ) -> Answer {
-    let ask = move |runs: &Runs, asked: Asked| json(&runs.shown.grid(&asked, checkpoint)?);
+    let ask = move |runs: &Runs, asked: Asked| {
+        let checkpoint = model.of(&asked)?;
+        json(&runs.shown.grid(&asked, checkpoint)?)
+    };
     of_episode(pages, id, collection, row, ask).await
 }
 
@@ -173,7 +194,8 @@ async fn reward(
             runs.folder(&name).ok_or_else(unknown)
         };
         let model = model.map(found).transpose()?;
-        json(&runs.shown.score(&asked, model.as_ref(), changes)?)
+        let score = runs.shown.score(&asked, model.as_ref(), changes);
+        json(&score.map_err(Refused::of_settings)?)
     };
     of_episode(pages, id, collection, row, ask).await
 }

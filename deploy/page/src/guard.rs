@@ -1,5 +1,6 @@
-//! Admits requests by browsers on this machine or, if the page listens on another address, those with the token.
-//! Requests by other sites in the same browser are refused, whatever name they use for this address (DNS rebinding).
+//! Admits requests with the token, so that no other user of the machine is answered. A page that listens on a loopback
+//! address admits only those to this machine's own names. Requests by other sites in the same browser are refused,
+//! whatever name they use for this address (DNS rebinding).
 
 use std::net::IpAddr;
 
@@ -10,8 +11,8 @@ use axum::http::{HeaderMap, Uri, header};
 pub(crate) struct Guard {
     /// The address that the page listens on.
     pub(crate) host: IpAddr,
-    /// The token that requests about runs need. Without one, only requests to this machine's own names are admitted.
-    pub(crate) token: Option<String>,
+    /// The token that requests about runs need.
+    pub(crate) token: String,
 }
 
 /// Prefix of the paths of requests about runs. Only these need the token: a browser requests the page's files without
@@ -29,16 +30,15 @@ impl Guard {
     pub(crate) fn admit(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), String> {
         let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(header::HOST).unwrap_or_default();
-        if let Some(token) = &self.token {
-            let is_given = given_token(uri).is_some_and(|given| is_same(given, token));
-            if uri.path().starts_with(OF_RUNS) && !is_given {
-                return Err(
-                    "expected the token of the address that goalward page printed".to_owned()
-                );
-            }
-        } else if !self.is_own(without_port(host)) {
+        if self.host.is_loopback() && !self.is_own(without_port(host)) {
             return Err(
                 "expected this machine's own name in the address, such as 127.0.0.1".to_owned()
+            );
+        }
+        let is_given = given_token(uri).is_some_and(|given| is_same(given, &self.token));
+        if uri.path().starts_with(OF_RUNS) && !is_given {
+            return Err(
+                "expected the token of the address that goalward printed: its ?token=…".to_owned()
             );
         }
         let own = |origin: &str| origin.split_once("://").is_some_and(|(_, name)| name == host);
@@ -84,66 +84,63 @@ fn without_port(host: &str) -> &str {
 mod tests {
     use super::*;
 
-    fn admitted(token: Option<&str>, path: &str, headers: &[(&'static str, &str)]) -> bool {
-        admitted_at("127.0.0.1", token, path, headers)
-    }
+    /// The address that a page listens on unless another is named.
+    const HERE: &str = "127.0.0.1";
 
-    fn admitted_at(
-        host: &str,
-        token: Option<&str>,
-        path: &str,
-        headers: &[(&'static str, &str)],
-    ) -> bool {
+    /// Whether a page that listens on `listens` admits a request.
+    fn admitted(listens: &str, path: &str, headers: &[(&'static str, &str)]) -> bool {
         let headers = headers
             .iter()
             .map(|(name, value)| (header::HeaderName::from_static(name), value.parse().unwrap()));
-        let guard = Guard { host: host.parse().unwrap(), token: token.map(str::to_owned) };
+        let guard = Guard { host: listens.parse().unwrap(), token: "abc".to_owned() };
         guard.admit(&path.parse().unwrap(), &headers.collect()).is_ok()
     }
 
     #[test]
     fn this_machine_is_answered_by_its_own_names_alone() {
         for host in ["127.0.0.1:7878", "localhost:7878", "[::1]:7878", "localhost"] {
-            assert!(admitted(None, "/", &[("host", host)]), "{host}");
+            assert!(admitted(HERE, "/", &[("host", host)]), "{host}");
         }
         for host in ["evil.example:7878", "127.0.0.1.evil.example", "", "[::2]:7878", "::1"] {
-            assert!(!admitted(None, "/", &[("host", host)]), "{host}");
+            assert!(!admitted(HERE, "/", &[("host", host)]), "{host}");
         }
-        assert!(!admitted(None, "/", &[]));
+        assert!(!admitted(HERE, "/", &[]));
     }
 
     #[test]
     fn the_address_it_listens_on_is_a_name_of_its_own() {
-        let asked = |host, name| admitted_at(host, None, "/api/runs", &[("host", name)]);
+        let asked = |listens, name| admitted(listens, "/api/runs?token=abc", &[("host", name)]);
         assert!(asked("127.0.0.2", "127.0.0.2:7878") && asked("127.0.0.2", "localhost:7878"));
-        assert!(!asked("127.0.0.2", "127.0.0.3:7878") && !asked("127.0.0.1", "127.0.0.2:7878"));
+        assert!(!asked("127.0.0.2", "127.0.0.3:7878") && !asked(HERE, "127.0.0.2:7878"));
     }
 
     #[test]
-    fn a_token_is_asked_for_where_there_is_one() {
-        let host = ("host", "10.0.0.5:7878");
-        assert!(admitted(Some("abc"), "/api/runs?token=abc", &[host]));
-        assert!(admitted(Some("abc"), "/api/runs?from=3&token=abc", &[host]));
-        for query in ["", "?token=", "?token=abd", "?token=abcd", "?nottoken=abc"] {
-            assert!(!admitted(Some("abc"), &format!("/api/runs{query}"), &[host]), "{query}");
-        }
-        for path in ["/", "/?token=abc", "/app.js", "/style.css"] {
-            assert!(admitted(Some("abc"), path, &[host]), "{path}");
-            let foreign = ("origin", "http://evil.example");
-            assert!(!admitted(Some("abc"), path, &[host, foreign]), "{path}");
+    fn a_token_is_asked_for_on_every_address() {
+        for (listens, name) in [(HERE, "127.0.0.1:7878"), ("0.0.0.0", "10.0.0.5:7878")] {
+            let host = ("host", name);
+            assert!(admitted(listens, "/api/runs?token=abc", &[host]));
+            assert!(admitted(listens, "/api/runs?from=3&token=abc", &[host]));
+            for query in ["", "?token=", "?token=abd", "?token=abcd", "?nottoken=abc"] {
+                assert!(!admitted(listens, &format!("/api/runs{query}"), &[host]), "{query}");
+            }
+            for path in ["/", "/?token=abc", "/app.js", "/style.css"] {
+                assert!(admitted(listens, path, &[host]), "{path}");
+                let foreign = ("origin", "http://evil.example");
+                assert!(!admitted(listens, path, &[host, foreign]), "{path}");
+            }
         }
     }
 
     #[test]
     fn other_sites_are_refused() {
         let host = ("host", "localhost:7878");
-        assert!(admitted(None, "/", &[host, ("origin", "http://localhost:7878")]));
+        assert!(admitted(HERE, "/", &[host, ("origin", "http://localhost:7878")]));
         for origin in ["http://evil.example", "null", "http://localhost:80"] {
-            assert!(!admitted(None, "/", &[host, ("origin", origin)]), "{origin}");
+            assert!(!admitted(HERE, "/", &[host, ("origin", origin)]), "{origin}");
         }
         let site = ("sec-fetch-site", "cross-site");
-        assert!(!admitted(None, "/", &[host, site, ("sec-fetch-mode", "no-cors")]));
-        assert!(admitted(None, "/", &[host, site, ("sec-fetch-mode", "navigate")]));
-        assert!(admitted(None, "/", &[host, ("sec-fetch-site", "same-origin")]));
+        assert!(!admitted(HERE, "/", &[host, site, ("sec-fetch-mode", "no-cors")]));
+        assert!(admitted(HERE, "/", &[host, site, ("sec-fetch-mode", "navigate")]));
+        assert!(admitted(HERE, "/", &[host, ("sec-fetch-site", "same-origin")]));
     }
 }

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `server` | the listener, and what every request and response passes through |
 //! | `guard` | which requests are admitted |
+//! | `token` | the token that requests need |
 //! | `state` | state that all request handlers share |
 //! | `api` | routes and their responses |
 //! | `assets` | the files of the page |
@@ -41,6 +42,7 @@ mod seeds;
 mod server;
 mod shown;
 mod state;
+mod token;
 
 pub use programs::{PagePrograms, Processes, Score};
 pub use server::{Server, Settings};

@@ -1,7 +1,5 @@
 //! The server: its address, the admission of requests, the headers of responses, and events on changes of runs.
 
-use std::fs::File;
-use std::io::Read;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,7 +18,7 @@ use crate::guard::Guard;
 use crate::programs::PagePrograms;
 use crate::runs::Runs;
 use crate::state::{Pages, Refused};
-use crate::{api, assets};
+use crate::{api, assets, token};
 
 /// Interval at which the runs are checked for changes while a browser listens to events.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -37,6 +35,8 @@ pub struct Settings {
     pub host: IpAddr,
     /// The port; 0 takes a free one.
     pub port: u16,
+    /// The name by which other machines find this one.
+    pub name: String,
     /// What starts the programs of runs.
     pub programs: Box<dyn PagePrograms>,
 }
@@ -44,34 +44,32 @@ pub struct Settings {
 /// A page that listens on its port.
 pub struct Server {
     listener: TcpListener,
+    name: String,
     pages: Arc<Pages>,
 }
 
 impl Server {
-    /// Begins to listen. If `host` is not a loopback address, requests about runs need a token.
+    /// Begins to listen. Requests about runs need the token of this user.
     ///
     /// # Errors
-    /// When the port is taken or not permitted.
+    /// When the port is taken or not permitted, or a new token cannot be made.
     pub async fn listen(settings: Settings) -> Result<Server> {
-        let Settings { folders, host, port, programs } = settings;
+        let Settings { folders, host, port, name, programs } = settings;
         let address = SocketAddr::new(host, port);
         let listener = TcpListener::bind(address).await;
         let listener = listener.with_context(|| format!("listening on {address}"))?;
-        let token = (!host.is_loopback()).then(token).transpose()?;
-        let pages = Pages::new(Runs::in_folders(folders, programs), Guard { host, token });
-        Ok(Server { listener, pages: Arc::new(pages) })
+        let guard = Guard { host, token: token::of_user()? };
+        let pages = Pages::new(Runs::in_folders(folders, programs), guard);
+        Ok(Server { listener, name, pages: Arc::new(pages) })
     }
 
-    /// Returns the page's URL, with the token if there is one.
+    /// Returns the page's URL, with the token.
     ///
     /// # Errors
     /// When the system does not report the local address.
     pub fn address(&self) -> Result<String> {
-        let address = self.listener.local_addr()?;
-        Ok(match &self.pages.guard.token {
-            Some(token) => format!("http://{address}/?token={token}"),
-            None => format!("http://{address}"),
-        })
+        let Server { listener, name, pages } = self;
+        Ok(url(listener.local_addr()?, name, &pages.guard.token))
     }
 
     /// Serves requests until the future is dropped.
@@ -79,7 +77,7 @@ impl Server {
     /// # Errors
     /// When the listener or the thread that reads the runs fails.
     pub async fn serve(self) -> Result<()> {
-        let Server { listener, pages } = self;
+        let Server { listener, pages, .. } = self;
         let watching = watch_runs(Arc::clone(&pages));
         let serving = axum::serve(listener, router(pages));
         tokio::select! {
@@ -89,10 +87,13 @@ impl Server {
     }
 }
 
-fn token() -> Result<String> {
-    let mut bytes = [0; 16];
-    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+/// Returns the URL of a page. One that listens on all addresses has the machine's name, which others can open.
+fn url(address: SocketAddr, name: &str, token: &str) -> String {
+    let place = match address.ip() {
+        ip if ip.is_unspecified() => format!("{name}:{}", address.port()),
+        _ => address.to_string(),
+    };
+    format!("http://{place}/?token={token}")
 }
 
 fn router(pages: Arc<Pages>) -> Router {
@@ -143,4 +144,22 @@ async fn with_headers(mut response: Response) -> Response {
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_url_is_one_that_a_browser_opens() {
+        for (address, place) in [
+            ("127.0.0.1:7878", "127.0.0.1:7878"),
+            ("[::1]:7878", "[::1]:7878"),
+            ("0.0.0.0:7878", "here:7878"),
+            ("[::]:7878", "here:7878"),
+        ] {
+            let found = url(address.parse().unwrap(), "here", "abc");
+            assert_eq!(found, format!("http://{place}/?token=abc"));
+        }
+    }
 }

@@ -229,6 +229,11 @@ pub(crate) struct Episode<'a> {
 }
 
 impl Asked {
+    /// Returns whether its run has a checkpoint after this number of iterations.
+    pub(crate) fn has_checkpoint(&self, iteration: u64) -> bool {
+        self.folder.checkpoint_folder(iteration).is_dir()
+    }
+
     /// Returns the episode as a browser gets it.
     pub(crate) fn episode(&self) -> Episode<'_> {
         let Recorded { trajectory, score } = &self.recorded;

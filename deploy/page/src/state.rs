@@ -1,5 +1,6 @@
 //! State that all request handlers share: the runs, the guard, and limits on concurrent work.
 
+use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -7,6 +8,7 @@ use axum::Json;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
+use terminal::refusal::{WRONG_USAGE, exit_code};
 use tokio::sync::{Semaphore, watch};
 
 use crate::guard::Guard;
@@ -86,6 +88,13 @@ impl Refused {
     /// Returns the response for something that does not exist.
     pub(crate) fn unknown(line: impl Into<String>) -> Refused {
         Refused(StatusCode::NOT_FOUND, line.into())
+    }
+
+    /// Returns the response for a failure of what was asked with settings, which may be wrong.
+    pub(crate) fn of_settings(error: anyhow::Error) -> Refused {
+        let is_wrong = exit_code(&error) == ExitCode::from(WRONG_USAGE);
+        let refused = Refused::from(error);
+        if is_wrong { Refused(StatusCode::BAD_REQUEST, refused.1) } else { refused }
     }
 }
 

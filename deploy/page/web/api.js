@@ -9,8 +9,17 @@ function address(path, query = {}) {
 
 async function answered(path, query) {
   const answer = await fetch(address(path, query));
-  if (!answer.ok) throw new Error((await answer.json()).error);
+  if (!answer.ok) throw new Error(reason(await answer.text()) || `status ${answer.status}`);
   return answer;
+}
+
+/** Returns why a request was refused: the server's line, or plain text where a request does not reach its handler. */
+function reason(text) {
+  try {
+    return JSON.parse(text).error;
+  } catch {
+    return text;
+  }
 }
 
 const get = async (path, query) => (await answered(path, query)).json();
@@ -73,21 +82,41 @@ export function reward(name, settings, model) {
   return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) });
 }
 
-/** Calls `onruns` with every new list of runs, and `ontrouble` with what keeps them away, or an empty text. */
+/**
+ * Calls `onruns` with every new list of runs, and `ontrouble` with what keeps them away, or an empty text. A hidden tab
+ * does not listen: browsers open few connections to a server, and another tab may need this one.
+ */
 export function listen(onruns, ontrouble) {
-  const source = new EventSource(address("events"));
-  source.addEventListener("runs", (event) => onruns(JSON.parse(event.data)));
-  source.addEventListener("open", () => ontrouble(""));
-  source.addEventListener("error", () => {
-    if (source.readyState !== EventSource.CLOSED) {
-      ontrouble("The server does not answer. The page reconnects automatically.");
+  let source = null;
+  const open = () => {
+    const own = new EventSource(address("events"));
+    source = own;
+    own.addEventListener("runs", (event) => onruns(JSON.parse(event.data)));
+    own.addEventListener("open", () => ontrouble(""));
+    own.addEventListener("error", () => {
+      if (own.readyState !== EventSource.CLOSED) {
+        ontrouble("The server does not answer. The page reconnects automatically.");
+        return;
+      }
+      // The server has refused. A browser then does not reconnect, and only a plain request says why.
+      const unlessLeft = (act) => (told) => { if (source === own) act(told); };
+      get("runs").then(
+        unlessLeft((list) => { ontrouble(""); onruns(list); }),
+        unlessLeft((error) => ontrouble(`The runs cannot be read: ${error.message}`)),
+      );
+      setTimeout(unlessLeft(open), 2000);
+    });
+  };
+  const follow = () => {
+    if (!document.hidden) {
+      // The server sends the list at once.
+      if (source === null) open();
       return;
     }
-    // The server has refused. A browser then does not reconnect, and only a plain request says why.
-    get("runs").then(
-      (list) => { ontrouble(""); onruns(list); },
-      (error) => ontrouble(`The runs cannot be read: ${error.message}`),
-    );
-    setTimeout(() => listen(onruns, ontrouble), 2000);
-  });
+    source?.close();
+    source = null;
+    ontrouble("");
+  };
+  document.addEventListener("visibilitychange", follow);
+  follow();
 }

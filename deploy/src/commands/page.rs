@@ -17,7 +17,7 @@ use terminal::print::print_line;
 use terminal::refusal::wrong_usage;
 
 use crate::commands::status;
-use crate::listening::resolved;
+use crate::listening::{node_name, resolved};
 use crate::other_reward::OtherReward;
 use crate::programs::Program;
 use crate::supervisor::{Signals, runtime};
@@ -32,8 +32,7 @@ pub(crate) struct Arguments {
     /// Folders of runs, or folders that contain them, such as that of an experiment.
     #[arg(default_value = "runs", value_name = "RUNS")]
     folders: Vec<PathBuf>,
-    /// The address to listen on, or its name. If it is not a loopback address, browsers need the token in the printed
-    /// address.
+    /// The address to listen on, or its name. Browsers need the token in the printed address.
     #[arg(long, default_value = "127.0.0.1", value_parser = own_address)]
     host: IpAddr,
     /// The port; 0 takes a free one.
@@ -62,7 +61,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     runtime()?.block_on(async {
         let listen = |port| {
             let folders = folders.clone();
-            Server::listen(Settings { folders, host, port, programs: Box::new(OfRuns) })
+            let (name, programs) = (node_name(), Box::new(OfRuns));
+            Server::listen(Settings { folders, host, port, name, programs })
         };
         let mut server = listen(port).await;
         if beside_training && server.is_err() {

@@ -54,20 +54,20 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = choices::methods())]
     method: Option<String>,
     /// Seed of every random stream.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     seed: Option<u64>,
     /// Environment steps to train for.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     steps: Option<u64>,
     /// Fraction of the starts and goals that demonstrations may use, above 0 and at most 1.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     coverage: Option<f64>,
     /// Spread of the agent's starts and goals, in the task's own unit: a factor on the ranges of the demonstrations
     /// (fetch-pick, fetch-push), or half the width of the noise on the starting pose (ant-reach).
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     noise: Option<f64>,
     /// Actor processes; their number never changes the result.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     actors: Option<u64>,
     /// Demonstrations to learn from; by default the task's expert records them.
     #[arg(long, value_name = "FILE.mcap")]
@@ -162,7 +162,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let mut lock = plan.lay_out()?;
     listening.keep(&plan.folder)?;
     let place = plan.folder.place()?;
-    let page = if no_page { None } else { CompanionPage::start(plan.folder.path()) };
+    let page = (!no_page).then(|| CompanionPage::start(plan.folder.path()));
     print_start(&plan, page.as_ref());
     remarks.iter().for_each(|remark| print_remark(remark));
 
@@ -284,10 +284,17 @@ fn existing_part(path: &Path) -> PathBuf {
     existing.unwrap_or(Path::new(".")).to_owned()
 }
 
-fn print_start(plan: &Plan, page: Option<&CompanionPage>) {
+fn print_start(plan: &Plan, page: Option<&Result<CompanionPage>>) {
     let line = start_line(plan, if plan.resumed { "continuing" } else { "training" });
-    let page = page.map_or(String::new(), |page| format!("; {}", page.address()));
-    print_remark(&(line + &page));
+    match page {
+        Some(Ok(page)) => print_remark(&format!("{line}; {}", page.address())),
+        Some(Err(why)) => {
+            print_remark(&line);
+            let (goalward, shown) = (programs::own_command(), quoted(plan.folder.path().display()));
+            print_remark(&format!("no page: {why:#}; {goalward} page {shown} serves one"));
+        }
+        None => print_remark(&line),
+    }
 }
 
 fn start_line(plan: &Plan, doing: &str) -> String {
