@@ -1,18 +1,37 @@
 #!/usr/bin/env bash
-# Measures how fast a whole training run is, and where its time goes. Takes about a minute and a half.
+# Measures how fast a whole training run is, and where its time goes.
 #
-#   deploy/bench.sh [TASK] [flags of `goalward train`]    # such as: deploy/bench.sh --preset authors
-#   deploy/bench.sh --methods [TASK] [flags]              # steps per second of every method; some minutes
-#   deploy/bench.sh --to 0.95 [TASK] [flags]              # time to a success rate, for seeds 101 to 105
-#   deploy/bench.sh --memory [TASK] [flags]               # peak memory of all processes of a run together
-#   deploy/bench.sh --costs TASK                          # core-seconds of its runs, in the form of deploy/costs.toml
-#
-# --to takes one of the success rates 0.5, 0.9, 0.95 and 0.98; SEEDS="1 2 3" in the environment selects other seeds.
-#
-# Runs are deleted afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
+#   deploy/bench.sh --preset authors    # --help lists what else it measures
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+
+usage() {
+    cat <<'USAGE'
+Measures how fast a whole training run is, and where its time goes. Takes about a minute and a half.
+
+Usage: deploy/bench.sh [TASK] [flags of `goalward train`]
+       deploy/bench.sh --methods [TASK] [flags]
+       deploy/bench.sh --to RATE [TASK] [flags]
+       deploy/bench.sh --memory [TASK] [flags]
+       deploy/bench.sh --costs TASK
+
+  --methods      steps per second of every method; takes some minutes
+  --to RATE      time to a success rate (0.5, 0.9, 0.95 or 0.98), for seeds 101 to 105;
+                 SEEDS="1 2 3" in the environment selects other seeds
+  --memory       peak memory of all processes of a run together
+  --costs TASK   core-seconds of its runs, in the form of deploy/costs.toml
+
+Runs are deleted afterwards. Costs of single parts: cargo bench -p environments|networks|bus|mcap-log
+USAGE
+}
+
+for argument in "$@"; do
+    case $argument in
+        -h | --help) usage; exit 0 ;;
+    esac
+done
+
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 
@@ -119,5 +138,5 @@ if [ "${1:-}" = --methods ]; then
     done
     exit
 fi
-"$root/deploy/run_local.sh" "$@" --steps 200000 --run "$folder/run" >"$folder/progress.txt"
+"$root/deploy/run_local.sh" "$@" --no-page --steps 200000 --run "$folder/run" >"$folder/progress.txt"
 sed -n '/^  run /,/^  where its actors/p' "$folder/progress.txt"

@@ -3,9 +3,8 @@
 # suspended processes, a slow service, a full disk, damaged checkpoints, repairs, changes of scale, Ctrl-C, power cuts.
 # Names every schedule whose run ends with other weights than the undisturbed run, or leaves something behind.
 #
-#   deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]   # 10 minutes, schedules from 100 on, one at a time
-#   deploy/soak.sh --minutes 0 --seed 117                    # schedule 117 alone
-#   deploy/soak.sh --hosts N [--seed FIRST]   # N schedules of a run on several machines: hosts, gateways, links fail
+#   deploy/soak.sh                           # 10 minutes
+#   deploy/soak.sh --minutes 0 --seed 117    # schedule 117 alone
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
@@ -16,15 +15,31 @@ refuse() {
     exit 2
 }
 
+usage() {
+    cat <<'USAGE'
+Runs short trainings under random schedules of faults, and names every schedule that changed a result.
+
+Usage: deploy/soak.sh [--minutes N] [--seed FIRST] [--jobs N]
+       deploy/soak.sh --hosts N [--seed FIRST]
+
+  --minutes N    begins schedules for N minutes (default: 10); with 0 it plays one
+  --seed FIRST   the first schedule (default: 100)
+  --jobs N       schedules at once (default: 1)
+  --hosts N      plays N schedules of a run on several machines: hosts, gateways and links fail
+USAGE
+}
+
 while [ $# -gt 0 ]; do
-    [[ ${2:-} =~ ^[0-9]+$ ]] || refuse "$1: expected a number, found ${2:-none}"
     case $1 in
-        --minutes) export GOALWARD_SOAK_MINUTES=$2 ;;
-        --seed) export GOALWARD_SOAK_SEED=$2 ;;
-        --jobs) export GOALWARD_SOAK_JOBS=$2 ;;
-        --hosts) export GOALWARD_SOAK_HOSTS=$2 ;;
+        -h | --help) usage; exit 0 ;;
+        --minutes) setting=GOALWARD_SOAK_MINUTES ;;
+        --seed) setting=GOALWARD_SOAK_SEED ;;
+        --jobs) setting=GOALWARD_SOAK_JOBS ;;
+        --hosts) setting=GOALWARD_SOAK_HOSTS ;;
         *) refuse "expected --minutes N, --seed N, --jobs N or --hosts N, found $1" ;;
     esac
+    [[ ${2:-} =~ ^[0-9]+$ ]] || refuse "$1: expected a number, found ${2:-none}"
+    export "$setting=$2"
     shift 2
 done
 test=faults

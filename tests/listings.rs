@@ -123,6 +123,8 @@ fn a_log_is_told_as_figures() {
     let files = json(&run, &["log", "info", "run"]);
     let messages = files[0]["messages"]["/trajectory"].as_u64();
     assert!(messages >= Some(summary.episodes) && files[0]["lost"] == false, "{files}");
+    let (well, said) = run.goalward(&["log", "scene", "run", "99:0", "--out", "scene.mcap"]);
+    assert!(!well && said.contains("run: expected an episode 99:0, found lanes 0 to "), "{said}");
     let (well, said) = run.goalward(&["log", "scene", "run", "0:0", "--out", "scene.mcap"]);
     assert!(!well && said.contains("navigation has no solids to draw"), "{said}");
     assert!(!run.path("scene.mcap").exists());
@@ -186,7 +188,7 @@ fn tasks_and_methods_are_those_that_are_trained() {
 fn a_folder_that_is_none_is_refused() {
     let run = TestRun::new(programs!());
     let (well, said) = run.goalward(&["runs", "nowhere"]);
-    assert!(!well && said.contains("expected a folder of runs, nowhere"), "{said}");
+    assert!(!well && said.contains("nowhere: expected a folder of runs"), "{said}");
 }
 
 #[test]

@@ -108,6 +108,32 @@ fn impossible_numbers() {
 }
 
 #[test]
+fn numbers_that_a_verb_does_not_take() {
+    let run = TestRun::new(programs!());
+    let negative = "expected a whole number that is not negative, found -1";
+    for (arguments, said) in [
+        (&["evaluate", "run", "--seed", "-1"][..], format!("--seed: {negative}")),
+        (&["export", "run", "--checkpoint", "-1"], format!("--checkpoint: {negative}")),
+        (&["evaluate", "run", "--episodes", "0"], "expected a whole number from 1, found 0".into()),
+        (&["scale", "run", "--actors", "65"], "a whole number from 0 to 64, found 65".into()),
+        (&["page", "--port", "-1"], "a whole number from 0 to 65535, found -1".into()),
+    ] {
+        refused(&run, 2, arguments, &[&said]);
+    }
+}
+
+#[test]
+fn a_python_without_the_package() {
+    let run = TestRun::new(programs!());
+    let mut command = run.program("goalward");
+    // No Python, but it fails with a reason, as Python does where a module is missing.
+    let other = command.get_program().to_owned();
+    command.args(["demonstrations", "info", "d.mcap"]).env("GOALWARD_PYTHON", other);
+    let parts = ["the Python package goalward", "unexpected argument '-c' found", "pip install"];
+    refused_command(&run, 2, command, &parts);
+}
+
+#[test]
 fn what_would_be_mistaken() {
     let run = TestRun::new(programs!());
     run.finish(&[]);

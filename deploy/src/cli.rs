@@ -5,7 +5,7 @@ use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
 
 use anyhow::Result;
 use clap::error::{ContextKind, ErrorKind};
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Command, CommandFactory, Parser, Subcommand};
 
 use crate::commands::{
     config, demonstrate, demonstrations, evaluate, experiment, export, join, log, methods, page,
@@ -22,7 +22,7 @@ const EXIT_CODES: &str = "Exit codes: 0 all well, 1 failure, 2 wrong usage, 3 fi
 /// Trains policies from demonstrations without actions, with a learned goal-proximity reward.
 #[derive(Debug, Parser)]
 #[command(name = "goalward", version = protocol::build::version(), max_term_width = 100)]
-#[command(after_help = EXIT_CODES)]
+#[command(after_help = EXIT_CODES, mut_subcommands = with_negative_numbers)]
 struct CommandLine {
     #[command(subcommand)]
     verb: Verb,
@@ -115,26 +115,53 @@ pub(crate) fn run() -> Result<()> {
     }
 }
 
+/// Lets the values of a verb's flags be negative numbers, which clap would take for flags of their own: only then can
+/// [`refusal`] say what was expected.
+fn with_negative_numbers(verb: Command) -> Command {
+    verb.mut_subcommands(with_negative_numbers).mut_args(|argument| {
+        let has_value = !argument.is_positional() && argument.get_action().takes_values();
+        argument.allow_negative_numbers(has_value)
+    })
+}
+
 /// Returns what is wrong with a command line. For numbers, this function says what was expected: clap only has the
-/// message of Rust's parser, which does not.
+/// message of Rust's parser, which does not, or that of a range in its own notation.
 fn refusal(error: &clap::Error) -> String {
     let part = |kind| error.get(kind).map(ToString::to_string);
     let number = error.source().and_then(number_expected);
     match (number, part(ContextKind::InvalidArg), part(ContextKind::InvalidValue)) {
         (Some(number), Some(argument), Some(value)) => {
-            format!("{argument}: expected {number}, found {value}")
+            // Clap adds the name of the value, as in `--steps <STEPS>`.
+            let flag = argument.split_once(' ').map_or(argument.as_str(), |(flag, _)| flag);
+            format!("{flag}: expected {number}, found {value}")
         }
         _ => in_one_line(&error.to_string()),
     }
 }
 
 /// Returns which numbers a failed parser expected; `None` if it does not parse numbers.
-fn number_expected(failed: &(dyn Error + 'static)) -> Option<&'static str> {
+fn number_expected(failed: &(dyn Error + 'static)) -> Option<String> {
     if failed.is::<ParseFloatError>() {
-        return Some("a number");
+        return Some("a number".to_owned());
     }
-    let is_large = *failed.downcast_ref::<ParseIntError>()?.kind() == IntErrorKind::PosOverflow;
-    Some(if is_large { "a smaller number" } else { "a whole number that is not negative" })
+    let Some(unparsed) = failed.downcast_ref::<ParseIntError>() else {
+        return range_expected(&failed.to_string());
+    };
+    let is_large = *unparsed.kind() == IntErrorKind::PosOverflow;
+    let expected =
+        if is_large { "a smaller number" } else { "a whole number that is not negative" };
+    Some(expected.to_owned())
+}
+
+/// Returns which numbers clap expected, from its message about one outside of a range, such as `65 is not in 0..=64`;
+/// `None` for other messages. A range without an end has no `=` there, but the largest number.
+fn range_expected(said: &str) -> Option<String> {
+    let (_, range) = said.split_once(" is not in ")?;
+    let (first, last) = range.split_once("..")?;
+    Some(match last.strip_prefix('=') {
+        Some(last) => format!("a whole number from {first} to {last}"),
+        None => format!("a whole number from {first}"),
+    })
 }
 
 /// Returns clap's message about a wrong command line in one line, with its tips but without the usage.
@@ -246,23 +273,54 @@ mod tests {
                 "train --step 5",
                 "unexpected argument '--step' found; tip: a similar argument exists: '--steps'",
             ),
-            (
-                "train --steps -5",
-                "--steps <STEPS>: expected a whole number that is not negative, found -5",
-            ),
-            (
-                "train --seed one",
-                "--seed <SEED>: expected a whole number that is not negative, found one",
-            ),
+            ("train --steps -5", "--steps: expected a whole number that is not negative, found -5"),
+            ("train --seed one", "--seed: expected a whole number that is not negative, found one"),
             (
                 "train --steps 99999999999999999999",
-                "--steps <STEPS>: expected a smaller number, found 99999999999999999999",
+                "--steps: expected a smaller number, found 99999999999999999999",
             ),
-            ("train --noise wide", "--noise <NOISE>: expected a number, found wide"),
+            ("train --noise wide", "--noise: expected a number, found wide"),
+            ("evaluate r --episodes 0", "--episodes: expected a whole number from 1, found 0"),
+            ("scale r --actors 65", "--actors: expected a whole number from 0 to 64, found 65"),
+            ("page --port -1", "--port: expected a whole number from 0 to 65535, found -1"),
+            (
+                "experiment a.toml --jobs -1",
+                "--jobs: expected a whole number from 1 to 256, found -1",
+            ),
+            ("join --run r --actors 0", "--actors: expected a whole number from 1 to 64, found 0"),
+            (
+                "stop -1",
+                "unexpected argument '-1' found; tip: to pass '-1' as a value, use '-- -1'",
+            ),
         ] {
             let words = ["goalward"].into_iter().chain(line.split(' '));
             let error = CommandLine::try_parse_from(words).unwrap_err();
             assert_eq!(refusal(&error), expected);
+        }
+    }
+
+    #[test]
+    fn a_negative_number_is_the_value_of_any_flag() {
+        for line in [
+            "evaluate r --seed -1",
+            "evaluate r --episodes -1",
+            "evaluate r --checkpoint -1",
+            "export r --checkpoint -1",
+            "replay r --retrain --until -1",
+            "scale r --actors -1",
+            "join --run r --actors -1",
+            "demonstrate navigation --seed -1",
+            "demonstrations import d.npz --task t --out d.mcap --episodes -1",
+        ] {
+            let words = ["goalward"].into_iter().chain(line.split(' '));
+            let error = CommandLine::try_parse_from(words).unwrap_err();
+            let said = refusal(&error);
+            let expected = "expected a whole number that is not negative, found -1";
+            assert!(said.ends_with(expected), "{line}: {said}");
+        }
+        for line in ["replay r --publish --speed -1", "train --noise -0.5"] {
+            let words = ["goalward"].into_iter().chain(line.split(' '));
+            CommandLine::try_parse_from(words).unwrap();
         }
     }
 }

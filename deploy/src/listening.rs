@@ -31,7 +31,7 @@ pub(crate) struct ListenOptions {
     listen: Option<SocketAddr>,
     /// Fraction of other machines' episodes that is re-simulated here; a machine whose episodes differ is expelled. By default
     /// 0.01, or 0 for a task that is not deterministic.
-    #[arg(long, value_name = "SHARE", requires = "listen", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE", requires = "listen")]
     audit: Option<f64>,
 }
 

@@ -14,7 +14,7 @@ pub(crate) fn at(folders: &[PathBuf]) -> Result<Vec<RunFolder>> {
     let mut runs = Vec::new();
     for folder in folders {
         runs.extend(RunFolder::all_at(folder).map_err(|error| {
-            wrong_usage(format!("expected a folder of runs, {}: {error}", folder.display()))
+            wrong_usage(format!("{}: expected a folder of runs: {error}", folder.display()))
         })?);
     }
     Ok(runs)

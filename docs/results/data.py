@@ -159,7 +159,7 @@ def identity(run: Row) -> tuple[Settings, int]:
 
 def weights(run: Row) -> tuple[str, str]:
     """Returns the hashes of a run's final weights."""
-    return run["policy_sha256"], run["proximity_sha256"]
+    return run["policy_sha256"], run["reward_model_sha256"]
 
 
 def rates(runs: list[Row], name: str) -> Seeds:

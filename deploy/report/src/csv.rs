@@ -52,7 +52,7 @@ pub(crate) fn summary(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},method,preset,finished,environment_steps,episodes,iterations,success_rate,\
          evaluation_episodes,evaluation_success_rate,wall_s,processor_s,steps_per_s,policy_sha256,\
-         proximity_sha256"
+         reward_model_sha256"
     );
     for level in LEVELS {
         let percent = level * 100.0;
@@ -189,5 +189,12 @@ mod tests {
         let of_run = RUN.matches(',').count() + ",method,preset,finished".matches(',').count();
         let fields = of_run + UNFINISHED.len() + 3 * LEVELS.len();
         assert_eq!(header.matches(',').count(), fields);
+    }
+
+    #[test]
+    fn the_runs_of_the_results_have_the_columns_of_a_report() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/results/runs.csv");
+        let runs = std::fs::read_to_string(file).unwrap();
+        assert_eq!(runs.lines().next(), summary(&[]).lines().next());
     }
 }

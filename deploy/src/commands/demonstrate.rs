@@ -34,10 +34,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: u64,
     /// Fraction of the starts and goals that demonstrations may use, above 0 and at most 1; by default all of them.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     coverage: Option<f64>,
     /// Spread of the starts and goals, in the task's own unit.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     noise: Option<f64>,
     /// Run whose policy demonstrates; by default the task's own expert does.
     #[arg(long, value_name = "RUN")]

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use run::config::set_by_user;
 
 use crate::output_format::OutputFormat;
-use crate::{destination, programs, tasks};
+use crate::{answer, destination, programs, tasks};
 use terminal::refusal::wrong_usage;
 
 /// Environment variable that names the interpreter that has the package; it is also that of Python environments.
@@ -67,7 +67,7 @@ pub(crate) struct Import {
     #[arg(long, value_parser = ["match", "ignore"])]
     labels: Option<String>,
     /// Takes at most this many episodes.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..), allow_negative_numbers = true)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
 }
 
@@ -133,8 +133,12 @@ fn package(verb: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Resul
     let found = look.args(["-c", &format!("import {MODULE}")]).output();
     let found = found.map_err(|error| wrong_usage(format!("{}: {error}", named("Python as"))))?;
     if !found.status.success() {
-        let missing = named("the Python package goalward in");
-        return Err(wrong_usage(format!("{missing}: `pip install ./python` installs it")));
+        let said = String::from_utf8_lossy(&found.stderr);
+        return Err(wrong_usage(format!(
+            "{}, found {}; `pip install ./python` installs it",
+            named("the Python package goalward in"),
+            answer::last_words(&said).unwrap_or("none")
+        )));
     }
     let mut command = Command::new(&interpreter);
     let status = with(command.args(["-m", MODULE, verb])).status().context("starting Python")?;

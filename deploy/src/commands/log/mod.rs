@@ -209,6 +209,29 @@ fn put_in_place(made: &Path, out: &Path) -> Result<()> {
     Ok(())
 }
 
+/// The lanes of a log, each with its first and its last episode.
+#[derive(Debug, Default)]
+struct Lanes(BTreeMap<u64, [u64; 2]>);
+
+impl Lanes {
+    fn add(&mut self, EpisodeName { lane, episode }: EpisodeName) {
+        let [first, last] = self.0.entry(lane).or_insert([episode; 2]);
+        *first = episode.min(*first);
+        *last = episode.max(*last);
+    }
+
+    /// Says which lanes there are, and which episodes one of them has.
+    fn text(&self, lane: u64) -> String {
+        let ends = self.0.first_key_value().zip(self.0.last_key_value());
+        let Some(((first, _), (last, _))) = ends else { return "none".to_owned() };
+        let lanes = format!("lanes {first} to {last}");
+        match self.0.get(&lane) {
+            Some([first, last]) => format!("{lanes}, lane {lane} with episodes {first} to {last}"),
+            None => lanes,
+        }
+    }
+}
+
 /// The actor's report about scenes.
 #[derive(Debug, Deserialize, Serialize)]
 struct Written {
@@ -219,19 +242,23 @@ struct Written {
 fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, output: OutputFormat) -> Result<()> {
     let task = run.config()?.task;
     let spec = task.spec();
-    let mut found = vec![None; named.len()];
+    let (mut found, mut lanes) = (vec![None; named.len()], Lanes::default());
     for entry in read_contents(&run.log(), Contents::Trajectories).map_err(Refusal::usage)? {
         let Record::Trajectory(bytes) = entry?.record else { continue };
         let trajectory = Trajectory::recorded(bytes, &spec)?;
         let Trajectory { lane, episode, .. } = trajectory;
         let name = EpisodeName { lane, episode };
+        lanes.add(name);
         for (_, place) in named.iter().zip(&mut found).filter(|(wanted, _)| **wanted == name) {
             *place = Some(trajectory.clone());
         }
     }
-    let found = named.iter().zip(found).map(|(EpisodeName { lane, episode }, found)| {
-        let shown = run.path().display();
-        found.ok_or_else(|| wrong_usage(format!("{shown}: expected an episode {lane}:{episode}")))
+    let found = named.iter().zip(found).map(|(&EpisodeName { lane, episode }, found)| {
+        found.ok_or_else(|| {
+            let (shown, there) = (run.path().display(), lanes.text(lane));
+            let wanted = format!("expected an episode {lane}:{episode}, found {there}");
+            wrong_usage(format!("{shown}: {wanted}"))
+        })
     });
     let episodes = found.collect::<Result<Vec<_>>>()?;
     // An existing file stays until there is something in its place.
@@ -294,6 +321,17 @@ fn hold_run(file: &Path) -> Result<Option<Lock>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lanes_are_told_with_the_episodes_of_one() {
+        let mut lanes = Lanes::default();
+        assert_eq!(lanes.text(3), "none");
+        for name in ["3:1", "0:0", "3:0", "31:2", "3:2"] {
+            lanes.add(name.parse().unwrap());
+        }
+        assert_eq!(lanes.text(3), "lanes 0 to 31, lane 3 with episodes 0 to 2");
+        assert_eq!(lanes.text(32), "lanes 0 to 31");
+    }
 
     #[test]
     fn a_run_stands_for_its_files() {
