@@ -33,8 +33,13 @@ fn learn_from(encoded: Encoded, spec: &Spec) {
     assert!(trajectory.observations_to_goal().len().is_multiple_of(one));
     if trajectory.source() != Source::Demonstration {
         assert_eq!(trajectory.actions().len(), steps * spec.action.bytes());
-        let score = Score { rewards: vec![0.5; steps], ..Score::default() };
-        Batch::new(std::slice::from_ref(&encoded), &[score], spec).unwrap();
+        let &Trajectory { iteration, lane, episode, .. } = trajectory;
+        let rewards = vec![0.5; steps];
+        let score = Score { iteration, lane, episode, rewards, ..Score::default() };
+        let another = Score { lane: lane.wrapping_add(1), ..score.clone() };
+        let episodes = std::slice::from_ref(&encoded);
+        Batch::new(episodes, &[score], spec).unwrap();
+        assert!(Batch::new(episodes, &[another], spec).is_err(), "the score of another episode");
     }
     let mut rollout = rollout();
     rollout.receive(encoded.clone()).ok();
