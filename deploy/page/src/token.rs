@@ -1,7 +1,7 @@
 //! The token that requests about runs need. It is kept for the user, so that open browsers reconnect to a page that was
 //! started again.
 
-use std::fs::{self, DirBuilder, File};
+use std::fs::{DirBuilder, File};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -62,7 +62,8 @@ fn read(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     file.read_to_string(&mut text)?;
     let token = text.trim_end();
-    let is_own = found.uid() == fs::metadata("/proc/self")?.uid() && found.mode() & OTHERS == 0;
+    let is_users = found.uid() == rustix::process::geteuid().as_raw();
+    let is_own = is_users && found.mode() & OTHERS == 0;
     let is_token = token.len() == 2 * BYTES && token.bytes().all(|digit| digit.is_ascii_hexdigit());
     if is_own && is_token { Ok(token.to_owned()) } else { Err(ErrorKind::InvalidData.into()) }
 }
@@ -75,7 +76,7 @@ fn random() -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs::Permissions;
+    use std::fs::{self, Permissions};
     use std::os::unix::fs::PermissionsExt;
 
     use super::*;
