@@ -8,6 +8,7 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Stdio};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use bus::BusAddress;
@@ -53,6 +54,30 @@ fn every_stop_of_a_run_has_its_exit_code() {
     training.await_checkpoint(12);
     training.signal(Signal::Interrupt);
     assert_eq!(training.end(), Some(130));
+}
+
+#[test]
+fn signals_in_quick_succession_are_one_request_and_later_ones_hurry() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["steps=4000000"]);
+    training.await_checkpoint(4);
+    let learner = run.process("learner");
+    learner.signal(Signal::Stop);
+    training.signal(Signal::Terminate);
+    training.signal(Signal::Hangup);
+    await_some("the request", PATIENCE, || run.remarks().contains("stopping").then_some(()));
+    learner.signal(Signal::Continue);
+    assert_eq!(training.end(), Some(130));
+    assert!(!run.remarks().contains("killing"), "{}", run.remarks());
+
+    training = run.resume();
+    training.await_checkpoint(8);
+    run.process("learner").signal(Signal::Stop);
+    training.signal(Signal::Terminate);
+    thread::sleep(Duration::from_secs(1));
+    training.signal(Signal::Terminate);
+    assert_eq!(training.end(), Some(130));
+    assert!(run.remarks().contains("killing the learner"), "{}", run.remarks());
 }
 
 #[test]

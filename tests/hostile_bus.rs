@@ -15,7 +15,8 @@ use bytes::Bytes;
 use prost::Message;
 use protocol::ending::Ending;
 use protocol::messages::{
-    ActorSeconds, Ask, Batch, Lease, LeaseReply, LeaseRequest, Progress, Query, ServiceRequest,
+    ActorSeconds, Ask, BatchRequest, Lease, LeaseReply, LeaseRequest, Progress, Query,
+    ServiceRequest,
 };
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::trajectory::{Trajectory, TrajectoryKey};
@@ -142,7 +143,7 @@ impl Intruder {
         let ask = match self.random.random_range(0..3) {
             0 => Ask::Query(Query { observations: Bytes::from(vec![0; 361 * 5_000]) }),
             1 => Ask::Query(Query { observations: Bytes::from(vec![77; 361]) }),
-            _ => Ask::Batch(Batch {
+            _ => Ask::Batch(BatchRequest {
                 iteration: u64::MAX,
                 keys: vec![TrajectoryKey { lane: 1, episode: 2, hash: 3 }; 2],
                 supplied: vec![Bytes::from_static(b"nothing")],

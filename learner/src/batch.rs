@@ -12,7 +12,7 @@ use crate::reward_scale::{EpisodeRewards, RewardScale};
 
 /// The batch of one iteration: rows in batch order, episodes one after another.
 #[derive(Clone, Debug, Default)]
-pub struct Batch {
+pub struct RolloutBatch {
     /// Observations acted on, each of the spec's length in bytes.
     pub observations: Vec<u8>,
     /// Actions taken, each of the spec's length in bytes.
@@ -25,7 +25,7 @@ pub struct Batch {
     pub episodes: Vec<EpisodeRows>,
 }
 
-/// An episode's place in a [`Batch`].
+/// An episode's place in a [`RolloutBatch`].
 #[derive(Clone, Debug)]
 pub struct EpisodeRows {
     /// Number of steps, and so of rows.
@@ -36,19 +36,19 @@ pub struct EpisodeRows {
     pub truncated: bool,
 }
 
-impl Batch {
+impl RolloutBatch {
     /// Lays out trajectories and their scores, which must be in the same order.
     ///
     /// # Errors
     /// When the scores are not those of the trajectories; [`Final`] when a reward is not finite.
-    pub fn new(trajectories: &[Encoded], scores: &[Score], spec: &Spec) -> Result<Batch> {
+    pub fn new(trajectories: &[Encoded], scores: &[Score], spec: &Spec) -> Result<RolloutBatch> {
         ensure!(
             trajectories.len() == scores.len(),
             "expected {} scores, found {}",
             trajectories.len(),
             scores.len()
         );
-        let mut batch = Batch::default();
+        let mut batch = RolloutBatch::default();
         for (encoded, score) in trajectories.iter().zip(scores) {
             let trajectory = &encoded.trajectory;
             let expected = (trajectory.iteration, trajectory.lane, trajectory.episode);

@@ -7,8 +7,8 @@ use bus::{Bus, Client, Doorbell, Pending, Role, SERVICE_NAME};
 use bytes::Bytes;
 use prost::Message;
 use protocol::messages::{
-    Answer, Ask, Batch, Begin, IterationRequest, Pretraining, RewardUpdate, Save, Saved, Score,
-    ServiceReply, ServiceRequest,
+    Answer, Ask, BatchRequest, Begin, IterationRequest, Pretraining, RewardUpdate, Save, Saved,
+    Score, ServiceReply, ServiceRequest,
 };
 use protocol::trajectory::{Encoded, TrajectoryKey};
 use run::process::{Final, Stop};
@@ -79,7 +79,7 @@ impl Scoring {
         let keys: Vec<TrajectoryKey> = trajectories.iter().map(|encoded| encoded.key).collect();
         let mut supplied = Vec::new();
         for _ in 0..2 {
-            let batch = Batch { iteration, keys: keys.clone(), supplied };
+            let batch = BatchRequest { iteration, keys: keys.clone(), supplied };
             let missing = match self.ask(Ask::Batch(batch))? {
                 Answer::Missing(missing) => missing.positions,
                 other => {

@@ -5,7 +5,7 @@
 
 use learner::algorithm::{self, PolicyLearner, Schedule};
 use learner::state::PolicyState;
-use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
+use networks::{ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace};
 use protocol::ending::Ending;
 use protocol::seed::{Purpose, Stream, stream};
 use protocol::task::{floats, write_floats};
@@ -109,7 +109,7 @@ fn modes(config: &RunConfig, policy: &PolicyState, observations: &[u8]) -> Vec<V
     let mut observations = observations.to_vec();
     policy.normalizer.normalize(&mut observations);
     let mut workspace = PolicyWorkspace::default();
-    let outputs = network.act(&prepared, Rows::new(&observations), &mut workspace);
+    let outputs = network.act(&prepared, Batch::new(&observations), &mut workspace);
     let mode = |row: &[f32]| {
         let mut action = vec![0; spec.action.bytes()];
         network.distribution().mode(row, &mut action);

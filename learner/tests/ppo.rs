@@ -3,8 +3,8 @@
 
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
-use learner::batch::{Batch, EpisodeRows};
-use networks::{ActorCritic, Batch as Rows, PolicyArchitecture, PolicyWorkspace};
+use learner::batch::{EpisodeRows, RolloutBatch};
+use networks::{ActorCritic, Batch, PolicyArchitecture, PolicyWorkspace};
 use proptest::prelude::*;
 use protocol::seed::{Purpose, stream};
 use protocol::task::{ActionSpec, ObservationSpec, Spec};
@@ -47,13 +47,13 @@ fn network() -> ActorCritic {
 }
 
 /// Samples a batch from the policy.
-fn batch(network: &ActorCritic, parameters: &[f32], iteration: u64) -> Batch {
+fn batch(network: &ActorCritic, parameters: &[f32], iteration: u64) -> RolloutBatch {
     let mut draws = stream(1, Purpose::TrainingActions, iteration, 0);
     let prepared = network.prepare(parameters);
     let observations = 1.0f32.to_le_bytes().repeat(ROWS);
     let mut workspace = PolicyWorkspace::default();
-    let outputs = network.act(&prepared, Rows::new(&observations), &mut workspace);
-    let mut batch = Batch { observations: observations.clone(), ..Batch::default() };
+    let outputs = network.act(&prepared, Batch::new(&observations), &mut workspace);
+    let mut batch = RolloutBatch { observations: observations.clone(), ..RolloutBatch::default() };
     for row in outputs.as_slice().chunks_exact(outputs.nrows()) {
         let mut action = [0];
         batch.log_probs.push(network.distribution().sample(row, &mut draws, &mut action));

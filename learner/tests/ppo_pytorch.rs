@@ -7,7 +7,7 @@
 
 use learner::algorithm::Schedule;
 use learner::algorithm::ppo::PpoUpdate;
-use learner::batch::{Batch, EpisodeRows};
+use learner::batch::{EpisodeRows, RolloutBatch};
 use networks::{ActorCritic, PolicyArchitecture};
 use protocol::task::{ActionSpec, ObservationSpec, Spec, floats};
 use run::config::PpoConfig;
@@ -37,7 +37,7 @@ impl Case {
         floats(self.bytes(key)).collect()
     }
 
-    fn batch(&self) -> Batch {
+    fn batch(&self) -> RolloutBatch {
         let last = self.bytes("last_observations").chunks_exact(4 * NUMBERS);
         let episodes = self.bytes("steps").iter().zip(self.bytes("cut")).zip(last);
         let episodes = episodes.map(|((&steps, &cut), last)| EpisodeRows {
@@ -45,7 +45,7 @@ impl Case {
             last_observation: last.to_vec(),
             truncated: cut == 1,
         });
-        Batch {
+        RolloutBatch {
             observations: self.bytes("observations").to_vec(),
             actions: self.bytes("actions").to_vec(),
             log_probs: self.numbers("log_probs"),

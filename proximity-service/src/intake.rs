@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, bail, ensure};
 use bytes::Bytes;
-use protocol::messages::{Batch, Missing};
+use protocol::messages::{BatchRequest, Missing};
 use protocol::task::Spec;
 use protocol::trajectory::{Encoded, TrajectoryKey};
 
@@ -44,7 +44,7 @@ impl Intake {
     ///
     /// # Errors
     /// When something supplied is not a trajectory of the task, or not part of the batch.
-    pub(crate) fn take(&mut self, batch: Batch) -> Result<Missing> {
+    pub(crate) fn take(&mut self, batch: BatchRequest) -> Result<Missing> {
         for bytes in batch.supplied {
             let Encoded { key, bytes, .. } = Encoded::decode(bytes, &self.spec)?;
             ensure!(
@@ -112,8 +112,8 @@ mod tests {
         Encoded::encode(Trajectory { episode: number, ..walk(0.0, Source::Training) })
     }
 
-    fn named(iteration: u64, batch: &[&Encoded], supplied: &[&Encoded]) -> Batch {
-        Batch {
+    fn named(iteration: u64, batch: &[&Encoded], supplied: &[&Encoded]) -> BatchRequest {
+        BatchRequest {
             iteration,
             keys: batch.iter().map(|encoded| encoded.key).collect(),
             supplied: supplied.iter().map(|encoded| encoded.bytes.clone()).collect(),

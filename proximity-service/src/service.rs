@@ -311,7 +311,7 @@ fn refusal(error: &anyhow::Error) -> Answer {
 #[cfg(test)]
 mod tests {
     use bus::{BusAddress, TrajectoryHeader};
-    use protocol::messages::{Batch, Missing};
+    use protocol::messages::{BatchRequest, Missing};
     use protocol::trajectory::{Encoded, Source, Trajectory};
     use run::tasks::of_text;
 
@@ -341,7 +341,7 @@ mod tests {
                 let request = ServiceRequest { ask: Some(ask) }.encode_to_vec();
                 service.answer(&request, Some(Role::Learner))
             };
-            let batch = || Ask::Batch(Batch { iteration: 3, ..Batch::default() });
+            let batch = || Ask::Batch(BatchRequest { iteration: 3, ..BatchRequest::default() });
             let message = answer(batch()).unwrap_err().to_string();
             assert!(message.ends_with("found the batch of iteration 3"), "{message}");
             answer(Ask::Begin(Begin::default())).unwrap();

@@ -7,7 +7,7 @@ use protocol::messages::RewardUpdate;
 use protocol::task::{ActionSpec, ObservationSpec, Spec, write_floats};
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::{
-    Discounting, RewardConfig, RewardForm, RewardInput, RewardModel as Model, UpdateOrder,
+    Discounting, RewardConfig, RewardForm, RewardInput, RewardModelKind, UpdateOrder,
 };
 use run::learning_rate::LearningRate;
 
@@ -16,7 +16,7 @@ use crate::model::{Discriminator, GoalProximity, Learned, Objective, Ranking, Re
 /// Returns the paper's reward with small networks.
 pub(crate) fn config() -> RewardConfig {
     RewardConfig {
-        model: Model::named("proximity").unwrap(),
+        model: RewardModelKind::named("proximity").unwrap(),
         input: RewardInput::State,
         form: RewardForm::Difference,
         final_bonus: true,

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use learner::batch::Batch;
+use learner::batch::RolloutBatch;
 use learner::ledger::{LanePlan, LeaseLedger};
 use prost::Message;
 use protocol::messages::{
@@ -38,8 +38,11 @@ fn learn_from(encoded: Encoded, spec: &Spec) {
         let score = Score { iteration, lane, episode, rewards, ..Score::default() };
         let another = Score { lane: lane.wrapping_add(1), ..score.clone() };
         let episodes = std::slice::from_ref(&encoded);
-        Batch::new(episodes, &[score], spec).unwrap();
-        assert!(Batch::new(episodes, &[another], spec).is_err(), "the score of another episode");
+        RolloutBatch::new(episodes, &[score], spec).unwrap();
+        assert!(
+            RolloutBatch::new(episodes, &[another], spec).is_err(),
+            "the score of another episode"
+        );
     }
     let mut rollout = rollout();
     rollout.receive(encoded.clone()).ok();

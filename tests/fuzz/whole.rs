@@ -4,7 +4,7 @@ use bytes::Bytes;
 use prost::Message;
 use protocol::ending::Ending;
 use protocol::messages::{
-    ActorSeconds, Answer, Ask, Batch, Begin, Checkpoint, Estimates, IterationRequest, Lease,
+    ActorSeconds, Answer, Ask, BatchRequest, Begin, Checkpoint, Estimates, IterationRequest, Lease,
     LeaseReply, LeaseRequest, Missing, PolicyUpdate, Pretraining, Progress, Query, RewardUpdate,
     Save, Saved, Score, Scores, ServiceReply, ServiceRequest,
 };
@@ -136,7 +136,7 @@ fn asks(key: TrajectoryKey) -> [Ask; 6] {
     let supplied = vec![trajectory("fetch-push", Source::Training).encode_to_vec().into()];
     [
         Ask::Begin(Begin { iteration: 4, checkpoint: "checkpoints/000004/proximity".to_owned() }),
-        Ask::Batch(Batch { iteration: 3, keys: vec![key; 2], supplied }),
+        Ask::Batch(BatchRequest { iteration: 3, keys: vec![key; 2], supplied }),
         Ask::Score(IterationRequest { iteration: 3 }),
         Ask::Improve(IterationRequest { iteration: 3 }),
         Ask::Save(Save { path: "file".to_owned() }),

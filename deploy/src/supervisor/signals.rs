@@ -1,7 +1,13 @@
 //! The signals that supervision reacts to.
 
+use std::time::{Duration, Instant};
+
 use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
+
+/// A signal this soon after another belongs to the same request: `timeout` sends SIGTERM to its child and to the
+/// child's group, systemd adds SIGHUP to SIGTERM, and a closed terminal signals the shell's jobs besides the group.
+const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// All signals. Each field can be awaited on its own; a signal that arrives in the meantime is kept.
 pub(crate) struct Signals {
@@ -16,6 +22,7 @@ pub(crate) struct StopSignals {
     interrupt: Signal,
     terminate: Signal,
     hangup: Signal,
+    requested: Option<Instant>,
 }
 
 /// See [`Signals::child`].
@@ -30,6 +37,7 @@ impl Signals {
                 interrupt: listen(SignalKind::interrupt())?,
                 terminate: listen(SignalKind::terminate())?,
                 hangup: listen(SignalKind::hangup())?,
+                requested: None,
             },
             child: ChildSignals(listen(SignalKind::child())?),
         })
@@ -37,12 +45,18 @@ impl Signals {
 }
 
 impl StopSignals {
-    /// Returns when the user wants the run to stop.
+    /// Returns when the user wants the run to stop, once for each request.
     pub(crate) async fn next(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
-            _ = self.hangup.recv() => {}
+        loop {
+            tokio::select! {
+                _ = self.interrupt.recv() => {}
+                _ = self.terminate.recv() => {}
+                _ = self.hangup.recv() => {}
+            }
+            if self.requested.is_none_or(|requested| requested.elapsed() > SAME_REQUEST) {
+                self.requested = Some(Instant::now());
+                return;
+            }
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use protocol::Error;
 use protocol::description::Description;
 use protocol::trajectory::{Encoded, Trajectory};
-use run::config::{RewardForm, RewardModel, RunConfig, UpdateOrder};
+use run::config::{RewardForm, RewardModelKind, RunConfig, UpdateOrder};
 use run::tasks::{configuration, of_text};
 
 fn assemble(preset: &str, settings: &[&str]) -> Result<RunConfig, Error> {
@@ -26,7 +26,7 @@ fn a_preset_changes_the_file_and_a_setting_changes_the_preset() {
     assert_eq!((authors.seed, authors.reward.delta), (7, 0.9));
     assert_eq!(authors.reward.order, UpdateOrder::ImproveFirst);
     let other = assemble("goalward", &["method=environment-reward"]).unwrap();
-    assert_eq!(other.reward.model, RewardModel::named("environment").unwrap());
+    assert_eq!(other.reward.model, RewardModelKind::named("environment").unwrap());
     assert!(!other.imitates() && !other.needs_expert_actions());
 }
 

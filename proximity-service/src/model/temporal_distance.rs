@@ -106,10 +106,10 @@ mod tests {
     use crate::tests::{config, learned, pretrained, walk, walk_back};
     use protocol::seed::{self, Purpose};
     use protocol::trajectory::{Encoded, Source};
-    use run::config::{RewardInput, RewardModel as Model};
+    use run::config::{RewardInput, RewardModelKind};
 
     fn transitions() -> RewardConfig {
-        let model = Model::named("temporal-distance").unwrap();
+        let model = RewardModelKind::named("temporal-distance").unwrap();
         RewardConfig { model, input: RewardInput::Transition, uncertainty: 0.0, ..config() }
     }
 

@@ -19,7 +19,7 @@ use crate::advantage::{generalized_advantages, normalize};
 use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 use crate::algorithm::ppo::loss::Row;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule, Setup};
-use crate::batch::Batch;
+use crate::batch::RolloutBatch;
 use crate::reward_scale::RewardScale;
 use crate::state::PolicyState;
 
@@ -48,7 +48,7 @@ impl PolicyLearner for Ppo {
         scores: &[Score],
         schedule: &Schedule,
     ) -> Result<Metrics> {
-        let mut batch = Batch::new(trajectories, scores, &self.spec)?;
+        let mut batch = RolloutBatch::new(trajectories, scores, &self.spec)?;
         let PpoConfig { normalize_rewards, gamma, .. } = self.update.config;
         if normalize_rewards {
             batch.scale_rewards(&mut self.reward_scale, trajectories, gamma);
@@ -115,7 +115,7 @@ impl PpoUpdate {
     pub fn update(
         &mut self,
         parameters: &mut [f32],
-        batch: &Batch,
+        batch: &RolloutBatch,
         schedule: &Schedule,
     ) -> Result<Metrics, Final> {
         // A batch with fewer rows than minibatches has minibatches of one row.
@@ -164,7 +164,7 @@ impl PpoUpdate {
     fn targets(
         &mut self,
         parameters: &[f32],
-        batch: &Batch,
+        batch: &RolloutBatch,
         observations: Observations<'_>,
     ) -> Targets {
         let values = self.trainer.values(parameters, observations);
@@ -199,7 +199,7 @@ struct Loss<'a> {
     spec: &'a Spec,
     config: &'a PpoConfig,
     distribution: Distribution,
-    batch: &'a Batch,
+    batch: &'a RolloutBatch,
     targets: &'a Targets,
     /// One over the number of rows of the minibatch.
     weight: f32,

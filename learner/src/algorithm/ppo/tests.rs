@@ -225,7 +225,7 @@ fn a_cut_episode_is_bootstrapped_with_the_value_of_its_last_state_and_no_other_i
         last_observation: bytes(&[last]),
         truncated,
     };
-    let batch = Batch {
+    let batch = RolloutBatch {
         observations: bytes(&[0.1, 0.2]),
         actions: vec![0, 1],
         log_probs: vec![-0.7; 2],

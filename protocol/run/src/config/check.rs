@@ -7,7 +7,9 @@ use protocol::task::ObservationSpec;
 use protocol::{Error, MAX_ACTORS};
 
 use super::settings::is_infinite;
-use super::{InverseDynamicsConfig, RewardConfig, RewardForm, RewardInput, RewardModel, RunConfig};
+use super::{
+    InverseDynamicsConfig, RewardConfig, RewardForm, RewardInput, RewardModelKind, RunConfig,
+};
 
 /// Largest side of a pooled square: the position of a number in it is kept in a byte.
 const POOL_MOST: usize = 16;
@@ -136,7 +138,7 @@ impl RunConfig {
         let reward = &self.reward;
         let rewards = reward.model.rewards || !self.learner.is_rewarded();
         within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
-        let RewardModel { name, trains, adversarial, inputs, forms, pairs, .. } = *reward.model;
+        let RewardModelKind { name, trains, adversarial, inputs, forms, pairs, .. } = *reward.model;
         let segments = reward.segments;
         within("reward.segments", (1..=1000).contains(&segments), "from 1 to 1000", segments)?;
         if !trains {

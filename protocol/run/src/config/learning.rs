@@ -6,7 +6,7 @@ use protocol::Error;
 use protocol::error::within;
 use protocol::trajectory::Trajectory;
 
-use super::{Discounting, RewardConfig, RewardInput, RewardModel, RunConfig};
+use super::{Discounting, RewardConfig, RewardInput, RewardModelKind, RunConfig};
 
 /// Least label of a state two steps from the goal, and least decrease of labels over an episode.
 const LEAST_LABEL: f64 = 0.01;
@@ -120,7 +120,7 @@ impl RunConfig {
 
     fn check_ensemble(&self) -> Result<(), Error> {
         let reward = &self.reward;
-        let RewardModel { name, online, .. } = *reward.model;
+        let RewardModelKind { name, online, .. } = *reward.model;
         let (samples, kept, epochs) =
             (reward.samples, reward.experience, reward.pretraining_epochs);
         if online {

@@ -43,7 +43,7 @@ pub use parameters::NetworkSize;
 pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
 pub use reward::{
     Discounting, LEAST_SCALED_DEVIATION, REWARD_MODELS, RewardConfig, RewardForm, RewardInput,
-    RewardModel, UpdateOrder,
+    RewardModelKind, UpdateOrder,
 };
 pub(crate) use settings::merged as merged_settings;
 pub use settings::set_by_user;

@@ -13,7 +13,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 #[serde(deny_unknown_fields)]
 pub struct RewardConfig {
     /// The reward model.
-    pub model: &'static RewardModel,
+    pub model: &'static RewardModelKind,
     /// What the model sees of a step.
     pub input: RewardInput,
     /// Form of the reward per step.
@@ -156,7 +156,7 @@ const READ_ONLINE: [&str; 7] = [
 /// A reward model, as far as configurations, demonstrations and estimates need to know it. Only the
 /// proximity service, which has a constructor for each name, knows how it makes rewards.
 #[derive(Debug, PartialEq, Eq)]
-pub struct RewardModel {
+pub struct RewardModelKind {
     /// Its name in a configuration.
     pub name: &'static str,
     /// Whether it gives rewards. The model `none` does not, for policy learners that need no rewards.
@@ -185,7 +185,7 @@ pub struct RewardModel {
 }
 
 /// Values of most models, which train an ensemble on demonstrations.
-const TRAINED: RewardModel = RewardModel {
+const TRAINED: RewardModelKind = RewardModelKind {
     name: "",
     rewards: true,
     imitates: true,
@@ -201,14 +201,14 @@ const TRAINED: RewardModel = RewardModel {
 };
 
 /// Values of models that need no demonstrations and learn nothing.
-const FIXED: RewardModel = RewardModel { imitates: false, trains: false, ..TRAINED };
+const FIXED: RewardModelKind = RewardModelKind { imitates: false, trains: false, ..TRAINED };
 
 /// All reward models.
-pub const REWARD_MODELS: &[RewardModel] = &[
+pub const REWARD_MODELS: &[RewardModelKind] = &[
     // How close a state is to the goal, by regression on the steps to it: the paper's method.
-    RewardModel { name: "proximity", labels: true, ..TRAINED },
+    RewardModelKind { name: "proximity", labels: true, ..TRAINED },
     // Proximity times the probability that the state is the expert's.
-    RewardModel {
+    RewardModelKind {
         name: "proximity-discriminator",
         discriminates: true,
         labels: true,
@@ -216,9 +216,9 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         ..TRAINED
     },
     // How close a state is to the goal, learned from which of two states comes later (Figure 7).
-    RewardModel { name: "ranking", pairs: true, ..TRAINED },
+    RewardModelKind { name: "ranking", pairs: true, ..TRAINED },
     // Whether a state, a transition or a state-action pair is the expert's: GAIfO-s, GAIfO, GAIL.
-    RewardModel {
+    RewardModelKind {
         name: "discriminator",
         adversarial: true,
         inputs: &[
@@ -231,7 +231,7 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         ..TRAINED
     },
     // How much closer to the goal one state is than another, by regression on the steps between them.
-    RewardModel {
+    RewardModelKind {
         name: "temporal-distance",
         labels: true,
         pairs: true,
@@ -241,21 +241,21 @@ pub const REWARD_MODELS: &[RewardModel] = &[
         ..TRAINED
     },
     // How close a state is to the nearest one of the demonstrations.
-    RewardModel {
+    RewardModelKind {
         name: "nearest-state",
         trains: false,
         reads: &["normalize_observations", "segments"],
         ..TRAINED
     },
     // The environment's own reward.
-    RewardModel { name: "environment", ..FIXED },
+    RewardModelKind { name: "environment", ..FIXED },
     // No reward.
-    RewardModel { name: "none", rewards: false, ..FIXED },
+    RewardModelKind { name: "none", rewards: false, ..FIXED },
 ];
 
-impl RewardModel {
+impl RewardModelKind {
     /// Returns the model of this name.
-    pub fn named(name: &str) -> Option<&'static RewardModel> {
+    pub fn named(name: &str) -> Option<&'static RewardModelKind> {
         REWARD_MODELS.iter().find(|model| model.name == name)
     }
 
@@ -299,16 +299,16 @@ impl RewardModel {
     }
 }
 
-impl Serialize for RewardModel {
+impl Serialize for RewardModelKind {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.name)
     }
 }
 
-impl<'de> Deserialize<'de> for &'static RewardModel {
+impl<'de> Deserialize<'de> for &'static RewardModelKind {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
-        RewardModel::named(&name).ok_or_else(|| {
+        RewardModelKind::named(&name).ok_or_else(|| {
             let known: Vec<_> = REWARD_MODELS.iter().map(|model| model.name).collect();
             let found = shortened(&name, FOUND_CHARS);
             D::Error::custom(format!(

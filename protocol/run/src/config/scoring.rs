@@ -10,7 +10,7 @@ use protocol::table::{flat, merge};
 use toml::Value;
 
 use super::settings::{merged, with_likely_key};
-use super::{RewardModel, RunConfig, parse};
+use super::{RewardModelKind, RunConfig, parse};
 
 /// Keys that scoring with a trained ensemble reads.
 const READ: [&str; 4] = ["reward.model", "reward.form", "reward.final_bonus", "reward.uncertainty"];
@@ -41,7 +41,8 @@ impl RunConfig {
         before: &BTreeMap<String, Value>,
     ) -> Result<(), Error> {
         let own = self.reward.model;
-        let wanted = set.get("reward.model").and_then(Value::as_str).and_then(RewardModel::named);
+        let wanted =
+            set.get("reward.model").and_then(Value::as_str).and_then(RewardModelKind::named);
         let model = wanted.unwrap_or(own);
         if !model.trains {
             return Ok(());

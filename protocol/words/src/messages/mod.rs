@@ -15,8 +15,8 @@ use crate::trajectory::TrajectoryKey;
 pub use audit::AuditRequest;
 pub use leases::{ActorSeconds, Lease, LeaseReply, LeaseRequest};
 pub use service::{
-    Answer, Ask, Batch, Begin, Estimates, IterationRequest, Missing, Pretraining, Query, Save,
-    Saved, Scores, ServiceReply, ServiceRequest,
+    Answer, Ask, BatchRequest, Begin, Estimates, IterationRequest, Missing, Pretraining, Query,
+    Save, Saved, Scores, ServiceReply, ServiceRequest,
 };
 
 /// The reward model's output for one trajectory.

@@ -22,7 +22,7 @@ pub enum Ask {
     Begin(Begin),
     /// Make these trajectories the batch of an iteration, and report which of them are missing.
     #[prost(message, tag = "2")]
-    Batch(Batch),
+    Batch(BatchRequest),
     /// Score the trajectories of the current batch.
     #[prost(message, tag = "3")]
     Score(IterationRequest),
@@ -50,7 +50,7 @@ pub struct Begin {
 
 /// See [`Ask::Batch`].
 #[derive(Clone, PartialEq, Message)]
-pub struct Batch {
+pub struct BatchRequest {
     /// The iteration.
     #[prost(uint64, tag = "1")]
     pub iteration: u64,
