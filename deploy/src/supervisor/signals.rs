@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// A signal this soon after another belongs to the same request: `timeout` sends SIGTERM to its child and to the
-/// child's group, systemd adds SIGHUP to SIGTERM, and a closed terminal signals the shell's jobs besides the group.
+/// child's group, and systemd ends a login session by SIGTERM with SIGHUP.
 const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// All signals. Each field can be awaited on its own; a signal that arrives in the meantime is kept.
@@ -22,6 +22,7 @@ pub(crate) struct StopSignals {
     interrupt: Signal,
     terminate: Signal,
     hangup: Signal,
+    /// When the latest request arrived.
     requested: Option<Instant>,
 }
 
