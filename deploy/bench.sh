@@ -16,7 +16,7 @@ Usage: deploy/bench.sh [TASK] [flags of `goalward train`]
        deploy/bench.sh --memory [TASK] [flags]
        deploy/bench.sh --costs TASK
 
-  --methods      steps per second of every method; takes some minutes
+  --methods      steps per second of all methods but BC, temporal-distance and the ablations; takes some minutes
   --to RATE      time to a success rate (0.5, 0.9, 0.95 or 0.98), for seeds 101 to 105;
                  SEEDS="1 2 3" in the environment selects other seeds
   --memory       peak memory of all processes of a run together
@@ -35,8 +35,9 @@ done
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 
-# BC is not among them: it takes no environment steps.
-methods="goal-proximity environment-reward gaifo-s gaifo-s-uncertainty gaifo gail ranking proximity-with-actions bco sqil"
+# BC takes no environment steps, and temporal-distance learns offline only.
+methods="goal-proximity soft-push-back environment-reward gaifo-s gaifo-s-uncertainty gaifo-next-state gaifo gail ranking
+    proximity-with-actions proximity-discriminator nearest-state segment-matching bco sqil"
 
 # Steps per second of a run. The runs of --methods have no offline training, which takes the same time for every length.
 steps_per_second() {
@@ -131,7 +132,10 @@ if [ "${1:-}" = --methods ]; then
     for method in $methods; do
         run=$folder/$method
         offline=()
-        case $method in goal-proximity | ranking | proximity-with-actions) offline=(--set reward.pretraining_epochs=0) ;; esac
+        case $method in
+            goal-proximity | soft-push-back | ranking | proximity-*)
+                offline=(--set reward.pretraining_epochs=0) ;;
+        esac
         "$goalward" train "$@" --no-page -q --method "$method" --steps 40000 --run "$run" \
             "${offline[@]}" --set evaluation.episodes=1 >"$folder/progress.txt"
         printf '%-24s %8s steps/s\n' "$method" "$(steps_per_second "$run")"
