@@ -146,6 +146,8 @@ impl Auditor {
 
     /// Has an episode judged if it is sampled. Bytes that are not a trajectory are not: they are refused later.
     pub(super) async fn trial(&self, trajectory: &Bytes) -> Option<Trial> {
+        // A host that waits for a place must not learn from it that its episode is sampled.
+        let Ok(place) = self.cases.reserve().await else { return Some(Trial(None)) };
         // No host can know which episodes are sampled, and the decision is the same each time an episode is sent.
         let hash = self.random.hash_one(&trajectory[..]);
         if hash as f64 / u64::MAX as f64 >= self.share {
@@ -156,13 +158,14 @@ impl Auditor {
             return Some(Trial(known));
         }
         let decoded = Encoded::decode(trajectory.clone(), &self.spec).ok()?.trajectory;
-        Some(Trial(self.give(hash, trajectory, &decoded).await))
+        Some(Trial(self.give(place, hash, trajectory, &decoded)))
     }
 
     /// Gives an episode to the auditor; returns `None` if the hub lacks the policy that acted. It has those of all open
     /// leases.
-    async fn give(
+    fn give(
         &self,
+        place: mpsc::Permit<'_, Case>,
         hash: u64,
         trajectory: &Bytes,
         decoded: &Trajectory,
@@ -176,7 +179,7 @@ impl Auditor {
         let (verdict, judged) = watch::channel(None);
         let patience = PATIENCE[0] + decoded.steps * PATIENCE[1];
         let case = Case { version, weights, trajectory: trajectory.clone(), patience, verdict };
-        self.cases.send(case).await.ok()?;
+        place.send(case);
         self.judged().keep(hash, judged.clone());
         Some(judged)
     }

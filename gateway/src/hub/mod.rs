@@ -217,10 +217,10 @@ async fn keep_hosts(hub: &Hub) {
     loop {
         let hosts = hub.hosts();
         if kept.as_ref() != Some(&hosts) {
-            if let Err(error) = hosts.write(&hub.setup.folder) {
-                tracing::debug!("hosts could not be kept: {error}");
+            match hosts.write(&hub.setup.folder) {
+                Ok(()) => kept = Some(hosts),
+                Err(error) => tracing::debug!("hosts could not be kept: {error}"),
             }
-            kept = Some(hosts);
         }
         tokio::time::sleep(KEEP_HOSTS).await;
     }
