@@ -56,7 +56,7 @@ fn change_log(run: &TestRun, change: impl Fn(&mut Trajectory)) {
         Ok(trajectory.encode_to_vec().into())
     };
     let all = |old: Vec<Bytes>| old.into_iter().map(changed).collect::<Result<_, Error>>();
-    rewrite(&old, &log, all).unwrap();
+    rewrite(&old, &log, 4096, all).unwrap();
 }
 
 #[test]

@@ -15,6 +15,9 @@ use serde::Serialize;
 use crate::factory::{Factory, Tasks};
 use crate::resimulate::Resimulator;
 
+/// Bytes of restored episodes that are held at a time, and at most how many messages.
+const HELD_AT_ONCE: [u64; 2] = [256 << 20, 4096];
+
 /// The result, as it is printed.
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct Restored {
@@ -39,7 +42,9 @@ pub(crate) fn restore(
     let mut resimulator = Resimulator::new(&threads, &Factory::of_run(tasks, &config)?)?;
     let spec = resimulator.spec();
     let mut found = Restored::default();
-    rewrite(&folder.log(), out, |recorded| -> Result<Vec<Bytes>> {
+    let [bytes, messages] = HELD_AT_ONCE;
+    let at_once = (bytes / Trajectory::most_bytes(&spec, true)).clamp(1, messages) as usize;
+    rewrite(&folder.log(), out, at_once, |recorded| -> Result<Vec<Bytes>> {
         let recorded = recorded.into_iter().map(|bytes| Trajectory::recorded(bytes, &spec));
         let recorded: Vec<Trajectory> = recorded.collect::<Result<_, Error>>()?;
         found.episodes += recorded.len() as u64;

@@ -99,9 +99,7 @@ pub fn repair(path: &Path) -> Result<Repair, Error> {
             repair.damaged = Some(set_aside(path)?);
             return Ok(repair);
         }
-        State::Sealed if target == path => {}
-        State::Sealed => durable::rename(path, &target)
-            .map_err(|cause| write_error(path, "rename the sealed file", &cause))?,
+        State::Sealed => {}
         State::Open(metadata, topics) => {
             let draft = with_ending(&target, REPAIRING);
             write_anew(path, &draft, &metadata, &topics, &mut repair)?;
@@ -136,7 +134,7 @@ fn hold(path: &Path) -> Result<File, Error> {
 enum State {
     /// It ends before its metadata.
     Begun,
-    /// It is sealed and intact.
+    /// It is sealed, also by its name, and intact.
     Sealed,
     /// Anything else: it is to be written anew, with this metadata, for messages of these topics.
     Open(Metadata, Vec<Topic>),
@@ -149,7 +147,8 @@ fn inspect(path: &Path, repair: &mut Repair) -> Result<State, Error> {
     while let Some(message) = reader.next_message()? {
         *kept.entry(message.topic).or_insert(0) += 1;
     }
-    if reader.ending() == Some(&Ending::Complete) {
+    // A complete file that is still `.active` may not be on the disk: its writer died before it was synced, or that failed.
+    if reader.ending() == Some(&Ending::Complete) && sealed_path(path) == path {
         repair.kept = kept;
         return Ok(State::Sealed);
     }

@@ -11,11 +11,8 @@ use super::run::read_run;
 use super::topic::Contents;
 use super::{folder, write_error};
 
-/// Number of messages held at a time.
-const MESSAGES_AT_ONCE: usize = 4096;
-
 /// Writes the records of a run's log into the folder `out`, in their order and with their log times. `change` replaces
-/// trajectories and returns as many as it was given. Files that are cut off or damaged are copied as far as they can
+/// trajectories and returns as many as it was given; it gets those of `at_once` messages at a time. Files that are cut off or damaged are copied as far as they can
 /// be read.
 ///
 /// # Errors
@@ -23,6 +20,7 @@ const MESSAGES_AT_ONCE: usize = 4096;
 pub fn rewrite<E: From<Error>>(
     log: &Path,
     out: &Path,
+    at_once: usize,
     mut change: impl FnMut(Vec<Bytes>) -> Result<Vec<Bytes>, E>,
 ) -> Result<(), E> {
     let mut reader = read_run(log)?;
@@ -35,7 +33,7 @@ pub fn rewrite<E: From<Error>>(
     let mut updates = create(Contents::Updates)?;
     loop {
         let mut messages = Vec::new();
-        while messages.len() < MESSAGES_AT_ONCE
+        while messages.len() < at_once
             && let Some((_, message)) = reader.next_message()?
         {
             messages.push(message);

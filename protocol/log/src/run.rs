@@ -59,7 +59,8 @@ impl RunReader {
         let mut streams = Vec::new();
         let mut marks = Vec::new();
         let mut recorded = 0;
-        for &contents in contents {
+        // Updates first: what those of a live run have learned from was written before them.
+        for &contents in contents.iter().rev() {
             let mut last = BTreeMap::new();
             let mut files = VecDeque::new();
             let found = log_files(folder)?;
@@ -87,6 +88,8 @@ impl RunReader {
             }
             streams.push(Stream { files, opened: 0, reader: None, read: 0, last, head: None });
         }
+        streams.reverse();
+        endings.sort_by(|(one, _), (other, _)| one.cmp(other));
         let metadata = metadata.or(doubted).ok_or_else(|| nothing_to_read(folder, &endings))?;
         let returns = Return::all(marks);
         let is_undone = |name: &Name, place: &Place| {
