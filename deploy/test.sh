@@ -50,7 +50,8 @@ everything=
 say "cargo test --locked --no-fail-fast $*"
 say "the first time everything is built, which takes minutes; the tests take about fifteen"
 status=0
-cargo test --locked --no-fail-fast "$@" 2>&1 | tee "$output" || status=$?
+# Under nohup SIGHUP is ignored, and what the tests start would ignore it, too.
+env --default-signal=HUP cargo test --locked --no-fail-fast "$@" 2>&1 | tee "$output" || status=$?
 
 awk '/^test result:/ { passed += $4; failed += $6; ignored += $8; targets++ }
     END { printf "test: %d passed, %d failed, %d ignored in %d test programs\n",

@@ -57,6 +57,22 @@ fn every_stop_of_a_run_has_its_exit_code() {
 }
 
 #[test]
+fn a_run_started_by_nohup_survives_the_end_of_its_terminal() {
+    let run = TestRun::new(programs!());
+    let mut command = Command::new("nohup");
+    command.arg(run.path("bin/goalward"));
+    command.args(["train", "navigation", "--no-page", "--run", "run"]);
+    command.args(["--set", "demonstrations.episodes=10", "--set", "evaluation.episodes=0"]);
+    command.args(["--steps", "4000"]).current_dir(run.path("")).stdout(Stdio::null());
+    let mut training = command.stderr(Stdio::null()).spawn().unwrap();
+    let begun = || run.path("run/output").exists().then_some(());
+    await_some("the begin of the run", PATIENCE, begun);
+    send(training.id(), Signal::Hangup);
+    assert_eq!(training.wait().unwrap().code(), Some(0));
+    assert!(run.path("run/summary.json").exists());
+}
+
+#[test]
 fn signals_in_quick_succession_are_one_request_and_later_ones_hurry() {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["steps=4000000"]);

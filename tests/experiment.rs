@@ -137,6 +137,38 @@ fn what_is_missing_is_trained() {
     assert_eq!(anew.hashes(), expected.hashes());
 }
 
+#[test]
+fn runs_on_demonstrations_that_were_replaced_do_not_count() {
+    let test = TestRun::new(programs!());
+    let settings: Vec<_> = SMALL.iter().map(|setting| format!("{setting:?}")).collect();
+    let plan = format!(
+        "title = \"A test\"\nseeds = [1]\nset = [{}, \"demonstrations.file='mine.mcap'\"]\n[[panel]]\n\
+         name = \"small\"\ntitle = \"Small\"\ntask = \"navigation\"\nmethods = [\"goal-proximity\"]\n",
+        settings.join(", ")
+    );
+    fs::write(test.path("plan.toml"), plan).unwrap();
+    let recorded = |seed: &str| {
+        let mut command = test.program("goalward");
+        command.args(["demonstrate", "navigation", "--episodes", "40", "--out", "mine.mcap"]);
+        text(&command.args(["--coverage", "0.5", "--force", "--seed", seed]).output().unwrap());
+    };
+    let trained = || {
+        let mut command = test.program("goalward");
+        command.args(["experiment", "plan.toml", "--out", "all"]).output().unwrap()
+    };
+    recorded("1");
+    assert!(text(&trained()).contains("1 of 1"));
+    assert!(text(&trained()).contains("1 of 1"));
+    recorded("2");
+    let output = trained();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+    assert!(
+        said.contains("expected the demonstrations of navigation-goal-proximity-s1-"),
+        "{said}"
+    );
+}
+
 /// Mocks Slurm's `sbatch` as far as the command uses it: it starts all tasks of an array at once.
 const SBATCH: &str = r#"#!/bin/sh
 [ "$1 $2" = '--parsable --output' ] || exit 1
@@ -158,20 +190,46 @@ for task in $(cat all/tasks); do
 done
 "#;
 
-#[test]
-fn a_cluster_trains_what_is_missing() {
-    let test = TestRun::new(programs!());
-    fs::create_dir(test.path("slurm")).unwrap();
-    for (name, text) in [("sbatch", SBATCH), ("squeue", SQUEUE)] {
-        let file = test.path("slurm").join(name);
+/// Mocks `kubectl` for a cluster without Jobs: it keeps what is applied.
+const KUBECTL: &str = r#"#!/bin/sh
+case "$*" in
+    'delete job --ignore-not-found '*) ;;
+    'apply --filename -') cat > applied ;;
+    *) echo 'Error from server (NotFound): jobs.batch not found' >&2; exit 1 ;;
+esac
+"#;
+
+/// Puts programs into a folder of the test; returns a path for the environment that finds them first.
+fn programs_in(test: &TestRun, folder: &str, programs: &[(&str, &str)]) -> String {
+    fs::create_dir(test.path(folder)).unwrap();
+    for (name, text) in programs {
+        let file = test.path(folder).join(name);
         fs::write(&file, text).unwrap();
         fs::set_permissions(&file, Permissions::from_mode(0o755)).unwrap();
     }
+    format!("{}:/usr/bin:/bin", test.path(folder).display())
+}
+
+#[test]
+fn a_job_is_submitted_to_kubernetes_where_there_was_none() {
+    let test = TestRun::new(programs!());
+    let path = programs_in(&test, "kubernetes", &[("kubectl", KUBECTL)]);
+    let mut command = experiment(&test);
+    let output = command.args(["--on", "kubernetes"]).env("PATH", path).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("submitted as goalward-experiment-"), "{said}");
+    let applied = fs::read_to_string(test.path("applied")).unwrap();
+    assert!(applied.contains("kind: Job") && applied.contains("kind: ConfigMap"), "{applied}");
+}
+
+#[test]
+fn a_cluster_trains_what_is_missing() {
+    let test = TestRun::new(programs!());
+    let path = programs_in(&test, "slurm", &[("sbatch", SBATCH), ("squeue", SQUEUE)]);
     let output =
         experiment(&test).args(["--on", "slurm"]).env("PATH", "/nowhere").output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.contains("expected sbatch on the path"), "{said}");
-    let path = format!("{}:/usr/bin:/bin", test.path("slurm").display());
     let on_slurm = |flags: &[&str]| {
         let mut command = experiment(&test);
         command.args(["--on", "slurm", "--tasks", "2"]).args(flags).env("PATH", &path);

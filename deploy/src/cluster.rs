@@ -214,8 +214,10 @@ impl Order {
             Engine::Kubernetes => {
                 let earlier = Submitted { engine, name: self.name() };
                 // Applying a finished Job again does not restart it, and its number of tasks may have been another one.
+                // A Job that was never there is over, too.
                 if earlier.is_over() {
-                    told_by(Command::new("kubectl").args(["delete", "job", &earlier.name]), "")?;
+                    let delete = ["delete", "job", "--ignore-not-found", &earlier.name];
+                    told_by(Command::new("kubectl").args(delete), "")?;
                 }
                 told_by(Command::new("kubectl").args(["apply", "--filename", "-"]), &text)?;
                 earlier.name

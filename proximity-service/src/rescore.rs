@@ -28,8 +28,8 @@ pub(crate) struct Returns {
     pub(crate) recorded: f64,
     /// Return from the other reward model.
     pub(crate) other: f64,
-    /// Whether the episode reached its goal.
-    pub(crate) success: bool,
+    /// Whether the episode reached its goal; `None` if the task does not tell.
+    pub(crate) success: Option<bool>,
 }
 
 /// Comparison of the returns, as printed.
@@ -37,7 +37,9 @@ pub(crate) struct Returns {
 pub(crate) struct Comparison {
     /// Episodes scored again.
     pub(crate) episodes: u64,
-    /// Mean returns of episodes that reached the goal: recorded, other.
+    /// Mean returns: recorded, other.
+    pub(crate) all: Option<[f64; 2]>,
+    /// Mean returns of episodes that reached the goal.
     pub(crate) reached: Option<[f64; 2]>,
     /// Mean returns of episodes that did not.
     pub(crate) missed: Option<[f64; 2]>,
@@ -55,7 +57,9 @@ pub(crate) struct Comparison {
 pub(crate) struct Point {
     /// Number of episodes up to and including this group.
     pub(crate) episodes: u64,
-    /// Mean returns of episodes that reached the goal: recorded, other.
+    /// Mean returns: recorded, other.
+    pub(crate) all: Option<[f64; 2]>,
+    /// Mean returns of episodes that reached the goal.
     pub(crate) reached: Option<[f64; 2]>,
     /// Mean returns of episodes that did not.
     pub(crate) missed: Option<[f64; 2]>,
@@ -73,7 +77,8 @@ pub(crate) fn rescore(
     trained: Option<&RunFolder>,
     lines: &mut impl Write,
 ) -> Result<Comparison> {
-    let spec = folder.config()?.task.spec();
+    let task = folder.config()?.task;
+    let spec = task.spec();
     let mut model = match trained {
         None => model::of_run(folder, config)?,
         Some(other) => trained_model(other, config, &spec)?,
@@ -100,7 +105,7 @@ pub(crate) fn rescore(
                     let recorded = scores.remove(&key).with_context(|| {
                         format!("lane {} episode {}: expected its score in the log", key.0, key.1)
                     })?;
-                    let pair = compare(encoded, &recorded, again)?;
+                    let pair = compare(encoded, &recorded, again, task.tells_success)?;
                     write_line(lines, encoded, &pair)?;
                     returns.push(pair);
                 }
@@ -131,25 +136,30 @@ fn score(
     Ok(scores)
 }
 
-fn compare(encoded: &Encoded, recorded: &Score, again: &Score) -> Result<Returns> {
+fn compare(
+    encoded: &Encoded,
+    recorded: &Score,
+    again: &Score,
+    tells_success: bool,
+) -> Result<Returns> {
     let (expected, found) = (recorded.rewards.len(), again.rewards.len());
     ensure!(expected == found, "expected {expected} rewards, found {found}");
     let sum = |score: &Score| score.rewards.iter().map(|reward| f64::from(*reward)).sum();
-    let trajectory = &encoded.trajectory;
-    Ok(Returns { recorded: sum(recorded), other: sum(again), success: trajectory.success })
+    let success = tells_success.then_some(encoded.trajectory.success);
+    Ok(Returns { recorded: sum(recorded), other: sum(again), success })
 }
 
 fn write_line(lines: &mut impl Write, encoded: &Encoded, returns: &Returns) -> Result<()> {
     let Trajectory { iteration, lane, episode, steps, .. } = &encoded.trajectory;
     let Returns { recorded, other, success } = returns;
-    let success = u8::from(*success);
+    let success = success.map_or(String::new(), |success| u8::from(success).to_string());
     writeln!(lines, "{iteration},{lane},{episode},{steps},{success},{recorded:.6},{other:.6}")?;
     Ok(())
 }
 
-/// Returns the mean returns of the episodes that reached the goal, or of those that did not.
-fn means(returns: &[Returns], success: bool) -> Option<[f64; 2]> {
-    let chosen: Vec<_> = returns.iter().filter(|pair| pair.success == success).collect();
+/// Returns the mean returns of some of the episodes.
+fn means(returns: &[Returns], are_some: impl Fn(&Returns) -> bool) -> Option<[f64; 2]> {
+    let chosen: Vec<_> = returns.iter().filter(|pair| are_some(pair)).collect();
     let mean = |of: fn(&Returns) -> f64| {
         chosen.iter().map(|pair| of(pair)).sum::<f64>() / chosen.len() as f64
     };
@@ -160,15 +170,17 @@ fn comparison(returns: &[Returns]) -> Comparison {
     let share = returns.len().div_ceil(POINTS).max(1);
     let point = |(number, some): (usize, &[Returns])| Point {
         episodes: (number * share + some.len()) as u64,
-        reached: means(some, true),
-        missed: means(some, false),
+        all: means(some, |_| true),
+        reached: means(some, |pair| pair.success == Some(true)),
+        missed: means(some, |pair| pair.success == Some(false)),
     };
     let of_both = [|pair: &Returns| pair.recorded, |pair: &Returns| pair.other];
     let ordered = of_both.map(|of| ordered(returns, of));
     Comparison {
         episodes: returns.len() as u64,
-        reached: means(returns, true),
-        missed: means(returns, false),
+        all: means(returns, |_| true),
+        reached: means(returns, |pair| pair.success == Some(true)),
+        missed: means(returns, |pair| pair.success == Some(false)),
         correlation: correlation(returns),
         ordered: match ordered {
             [Some(recorded), Some(other)] => Some([recorded, other]),
@@ -197,15 +209,15 @@ fn correlation(returns: &[Returns]) -> Option<f64> {
 fn ordered(returns: &[Returns], of: impl Fn(&Returns) -> f64) -> Option<f64> {
     let mut sorted: Vec<_> = returns.iter().map(|pair| (of(pair), pair.success)).collect();
     sorted.sort_by(|one, other| one.0.total_cmp(&other.0));
-    let (mut failed, mut pairs) = (0.0, 0.0);
+    let (mut succeeded, mut failed, mut pairs) = (0.0, 0.0, 0.0);
     for group in sorted.chunk_by(|one, other| one.0 == other.0) {
-        let reached = group.iter().filter(|(_, success)| *success).count() as f64;
-        let missed = group.len() as f64 - reached;
+        let count = |ending| group.iter().filter(|(_, success)| *success == Some(ending)).count();
+        let [reached, missed] = [true, false].map(|ending| count(ending) as f64);
         pairs += reached * (failed + missed / 2.0);
+        succeeded += reached;
         failed += missed;
     }
-    let reached = sorted.len() as f64 - failed;
-    (reached * failed > 0.0).then(|| pairs / (reached * failed))
+    (succeeded * failed > 0.0).then(|| pairs / (succeeded * failed))
 }
 
 #[cfg(test)]
@@ -213,7 +225,7 @@ mod tests {
     use super::*;
 
     fn returns(recorded: f64, other: f64, success: bool) -> Returns {
-        Returns { recorded, other, success }
+        Returns { recorded, other, success: Some(success) }
     }
 
     #[test]
@@ -229,7 +241,8 @@ mod tests {
         assert!((found.correlation.unwrap() + 1.0).abs() < 1e-12);
         assert_eq!(found.ordered, Some([0.875, 0.125]));
         assert_eq!(found.curve.len(), 4);
-        let last = Point { episodes: 4, reached: None, missed: Some([0.5, -0.5]) };
+        let all = Some([0.5, -0.5]);
+        let last = Point { episodes: 4, all, reached: None, missed: all };
         assert_eq!(found.curve[3], last);
     }
 
@@ -237,5 +250,7 @@ mod tests {
     fn what_cannot_be_said_is_left_out() {
         let found = comparison(&[returns(1.0, 2.0, true), returns(1.0, 3.0, true)]);
         assert_eq!((found.missed, found.correlation, found.ordered), (None, None, None));
+        let found = comparison(&[Returns { recorded: 1.0, other: 2.0, success: None }]);
+        assert_eq!((found.all, found.reached, found.missed), (Some([1.0, 2.0]), None, None));
     }
 }

@@ -19,7 +19,8 @@ pub(crate) struct Details {
     /// Names of the curve that it is a seed of; runs with a name in common are seeds of the same curve.
     curve: Vec<String>,
     configuration: String,
-    differences: Vec<Difference>,
+    /// `None` for a task of the user's own, whose defaults are not known.
+    differences: Option<Vec<Difference>>,
     summary: Option<Summary>,
     /// What the authors published for its method, task and setting.
     published: Option<Success>,
@@ -46,7 +47,7 @@ impl Details {
             run,
             curve: seeds::curve(folder, &config),
             configuration: config.to_text(),
-            differences: repeat::differences(&config),
+            differences: repeat::is_of_ours(&config).then(|| repeat::differences(&config)),
             published: published::success(&config),
             summary,
             command: repeat::command(folder, &config),

@@ -25,8 +25,9 @@ function copying(text) {
 
 /** Returns the comparison below the curves of several runs. */
 export function compared(all) {
-  const keys = [...new Set(all.flatMap(({ differences }) => differences.map(({ key }) => key)))].sort();
-  const value = (details, key) => details.differences.find((other) => other.key === key)?.value ?? "";
+  const known = (details) => details.differences ?? [];
+  const keys = [...new Set(all.flatMap((details) => known(details).map(({ key }) => key)))].sort();
+  const value = (details, key) => known(details).find((other) => other.key === key)?.value ?? "";
   const differing = keys.filter((key) => new Set(all.map((details) => value(details, key))).size > 1);
   const row = (name, cells) => element("tr", {},
     element("td", { class: "text" }, element("code", {}, name)), cells.map((cell) => element("td", { class: "text wrap" }, cell)));
@@ -41,7 +42,7 @@ export function compared(all) {
   const head = ["", ...all.map(({ run }) => run.id)].map((name) => element("th", { class: "text", scope: "col" }, name));
   return [
     element("h2", {}, "Differences"),
-    element("p", { class: "soft" }, "An empty cell means the default of the run's task, preset and method."),
+    element("p", { class: "soft" }, "An empty cell means the default of the run's task, preset and method; of a task of your own, settings are not compared."),
     element("div", { class: "scroll" }, element("table", {},
       element("thead", {}, element("tr", {}, head)), element("tbody", {}, rows))),
   ];
@@ -95,6 +96,7 @@ function list(rows) {
 }
 
 function settings(differences) {
+  if (differences === null) return element("p", {}, "Not known: the task is not one of Goalward's.");
   if (differences.length === 0) return element("p", {}, "None: all settings are the defaults of its task, preset and method.");
   const rows = differences.map(({ key, value, default: usual }) => element("tr", {},
     element("td", { class: "text" }, element("code", {}, key)),

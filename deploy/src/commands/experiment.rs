@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::cluster::{ClusterArguments, Engine, Order, Submitted};
 use crate::experiment::{
     Archive, CurveStanding, Left, Plan, PlannedRun, Watched, curves, execute, figure_of, left,
-    queue, read_all, refuse_other_builds, table, watch,
+    queue, read_all, refuse_other_builds, refuse_other_demonstrations, table, watch,
 };
 use crate::output_format::OutputFormat;
 use crate::{description, destination, programs};
@@ -71,6 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if !other_build {
         refuse_other_builds(&runs, &mut archive)?;
     }
+    refuse_other_demonstrations(&runs, &mut archive)?;
     programs::check_all()?;
     description::check_all(runs.iter().map(|run| &run.config))?;
     if let Some(engine) = arguments.cluster.on {

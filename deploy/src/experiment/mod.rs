@@ -6,7 +6,7 @@
 //! | `plan` | a checked plan: figures, panels, curves, and every run's whole configuration |
 //! | `planned_run` | one of these runs |
 //! | `archive` | the layout of an experiment's folder, which holds each run once |
-//! | `builds` | checks that all runs are by this build |
+//! | `builds`, `demonstrations` | check that all runs are by this build, and on the demonstrations that plans name |
 //! | `execution` | starts the runs in order, notes how they end, handles Ctrl-C |
 //! | `training`, `recorder` | `goalward train` for a run, and before it the expert that records its demonstrations |
 //! | `watching` | shows the progress of runs that other processes train |
@@ -18,6 +18,7 @@
 
 mod archive;
 mod builds;
+mod demonstrations;
 pub(crate) mod estimate;
 mod execution;
 mod file;
@@ -36,6 +37,7 @@ use anyhow::Result;
 
 pub(crate) use archive::Archive;
 pub(crate) use builds::refuse_other_builds;
+pub(crate) use demonstrations::refuse_other_demonstrations;
 pub(crate) use estimate::{Left, left};
 pub(crate) use execution::execute;
 pub(crate) use overview::{CurveStanding, curves, table};

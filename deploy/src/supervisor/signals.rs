@@ -1,5 +1,7 @@
 //! The signals that supervision reacts to.
 
+use std::fs;
+use std::future;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -21,7 +23,8 @@ pub(crate) struct Signals {
 pub(crate) struct StopSignals {
     interrupt: Signal,
     terminate: Signal,
-    hangup: Signal,
+    /// `None` if the process was started so that it ignores the end of the terminal, as by `nohup`.
+    hangup: Option<Signal>,
     /// When the latest request arrived.
     requested: Option<Instant>,
 }
@@ -37,7 +40,7 @@ impl Signals {
             stop: StopSignals {
                 interrupt: listen(SignalKind::interrupt())?,
                 terminate: listen(SignalKind::terminate())?,
-                hangup: listen(SignalKind::hangup())?,
+                hangup: (!ignores_hangup()).then(|| listen(SignalKind::hangup())).transpose()?,
                 requested: None,
             },
             child: ChildSignals(listen(SignalKind::child())?),
@@ -52,7 +55,7 @@ impl StopSignals {
             tokio::select! {
                 _ = self.interrupt.recv() => {}
                 _ = self.terminate.recv() => {}
-                _ = self.hangup.recv() => {}
+                () = received(self.hangup.as_mut()) => {}
             }
             if self.requested.is_none_or(|requested| requested.elapsed() > SAME_REQUEST) {
                 self.requested = Some(Instant::now());
@@ -60,6 +63,22 @@ impl StopSignals {
             }
         }
     }
+}
+
+/// Returns when a signal arrives: never, if there is none to listen for.
+async fn received(signal: Option<&mut Signal>) {
+    match signal {
+        Some(signal) => drop(signal.recv().await),
+        None => future::pending().await,
+    }
+}
+
+/// Returns whether this process ignores SIGHUP, whose number is 1.
+fn ignores_hangup() -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask & 1 == 1)
 }
 
 impl ChildSignals {

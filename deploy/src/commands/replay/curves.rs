@@ -1,5 +1,5 @@
 //! The picture of `goalward replay --with`: mean returns as recorded and from the other reward, of the episodes that
-//! reached the goal and of those that did not.
+//! reached the goal and of those that did not, or of all episodes if the task does not tell success.
 
 use std::path::Path;
 
@@ -26,6 +26,7 @@ impl From<[f64; 2]> for Pair {
 #[derive(Debug, Deserialize, Serialize)]
 pub(super) struct Point {
     episodes: u64,
+    all: Option<Pair>,
     reached: Option<Pair>,
     missed: Option<Pair>,
 }
@@ -48,8 +49,12 @@ pub(super) fn draw(curve: &[Point], file: &Path) -> Result<()> {
     std::fs::write(file, text).with_context(|| file.display().to_string())
 }
 
-fn panels(curve: &[Point]) -> [Chart; 2] {
-    [
+fn panels(curve: &[Point]) -> Vec<Chart> {
+    let tells_success = |point: &Point| point.reached.is_some() || point.missed.is_some();
+    if !curve.iter().any(tells_success) {
+        return vec![panel("all episodes", curve, |point| point.all)];
+    }
+    vec![
         panel("goal reached", curve, |point| point.reached),
         panel("goal missed", curve, |point| point.missed),
     ]
@@ -91,6 +96,7 @@ mod tests {
     fn both_panels_have_both_curves() {
         let point = |episodes: u64| Point {
             episodes,
+            all: None,
             reached: Some([1.0, 0.5].into()),
             missed: (episodes > 1).then_some([0.25, -0.25].into()),
         };
@@ -100,5 +106,9 @@ mod tests {
         // In each panel, a curve and the sample of its color beside its name.
         assert_eq!((count("#0072B2"), count("#D55E00")), (4, 4), "{text}");
         chart::draw(&panels(&[]), SIZE).unwrap();
+        let untold =
+            Point { all: Some([1.0, 0.5].into()), reached: None, missed: None, ..point(1) };
+        let text = chart::draw(&panels(&[untold]), SIZE).unwrap();
+        assert!(text.contains("all episodes") && !text.contains("goal"), "{text}");
     }
 }

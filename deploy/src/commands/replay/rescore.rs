@@ -23,6 +23,7 @@ use terminal::refusal::{Refusal, wrong_usage};
 #[derive(Debug, Deserialize, Serialize)]
 struct Comparison {
     episodes: u64,
+    all: Option<Pair>,
     reached: Option<Pair>,
     missed: Option<Pair>,
     correlation: Option<f64>,
@@ -91,7 +92,7 @@ fn files(folder: &RunFolder, out: Option<PathBuf>, force: bool) -> Result<[PathB
 }
 
 fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {
-    let Comparison { episodes, reached, missed, correlation, ordered, .. } = comparison;
+    let Comparison { episodes, all, reached, missed, correlation, ordered, .. } = comparison;
     let pair = |pair: &Option<Pair>| match pair {
         Some(Pair { recorded, now }) => format!("{recorded:.4} recorded, {now:.4} now"),
         None => "no such episode".to_owned(),
@@ -104,15 +105,19 @@ fn table(comparison: &Comparison, out: &Path, picture: &Path) -> String {
         None => "no such pair".to_owned(),
     };
     let correlation = correlation.map_or("none".to_owned(), |number| format!("{number:.3}"));
-    numbers::table(&[
-        ("episodes", numbers::count(*episodes)),
-        ("mean return, goal reached", pair(reached)),
-        ("mean return, goal missed", pair(missed)),
-        ("correlation of the returns", correlation),
-        ("reached above missed, of all pairs", shares(ordered)),
-        ("every episode in", out.display().to_string()),
-        ("curves in", picture.display().to_string()),
-    ])
+    let mut rows = vec![("episodes", numbers::count(*episodes))];
+    // Neither, if the task does not tell success.
+    if reached.is_some() || missed.is_some() {
+        rows.push(("mean return, goal reached", pair(reached)));
+        rows.push(("mean return, goal missed", pair(missed)));
+        rows.push(("reached above missed, of all pairs", shares(ordered)));
+    } else {
+        rows.push(("mean return", pair(all)));
+    }
+    rows.push(("correlation of the returns", correlation));
+    rows.push(("every episode in", out.display().to_string()));
+    rows.push(("curves in", picture.display().to_string()));
+    numbers::table(&rows)
 }
 
 #[cfg(test)]
@@ -121,20 +126,23 @@ mod tests {
 
     #[test]
     fn the_services_figures_become_a_table_and_get_names() {
-        let text = r#"{"episodes": 1234, "reached": [0.5, 0.25], "missed": null,
+        let text = r#"{"episodes": 1234, "all": [0.5, 0.25], "reached": [0.5, 0.25], "missed": null,
             "correlation": 0.98765, "ordered": [0.9, 0.8],
-            "curve": [{"episodes": 3, "reached": null, "missed": [0.125, 0.0]}]}"#;
+            "curve": [{"episodes": 3, "all": [0.125, 0.0], "reached": null, "missed": [0.125, 0.0]}]}"#;
         let [out, picture] = ["r/rescored.csv", "r/rescored.svg"].map(Path::new);
-        let comparison: Comparison = serde_json::from_str(text).unwrap();
-        let table = table(&comparison, out, picture);
+        let mut comparison: Comparison = serde_json::from_str(text).unwrap();
+        let shown = table(&comparison, out, picture);
         let parts = ["1,234", "0.5000 recorded, 0.2500 now", "no such episode", "0.988", "80.0 %"];
         for part in parts {
-            assert!(table.contains(part), "expected {part} in\n{table}");
+            assert!(shown.contains(part), "expected {part} in\n{shown}");
         }
         let printed = serde_json::to_value(&comparison).unwrap();
         let pair = |recorded: f64, now: f64| serde_json::json!({"recorded": recorded, "now": now});
         assert_eq!(printed["reached"], pair(0.5, 0.25));
         assert_eq!(printed["ordered"], pair(0.9, 0.8));
         assert_eq!(printed["curve"][0]["missed"], pair(0.125, 0.0));
+        (comparison.reached, comparison.ordered) = (None, None);
+        let shown = table(&comparison, out, picture);
+        assert!(!shown.contains("goal") && shown.contains("0.5000 recorded"), "{shown}");
     }
 }
