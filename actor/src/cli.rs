@@ -17,7 +17,7 @@ use serde::Serialize;
 use crate::demonstrate::{Request, demonstrate};
 use crate::describe::describe;
 use crate::evaluate::{Wanted, evaluate};
-use crate::expert::Expert;
+use crate::expert::ActingExpert;
 use crate::factory::{Factory, Tasks};
 use crate::replay::{Recording, replay};
 
@@ -243,8 +243,8 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             let expert = match policy {
-                Some(run) => Expert::of_run(&RunFolder::new(run), &task)?,
-                None => Expert::of_task(&factory)?,
+                Some(run) => ActingExpert::of_run(&RunFolder::new(run), &task)?,
+                None => ActingExpert::of_task(&factory)?,
             };
             let request = Request { factory, episodes, seed, file: &out, force };
             print(&demonstrate(&request, expert, &Stop::at_end_of_input()?)?)

@@ -11,11 +11,11 @@ use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::config::ActionChoice;
 use run::headway::{Headway, Teller};
 use run::metadata;
-use run::origin::{EXPERT, TASKS_OWN};
+use run::origin::{RECORDED_BY, TASKS_OWN};
 use run::process::Stop;
 use serde::Serialize;
 
-use crate::expert::Expert;
+use crate::expert::ActingExpert;
 use crate::factory::Factory;
 use crate::lane::Lane;
 use crate::python;
@@ -55,7 +55,7 @@ pub struct Recorded {
 ///
 /// # Errors
 /// When the expert fails too often, the disk refuses, or a stop is requested first; then no file is left.
-pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result<Recorded> {
+pub fn demonstrate(request: &Request<'_>, expert: ActingExpert, stop: &Stop) -> Result<Recorded> {
     let Request { factory, episodes, seed, file, force } = request;
     let who = if expert.is_of_task() { TASKS_OWN } else { "a policy" };
     let environment = factory.make()?;
@@ -64,7 +64,7 @@ pub fn demonstrate(request: &Request<'_>, expert: Expert, stop: &Stop) -> Result
     let task = factory.described(&*environment);
     let metadata = metadata::of_task(Kind::Demonstrations, &task, *seed)
         .with("episodes", episodes)
-        .with(EXPERT, who)
+        .with(RECORDED_BY, who)
         .with("setting", serde_json::to_string(&python::as_recorded(&setting))?);
     ensure!(*force || !file.exists(), "{} exists and is not overwritten", file.display());
     let mut demonstrator = Demonstrator::begin(&factory, &task, *seed, expert)?;
@@ -122,13 +122,18 @@ fn record(
 struct Demonstrator {
     tells_success: bool,
     task: String,
-    expert: Expert,
+    expert: ActingExpert,
     lane: Lane,
     action: Vec<u8>,
 }
 
 impl Demonstrator {
-    fn begin(factory: &Factory, task: &Task, seed: u64, expert: Expert) -> Result<Demonstrator> {
+    fn begin(
+        factory: &Factory,
+        task: &Task,
+        seed: u64,
+        expert: ActingExpert,
+    ) -> Result<Demonstrator> {
         let lease = Lease {
             source: Source::Demonstration as i32,
             episodes_owed: u64::MAX,
@@ -143,12 +148,12 @@ impl Demonstrator {
     fn next_episode(&mut self) -> Result<Trajectory> {
         loop {
             let ended = match &mut self.expert {
-                Expert::Script => {
+                ActingExpert::Script => {
                     let scripted = self.lane.episode.expert_action(&mut self.action)?;
                     ensure!(scripted, "{}: expected a scripted expert, found none", self.task);
                     self.lane.step(&self.action, None)?
                 }
-                Expert::Policy(expert) => {
+                ActingExpert::Policy(expert) => {
                     let lanes = slice::from_mut(&mut self.lane);
                     expert.policy.step(&expert.version, lanes, ActionChoice::Mode)?.pop()
                 }

@@ -2,17 +2,18 @@
 //! run.
 
 use anyhow::{Context, Result, bail, ensure};
-use environments::{Expert as Known, Setting};
+use environments::{Expert, Setting};
 use protocol::setting::ACTION_SCALE;
 use protocol::weights::Weights;
+use run::checkpoint;
 use run::config::RunConfig;
-use run::folder::RunFolder;
+use run::folder::{POLICY_FILE, RunFolder};
 
 use crate::factory::Factory;
-use crate::policy::{Policy, Version, newest_weights};
+use crate::policy::{Policy, Version};
 
 /// An expert that demonstrates a task.
-pub enum Expert {
+pub enum ActingExpert {
     /// The script of the task's environment.
     Script,
     /// A policy, which takes its most probable actions.
@@ -31,23 +32,23 @@ pub struct TrainedExpert {
     is_of_task: bool,
 }
 
-impl Expert {
+impl ActingExpert {
     /// Returns the expert that comes with a task.
     ///
     /// # Errors
     /// When there is none.
-    pub fn of_task(factory: &Factory) -> Result<Expert> {
+    pub fn of_task(factory: &Factory) -> Result<ActingExpert> {
         let name = &factory.name;
         match factory.task.expert {
-            Known::None => bail!(
+            Expert::None => bail!(
                 "{name}: expected a task that has an expert, found one without; give \
                  --demonstrations FILE.mcap, or an expert with --policy RUN"
             ),
-            Known::Scripted => Ok(Expert::Script),
-            Known::Policy { config, weights } => {
+            Expert::Scripted => Ok(ActingExpert::Script),
+            Expert::Policy { config, weights } => {
                 let config = RunConfig::from_text(config, "of the expert")?;
                 let weights = Weights::from_file(weights).map_err(anyhow::Error::msg)?;
-                Expert::trained(&config, &weights, true).context(name.clone())
+                ActingExpert::trained(&config, &weights, true).context(name.clone())
             }
         }
     }
@@ -56,25 +57,31 @@ impl Expert {
     ///
     /// # Errors
     /// When the run is of another task, or has no intact checkpoint.
-    pub fn of_run(folder: &RunFolder, task: &str) -> Result<Expert> {
+    pub fn of_run(folder: &RunFolder, task: &str) -> Result<ActingExpert> {
         let config = folder.config()?;
         let (shown, found) = (folder.path().display(), &config.task.name);
         ensure!(found == task, "{shown}: expected a run of {task}, found one of {found}");
-        Expert::trained(&config, &newest_weights(folder)?, false)
+        let weights = checkpoint::chosen(folder, None, &[POLICY_FILE])?.policy()?;
+        ActingExpert::trained(&config, &weights, false)
     }
 
-    fn trained(config: &RunConfig, weights: &Weights, is_of_task: bool) -> Result<Expert> {
+    fn trained(config: &RunConfig, weights: &Weights, is_of_task: bool) -> Result<ActingExpert> {
         let policy = Policy::new(config);
         let version = policy.version(weights)?;
         let trained_in = config.environment.clone();
-        Ok(Expert::Policy(Box::new(TrainedExpert { policy, version, trained_in, is_of_task })))
+        Ok(ActingExpert::Policy(Box::new(TrainedExpert {
+            policy,
+            version,
+            trained_in,
+            is_of_task,
+        })))
     }
 
     /// Returns whether the expert comes with its task.
     pub fn is_of_task(&self) -> bool {
         match self {
-            Expert::Script => true,
-            Expert::Policy(expert) => expert.is_of_task,
+            ActingExpert::Script => true,
+            ActingExpert::Policy(expert) => expert.is_of_task,
         }
     }
 
@@ -85,7 +92,7 @@ impl Expert {
     /// When a policy would have to act on observations that it was not trained on: `observed` lists the keys
     /// that change the meaning of observations.
     pub fn setting(&self, wanted: &Setting, observed: &[&str]) -> Result<Setting> {
-        let Expert::Policy(expert) = self else { return Ok(wanted.clone()) };
+        let ActingExpert::Policy(expert) = self else { return Ok(wanted.clone()) };
         let trained_in = &expert.trained_in.0;
         for &key in observed {
             if let (Some(expected), Some(found)) = (trained_in.get(key), wanted.0.get(key)) {
@@ -130,7 +137,7 @@ mod tests {
                 file: &folder.path().join(format!("{number}.mcap")),
                 force: false,
             };
-            let expert = Expert::of_task(&request.factory).expect("the expert");
+            let expert = ActingExpert::of_task(&request.factory).expect("the expert");
             let recorded = demonstrate(&request, expert, &Stop::default()).expect("demonstrations");
             assert!(recorded.failures.is_some_and(|failures| failures <= 2), "{recorded:?}");
             assert!(recorded.steps < 20 * 30, "{} steps in 20 episodes", recorded.steps);
@@ -140,7 +147,7 @@ mod tests {
     #[test]
     fn an_expert_is_not_asked_for_what_it_never_saw() {
         let feeling = ant_reach("contact_forces = true");
-        let expert = Expert::of_task(&feeling).expect("the expert");
+        let expert = ActingExpert::of_task(&feeling).expect("the expert");
         let wanted = feeling.make().expect("the environment").setting();
         let refusal = expert.setting(&wanted, feeling.task.observed).expect_err("forces");
         let refusal = refusal.to_string();

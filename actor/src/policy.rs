@@ -12,9 +12,7 @@ use protocol::seed::{self, Purpose};
 use protocol::task::{ObservationSpec, Spec};
 use protocol::trajectory::Trajectory;
 use protocol::weights::Weights;
-use run::checkpoint;
 use run::config::{ActionChoice, RunConfig};
-use run::folder::{POLICY_FILE, RunFolder};
 
 use crate::episode::would_fail_again;
 use crate::lane::Lane;
@@ -37,14 +35,6 @@ pub struct Version {
     pub number: u64,
     normalizer: RunningNormalizer,
     prepared: PreparedPolicy,
-}
-
-/// Returns the weights of a run's newest checkpoint whose policy file is intact.
-///
-/// # Errors
-/// When there is no such checkpoint, or its policy cannot be read.
-pub fn newest_weights(folder: &RunFolder) -> Result<Weights> {
-    Ok(checkpoint::chosen(folder, None, &[POLICY_FILE])?.policy()?)
 }
 
 /// Returns how many numbers of an observation can be normalized.

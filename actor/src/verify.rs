@@ -8,7 +8,7 @@ use mcap_log::{Contents, Entry, FileReader, read_contents};
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
 use run::folder::RunFolder;
-use run::loss;
+use run::lost;
 use serde::Serialize;
 
 use crate::episode::is_of_no_episode;
@@ -59,7 +59,7 @@ pub(crate) fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result
     let mut reader = read_contents(&folder.log(), Contents::Trajectories)?;
     let resimulator = Resimulator::new(&threads, &factory)?;
     verify_all(resimulator, &mut reader, &mut verification)?;
-    verification.damaged.extend(loss::of_log(folder, &reader));
+    verification.damaged.extend(lost::of_log(folder, &reader));
     verification.seconds = begun.elapsed().as_secs_f64();
     Ok(verification)
 }

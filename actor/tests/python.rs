@@ -7,7 +7,7 @@
 use std::fs;
 
 use actor::demonstrate::{Request, demonstrate};
-use actor::expert::Expert;
+use actor::expert::ActingExpert;
 use actor::factory::Factory;
 use actor::python::{make, purified};
 use actor::{BUILT_IN, Environment, EnvironmentError, Setting, Step};
@@ -348,7 +348,7 @@ fn an_expert_whose_first_episode_does_not_begin_leaves_no_file() {
     let factory = Factory::new(BUILT_IN, "bad", setting(text)).unwrap();
     let file = folder.path().join("d.mcap");
     let request = Request { factory, episodes: 1, seed: 1, file: &file, force: false };
-    let expert = Expert::of_task(&request.factory).unwrap();
+    let expert = ActingExpert::of_task(&request.factory).unwrap();
     let said = demonstrate(&request, expert, &Stop::default()).err().unwrap();
     assert!(format!("{said:#}").contains("no start today"), "{said:#}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -6,9 +6,10 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Result, bail};
 use mcap_log::Kind;
+use protocol::policy::LEAST_SCALED_DEVIATION;
 use protocol::setting::Setting;
 use protocol::task::{ObservationSpec, Task, floats};
-use run::config::{LEAST_SCALED_DEVIATION, RunConfig};
+use run::config::RunConfig;
 use run::folder::RunFolder;
 
 use crate::output::Output;

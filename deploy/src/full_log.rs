@@ -6,7 +6,7 @@ use anyhow::Result;
 use mcap_log::read_run;
 use protocol::durable::{self, TemporaryFolder};
 use run::folder::RunFolder;
-use run::loss;
+use run::lost;
 use run::origin::recorded_configs;
 use serde::Deserialize;
 
@@ -75,6 +75,6 @@ pub(crate) fn restore(run: &RunFolder, out: &Path) -> Result<Restored> {
 /// # Errors
 /// Lost data, naming the damaged files, or the expected number of episodes.
 pub(crate) fn refuse_loss(run: &RunFolder) -> Result<()> {
-    let lost = loss::of_log(run, &read_run(&run.log())?);
+    let lost = lost::of_log(run, &read_run(&run.log())?);
     if lost.is_empty() { Ok(()) } else { Err(Refusal::DataLost(lost.join("; ")).into()) }
 }

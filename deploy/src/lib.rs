@@ -8,7 +8,8 @@
 //! | module | what it does |
 //! |---|---|
 //! | `cli`, `commands` | the verbs, one file each |
-//! | `plan` | which run is trained: a new one, or one that is continued |
+//! | `prepared_run` | which run is trained: a new one, or one that is continued |
+//! | `provenance` | whether a run is continued with what it began with |
 //! | `settings` | checks `--set` against the flags that set keys of their own |
 //! | `description` | the description of a task by the program that acts in it |
 //! | `demonstrations` | checks a file of demonstrations, or records one |
@@ -61,12 +62,13 @@ mod named_runs;
 mod other_reward;
 mod output;
 mod output_format;
-mod plan;
+mod prepared_run;
 mod processes;
 mod processor;
 mod programs;
 mod progress;
 mod progress_file;
+mod provenance;
 mod scenes;
 mod settings;
 mod summary;

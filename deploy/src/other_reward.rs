@@ -6,7 +6,7 @@ use run::config::RunConfig;
 use run::folder::RunFolder;
 use terminal::refusal::wrong_usage;
 
-use crate::plan;
+use crate::prepared_run;
 
 /// Prefix of a change that names a run whose trained model scores.
 const MODEL: &str = "model=";
@@ -36,7 +36,7 @@ impl OtherReward {
             )));
         }
         match models[..] {
-            [] => Ok(OtherReward { config: plan::changed(&own, &settings)?, model: None }),
+            [] => Ok(OtherReward { config: prepared_run::changed(&own, &settings)?, model: None }),
             [one] => {
                 let model = RunFolder::new(&one[MODEL.len()..]);
                 let config = model.config()?.for_scoring(&settings)?;

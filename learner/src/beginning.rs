@@ -8,7 +8,7 @@ use protocol::tensors::Tensors;
 use run::config::RunConfig;
 use run::folder::{LEARNER_FILE, RunFolder};
 use run::process::Final;
-use run::{checkpoint, loss};
+use run::{checkpoint, lost};
 
 use crate::algorithm::{self, PolicyLearner};
 use crate::state::State;
@@ -68,17 +68,20 @@ fn remember(
     learner: &mut dyn PolicyLearner,
 ) -> Result<()> {
     let records = read_run(&folder.log())?;
-    let lost = loss::of_log(folder, &records);
+    let missing = lost::of_log(folder, &records);
     let lacks = |what: String| {
-        let lines: Vec<String> = [what].into_iter().chain(lost.iter().cloned()).collect();
+        let lines: Vec<String> = [what].into_iter().chain(missing.iter().cloned()).collect();
         Final(format!("log {}: {}", folder.log().display(), lines.join("; ")))
     };
     let mut batches = Batches::new(spec);
     let mut learned = 0;
     for entry in records {
+        if learned == iteration {
+            break;
+        }
         match entry?.record {
             Record::Trajectory(bytes) => batches.add(bytes)?,
-            Record::PolicyUpdate(update) if update.iteration < iteration => {
+            Record::PolicyUpdate(update) => {
                 if update.iteration != learned {
                     break;
                 }
@@ -103,7 +106,7 @@ mod tests {
     use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
     use protocol::messages::{PolicyUpdate, Score};
     use protocol::task::{ActionSpec, ObservationSpec};
-    use protocol::trajectory::{Encoded, TrajectoryKey};
+    use protocol::trajectory::{Encoded, Trajectory, TrajectoryKey};
 
     use super::*;
     use crate::algorithm::{Metrics, Schedule};
@@ -185,6 +188,19 @@ mod tests {
             let words = "expected updates 0 to 3 to learn from again, found no update";
             assert!(refusal.ends_with(&format!("{words} {missing}")), "{refusal}");
         }
+    }
+
+    #[test]
+    fn what_was_recorded_after_the_checkpoint_is_not_read() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(home.path());
+        let mut writer = log(&folder);
+        append(&mut writer, &[0, 1, 2, 3]);
+        // A trajectory without observations fits no task.
+        let misfit = Trajectory { iteration: 4, ..Trajectory::default() };
+        writer.trajectory(&Encoded::encode(misfit)).unwrap();
+        writer.finish().unwrap();
+        assert_eq!(remembered(&folder).unwrap(), 4);
     }
 
     #[test]

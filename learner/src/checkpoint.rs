@@ -11,7 +11,7 @@ use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
 use run::process::Final;
 
 use crate::desk::{DISK_PATIENCE, Entry, Order};
-use crate::scoring::Refused;
+use crate::service_client::Refused;
 use crate::trainer::Trainer;
 
 impl Trainer {
@@ -76,7 +76,7 @@ impl Trainer {
             .map_err(|message| Final(format!("the learner diverged: {message}")))?;
         let learner_file_sha256 = tensors.save(&unfinished.join(LEARNER_FILE))?;
         let path = fs::canonicalize(unfinished)?.join(PROXIMITY_FILE);
-        let proximity = self.scoring.save(&path.display().to_string())?;
+        let proximity = self.service.save(&path.display().to_string())?;
         expect_newest(&proximity, self.progress.reward_update.as_ref())?;
         let relative = folder.strip_prefix(self.folder.path()).unwrap_or(folder);
         let checkpoint = Checkpoint {

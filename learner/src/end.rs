@@ -4,11 +4,13 @@ use std::fs;
 
 use anyhow::Result;
 use protocol::messages::Phase;
-use protocol::trajectory::Encoded;
+use protocol::trajectory::{Encoded, Source};
 use run::origin::Demonstrations;
 use run::summary::{EvaluationFigures, LogFigures, Summary};
 use run::time_to_success::TimeToSuccess;
 
+use crate::desk::Order;
+use crate::ledger::{LanePlan, LeaseLedger};
 use crate::trainer::Trainer;
 
 impl Trainer {
@@ -35,6 +37,22 @@ impl Trainer {
             summary.log.bytes += fs::metadata(&file.path)?.len();
         }
         Ok(summary.save(&folder)?)
+    }
+
+    /// Runs evaluation episodes with the final policy; returns `None` if a stop is requested first. Their bytes
+    /// are kept in the log only.
+    fn evaluate(&mut self) -> Result<Option<Vec<Encoded>>> {
+        self.tell(Phase::Evaluating, None, None)?;
+        let episodes = self.config.evaluation.episodes;
+        if episodes == 0 {
+            return Ok(Some(Vec::new()));
+        }
+        let plan = |episodes_owed| LanePlan { first_episode: 0, steps_owed: 0, episodes_owed };
+        let plans = self.config.rollout.spread(episodes).into_iter().map(plan).collect();
+        let version = self.state.iteration;
+        let rollout = LeaseLedger::open(Source::Evaluation, version, version, plans);
+        self.desk.order(Order::Open(rollout))?;
+        Ok(self.rolled_out()?.map(|rolled_out| rolled_out.trajectories))
     }
 
     fn summary(&self, evaluation: &[Encoded]) -> Summary {

@@ -20,8 +20,8 @@ use run::summary::Seconds;
 use crate::algorithm::{Metrics, PolicyLearner, Schedule};
 use crate::beginning::Beginning;
 use crate::desk::{DeskHandle, Entry, Order, RolledOut, Setup};
-use crate::ledger::{LanePlan, LeaseLedger};
-use crate::scoring::{Begun, Scoring};
+use crate::ledger::LeaseLedger;
+use crate::service_client::{Begun, Improvement, ServiceClient};
 use crate::state::State;
 
 /// How often a waiting trainer checks whether it has to stop.
@@ -33,7 +33,7 @@ pub(crate) struct Trainer {
     pub(crate) place: Place,
     pub(crate) config: RunConfig,
     pub(crate) state: State,
-    pub(crate) scoring: Scoring,
+    pub(crate) service: ServiceClient,
     pub(crate) desk: DeskHandle,
     pub(crate) progress: Progress,
     pub(crate) learner: Box<dyn PolicyLearner>,
@@ -43,14 +43,6 @@ pub(crate) struct Trainer {
     started: Instant,
     earlier_s: f64,
     clock: ProcessorClock,
-}
-
-/// Wall time of an iteration's parts, seconds.
-#[derive(Clone, Copy, Debug, Default)]
-struct Times {
-    rollout_s: f64,
-    scoring_s: f64,
-    update_s: f64,
 }
 
 impl Trainer {
@@ -87,7 +79,7 @@ impl Trainer {
         Ok(Trainer {
             folder: folder.clone(),
             place,
-            scoring: Scoring::open(bus, stop)?,
+            service: ServiceClient::open(bus, stop)?,
             desk,
             progress,
             learner,
@@ -107,7 +99,7 @@ impl Trainer {
     /// # Errors
     /// When the bus, the disk or the service fails, or learning diverges.
     pub(crate) fn train(&mut self) -> Result<bool> {
-        if !self.begin_scoring()? {
+        if !self.pretrain()? {
             return Ok(false);
         }
         self.publish_weights()?;
@@ -115,16 +107,15 @@ impl Trainer {
             self.open_rollout(self.state.iteration)?;
         }
         while !self.is_over(self.state.iteration) {
-            let begun = Instant::now();
+            let before = self.seconds;
             let Some(trajectories) = self.collect()? else { return Ok(false) };
-            let rollout_s = begun.elapsed().as_secs_f64();
             self.state.count(&trajectories);
             self.tell(Phase::Training, None, None)?;
             let next = self.state.iteration + 1;
             if self.config.rollout.lag == 1 && !self.is_over(next) {
                 self.open_rollout(next)?;
             }
-            self.learn(&trajectories, rollout_s)?;
+            self.learn(&trajectories, before)?;
             self.publish_weights()?;
             if self.config.rollout.lag == 0 && !self.is_over(next) {
                 self.open_rollout(next)?;
@@ -144,7 +135,7 @@ impl Trainer {
 
     /// Runs lines 2 to 5, unless there is a checkpoint: waits while the service trains offline. Returns false
     /// if a stop is requested first.
-    fn begin_scoring(&mut self) -> Result<bool> {
+    fn pretrain(&mut self) -> Result<bool> {
         let iteration = self.state.iteration;
         let file = match iteration {
             0 => String::new(),
@@ -153,7 +144,7 @@ impl Trainer {
             }
         };
         while !self.stop.is_requested() {
-            match self.scoring.begin(iteration, &file).context("start of the service")? {
+            match self.service.begin(iteration, &file).context("start of the service")? {
                 Begun::Pretraining(pretraining) => {
                     self.progress.pretraining = Some(pretraining);
                     self.tell(Phase::Pretraining, None, None)?;
@@ -191,7 +182,9 @@ impl Trainer {
         if !self.config.learner.acts() {
             return Ok((!self.stop.is_requested()).then(Vec::new));
         }
+        let begun = Instant::now();
         let Some(RolledOut { trajectories, actors }) = self.rolled_out()? else { return Ok(None) };
+        self.seconds.rollout += begun.elapsed().as_secs_f64();
         self.seconds.environment += actors.environment;
         self.seconds.inference += actors.inference;
         self.seconds.transport += actors.transport;
@@ -200,7 +193,7 @@ impl Trainer {
     }
 
     /// Waits for the result of the open rollout; returns `None` if a stop is requested first.
-    fn rolled_out(&mut self) -> Result<Option<RolledOut>> {
+    pub(crate) fn rolled_out(&mut self) -> Result<Option<RolledOut>> {
         while !self.stop.is_requested() {
             if let Some(rolled_out) = self.desk.rolled_out(LOOK_FOR_STOP)? {
                 return Ok(Some(rolled_out));
@@ -211,61 +204,56 @@ impl Trainer {
 
     /// Runs lines 8 to 10: scores the batch, updates the policy, improves the proximity function. With
     /// [`UpdateOrder::ScoreFirst`] the last two run at the same time, because they depend only on the batch;
-    /// with [`UpdateOrder::ImproveFirst`] the improvement comes before the scores.
-    fn learn(&mut self, trajectories: &[Encoded], rollout_s: f64) -> Result<()> {
+    /// with [`UpdateOrder::ImproveFirst`] the improvement comes before the scores. `before` is the time spent before
+    /// the iteration.
+    fn learn(&mut self, trajectories: &[Encoded], before: Seconds) -> Result<()> {
         let iteration = self.state.iteration;
-        let begun = Instant::now();
-        self.scoring.announce(iteration, trajectories)?;
-        let mut reward_update = None;
-        let mut improvement = None;
-        let waiting = Instant::now();
-        if self.config.reward.order == UpdateOrder::ImproveFirst {
-            let under_way = self.scoring.start_improving(iteration)?;
-            reward_update = Some(self.scoring.improved(under_way)?);
+        let announced = || self.service.announce(iteration, trajectories);
+        timed(&mut self.seconds.scoring, announced)?;
+        let (scores, metrics, reward_update);
+        match self.config.reward.order {
+            UpdateOrder::ImproveFirst => {
+                let improvement = self.service.start_improving(iteration)?;
+                reward_update = self.improved(improvement)?;
+                scores = self.scores(trajectories)?;
+                metrics = self.improve_policy(trajectories, &scores)?;
+            }
+            UpdateOrder::ScoreFirst => {
+                scores = self.scores(trajectories)?;
+                let improvement = self.service.start_improving(iteration)?;
+                metrics = self.improve_policy(trajectories, &scores)?;
+                reward_update = self.improved(improvement)?;
+            }
         }
-        let mut waited_s = waiting.elapsed().as_secs_f64();
-        let scores = self.scoring.scores(iteration, trajectories)?;
-        if self.config.reward.order == UpdateOrder::ScoreFirst {
-            improvement = Some(self.scoring.start_improving(iteration)?);
-        }
-        let scoring_s = begun.elapsed().as_secs_f64() - waited_s;
-        let begun = Instant::now();
-        let learning_rate = self.config.policy_learning_rate().at(iteration);
-        let metrics = self.improve_policy(trajectories, &scores, learning_rate)?;
-        let update_s = begun.elapsed().as_secs_f64();
-        let waiting = Instant::now();
-        if let Some(under_way) = improvement {
-            reward_update = Some(self.scoring.improved(under_way)?);
-        }
-        waited_s += waiting.elapsed().as_secs_f64();
         self.state.iteration += 1;
         self.state.wall_s = self.earlier_s + self.started.elapsed().as_secs_f64();
-        let service = reward_update.as_ref().map_or(0.0, |update| update.processor_s);
-        self.state.processor_s += self.clock.lap() + service;
-        self.seconds.rollout += rollout_s;
-        self.seconds.scoring += scoring_s;
-        self.seconds.policy_update += update_s;
-        self.seconds.reward_update += waited_s;
-        let times = Times { rollout_s, scoring_s, update_s };
-        let update = self.policy_update(trajectories, &scores, &metrics, learning_rate, times);
+        self.state.processor_s += self.clock.lap() + reward_update.processor_s;
+        let update = self.policy_update(trajectories, &scores, &metrics, before);
         self.record(scores, update, reward_update)
     }
 
+    /// Returns the scores of the batch (line 8).
+    fn scores(&mut self, trajectories: &[Encoded]) -> Result<Vec<Score>> {
+        let scores = || self.service.scores(self.state.iteration, trajectories);
+        timed(&mut self.seconds.scoring, scores)
+    }
+
+    /// Waits until the proximity function is improved (line 10).
+    fn improved(&mut self, improvement: Improvement) -> Result<RewardUpdate> {
+        timed(&mut self.seconds.reward_update, || self.service.improved(improvement))
+    }
+
     /// Updates the policy (line 9).
-    fn improve_policy(
-        &mut self,
-        trajectories: &[Encoded],
-        scores: &[Score],
-        learning_rate: f64,
-    ) -> Result<Metrics> {
+    fn improve_policy(&mut self, trajectories: &[Encoded], scores: &[Score]) -> Result<Metrics> {
         let (run_seed, iteration) = (self.config.seed, self.state.iteration);
+        let learning_rate = self.config.policy_learning_rate().at(iteration);
         let schedule = Schedule { run_seed, iteration, learning_rate };
         let State { policy, previous_policy, .. } = &mut self.state;
         if let Some(previous) = previous_policy {
             previous.clone_from(policy);
         }
         let update = || self.learner.update(policy, trajectories, scores, &schedule);
-        let updated = self.threads.install(update);
+        let updated = timed(&mut self.seconds.policy_update, || self.threads.install(update));
         let metrics = updated.with_context(|| format!("iteration {iteration}"))?;
         if !policy.is_finite() {
             let message = "the learner diverged: expected finite parameters after the update";
@@ -286,18 +274,18 @@ impl Trainer {
         trajectories: &[Encoded],
         scores: &[Score],
         metrics: &Metrics,
-        learning_rate: f64,
-        times: Times,
+        before: Seconds,
     ) -> PolicyUpdate {
+        let iteration = self.state.iteration - 1;
         let steps: u64 = trajectories.iter().map(|one| u64::from(one.trajectory.steps)).sum();
         PolicyUpdate {
-            iteration: self.state.iteration - 1,
+            iteration,
             policy_version: self.state.iteration,
             environment_steps: self.state.environment_steps,
             episodes: self.state.episodes,
             consumed: trajectories.iter().map(|encoded| encoded.key).collect(),
-            minibatch_seed: self.state.iteration - 1,
-            learning_rate,
+            minibatch_seed: iteration,
+            learning_rate: self.config.policy_learning_rate().at(iteration),
             policy_loss: metrics.policy_loss,
             value_loss: metrics.value_loss,
             entropy: metrics.entropy,
@@ -310,9 +298,9 @@ impl Trainer {
             mean_uncertainty: mean(scores, |score| &score.uncertainty),
             mean_episode_steps: steps as f64 / trajectories.len().max(1) as f64,
             weights_sha256: self.state.policy.weights(self.state.iteration).sha256(),
-            rollout_s: times.rollout_s,
-            scoring_s: times.scoring_s,
-            update_s: times.update_s,
+            rollout_s: self.seconds.rollout - before.rollout,
+            scoring_s: self.seconds.scoring - before.scoring,
+            update_s: self.seconds.policy_update - before.policy_update,
             held_out_loss: metrics.held_out_loss,
             wall_s: self.state.wall_s,
             processor_s: self.state.processor_s,
@@ -323,15 +311,13 @@ impl Trainer {
         &mut self,
         scores: Vec<Score>,
         update: PolicyUpdate,
-        reward_update: Option<RewardUpdate>,
+        reward_update: RewardUpdate,
     ) -> Result<()> {
         self.desk.order(Order::Record(Entry::Scores(scores)))?;
         self.desk.order(Order::Record(Entry::PolicyUpdate(update.clone())))?;
-        if let Some(update) = &reward_update {
-            self.desk.order(Order::Record(Entry::RewardUpdate(update.clone())))?;
-        }
+        self.desk.order(Order::Record(Entry::RewardUpdate(reward_update.clone())))?;
         let shown = PolicyUpdate { consumed: Vec::new(), ..update };
-        self.tell(Phase::Training, Some(shown), reward_update)
+        self.tell(Phase::Training, Some(shown), Some(reward_update))
     }
 
     /// Publishes the run's progress.
@@ -358,22 +344,6 @@ impl Trainer {
         let mut unpublished = self.state.unpublished().into_iter();
         unpublished.try_for_each(|weights| self.desk.order(Order::Publish(weights)))
     }
-
-    /// Runs evaluation episodes with the final policy; returns `None` if a stop is requested first. Their bytes
-    /// are kept in the log only.
-    pub(crate) fn evaluate(&mut self) -> Result<Option<Vec<Encoded>>> {
-        self.tell(Phase::Evaluating, None, None)?;
-        let episodes = self.config.evaluation.episodes;
-        if episodes == 0 {
-            return Ok(Some(Vec::new()));
-        }
-        let plan = |episodes_owed| LanePlan { first_episode: 0, steps_owed: 0, episodes_owed };
-        let plans = self.config.rollout.spread(episodes).into_iter().map(plan).collect();
-        let version = self.state.iteration;
-        let rollout = LeaseLedger::open(Source::Evaluation, version, version, plans);
-        self.desk.order(Order::Open(rollout))?;
-        Ok(self.rolled_out()?.map(|rolled_out| rolled_out.trajectories))
-    }
 }
 
 /// Creates the threads that policy updates run on.
@@ -382,6 +352,14 @@ fn update_threads(config: &RunConfig) -> Result<rayon::ThreadPool> {
         .num_threads(config.resources.learner_threads)
         .thread_name(|number| format!("update-{number}"))
         .build()?)
+}
+
+/// Returns what `work` returns, and adds its wall time to `seconds`.
+fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let begun = Instant::now();
+    let result = work();
+    *seconds += begun.elapsed().as_secs_f64();
+    result
 }
 
 fn open_log(folder: &RunFolder, config: &RunConfig) -> Result<LogWriter> {

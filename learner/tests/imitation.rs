@@ -240,6 +240,20 @@ fn cloning_ends_with_the_expert_and_holds_on_what_was_held_out() {
 }
 
 #[test]
+fn cloning_ends_at_an_action_too_large_for_a_loss_wherever_it_is_split_to() {
+    let config = config("fetch-push", &["method=bc", "policy.hidden=[8]"]);
+    for number in 0..40 {
+        let mut demonstrations = World::line().demonstrations;
+        let actions = [1e30f32; 30].map(f32::to_le_bytes).concat();
+        demonstrations[number].continuous_actions = actions.into();
+        let (mut learner, mut policy) = algorithm::create(&config, &demonstrations);
+        let error = learner.update(&mut policy, &[], &[], &schedule(&config, 0)).unwrap_err();
+        let words = "the learner diverged: expected finite metrics, found";
+        assert!(error.to_string().starts_with(words), "demonstration {number}: {error}");
+    }
+}
+
+#[test]
 fn actions_are_inferred_from_what_the_agent_did_itself() {
     let config = bco();
     let (_, early) = World::corridor().train(&config, 1, 2);

@@ -2,14 +2,11 @@
 //!
 //! Batches are merged by Chan's parallel update in double precision, in the given order.
 
+use protocol::policy::LEAST_SCALED_DEVIATION;
 use protocol::task::floats;
 
 /// Added to a variance before its root is taken.
 const EPSILON: f64 = 1e-8;
-
-/// Numbers with a smaller standard deviation in the demonstrations are not scaled. The unit is that of the number:
-/// meters, radians, or either per second. Users of other units are told of it, see `networks/tests/scaling.rs`.
-const LEAST_STANDARD_DEVIATION: f64 = 0.01;
 
 /// Mean and variance of a stream of numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +79,7 @@ impl RunningNormalizer {
         let mut own = Self { moments: vec![alone; len] };
         own.update(observations);
         for (moments, own) in normalizer.moments.iter_mut().zip(own.moments) {
-            if own.standard_deviation() < LEAST_STANDARD_DEVIATION {
+            if own.standard_deviation() < LEAST_SCALED_DEVIATION {
                 let mean = if own.mean.abs() < Self::CLIP { 0.0 } else { own.mean };
                 *moments = RunningMoments { mean, ..RunningMoments::default() };
             }

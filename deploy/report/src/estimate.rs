@@ -27,7 +27,7 @@ pub(crate) struct Episode {
 /// Returns whether a run learned a proximity function of single states.
 pub(crate) fn has_proximity(config: &RunConfig) -> bool {
     let RewardConfig { model, input, .. } = &config.reward;
-    model.imitates && !model.adversarial && *input == RewardInput::State
+    model.imitates && !model.is_discriminator() && *input == RewardInput::State
 }
 
 /// Reads evaluation episodes of the run's newest policy. If it has not been evaluated, the evaluation is run now, and

@@ -24,11 +24,11 @@ use crate::lock::{self, Lock};
 use crate::machine::Machine;
 use crate::output::Output;
 use crate::output_format::OutputFormat;
-use crate::plan::{self, Plan, TrainRequest};
+use crate::prepared_run::{self, PreparedRun, TrainRequest};
 use crate::programs::{self, Program};
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision, remove_from_bus, runtime};
-use crate::{choices, demonstrations, description, limits, settings, summary};
+use crate::{choices, demonstrations, description, limits, provenance, settings, summary};
 use terminal::numbers;
 use terminal::print::print_remark;
 use terminal::refusal::{Refusal, stopped, wrong_usage};
@@ -124,51 +124,51 @@ impl Arguments {
 /// Trains a run to its end, or until the user stops it.
 pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let Arguments { other_build, no_page, dry_run, listening, output, .. } = arguments;
-    let begin = if arguments.resume { Plan::resumed_run } else { Plan::new_run };
+    let begin = if arguments.resume { PreparedRun::resumed_run } else { PreparedRun::new_run };
     let tensorboard = arguments.tensorboard.clone();
     let (task, settings) = (arguments.task.clone(), arguments.settings.clone());
-    let mut plan = begin(arguments.wishes()?)?;
-    let check_place = |folder| event_files::check(&plan.folder, folder, plan.resumed);
+    let mut prepared = begin(arguments.wishes()?)?;
+    let check_place = |folder| event_files::check(&prepared.folder, folder, prepared.resumed);
     tensorboard.as_deref().map(check_place).transpose()?;
-    if let Some(summary) = Summary::of_finished(&plan.folder, print_remark) {
-        clean_up_after(&plan.folder)?;
-        print_remark(&format!("the run in {} is finished already", plan.folder.path().display()));
-        drop(tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?);
-        return print_end(output, &plan.folder, summary);
+    if let Some(summary) = Summary::of_finished(&prepared.folder, print_remark) {
+        clean_up_after(&prepared.folder)?;
+        let shown = prepared.folder.path().display();
+        print_remark(&format!("the run in {shown} is finished already"));
+        drop(tensorboard.map(|folder| EventFiles::start(&prepared.folder, &folder)).transpose()?);
+        return print_end(output, &prepared.folder, summary);
     }
-    let changes = dry_run.then(|| Changes::of(&plan.config, task.as_deref(), &settings));
+    let changes = dry_run.then(|| Changes::of(&prepared.config, task.as_deref(), &settings));
     programs::check_all()?;
-    listening.check(&plan.config)?;
-    plan.config = if plan.resumed {
-        plan::refuse_other_program(&plan.config)?;
-        description::of_resumed(plan.config, other_build)?
+    listening.check(&prepared.config)?;
+    prepared.config = if prepared.resumed {
+        provenance::refuse_other_program(&prepared.config)?;
+        description::of_resumed(prepared.config, other_build)?
     } else {
-        description::complete(plan.config)?
+        description::complete(prepared.config)?
     };
-    let remarks = check(&plan)?;
-    if plan.resumed && !other_build {
-        plan::refuse_other_build(&plan.folder)?;
+    let remarks = check(&prepared)?;
+    if prepared.resumed && !other_build {
+        provenance::refuse_other_build(&prepared.folder)?;
     }
     if let Some(changes) = changes {
-        lock::refuse_use(&plan.folder)?;
-        let start = start_line(&plan, if plan.resumed { "would continue" } else { "would train" });
+        lock::refuse_use(&prepared.folder)?;
         remarks.iter().for_each(|remark| print_remark(remark));
-        let planned = Planned::of(&plan, changes);
-        return output.print(&planned, |planned| format!("{start}\n{}", planned.changes.table()));
+        return print_dry_run(output, &prepared, changes);
     }
     if let Some(folder) = &tensorboard {
-        make_event_folder(&plan.folder, folder)?;
+        make_event_folder(&prepared.folder, folder)?;
     }
-    let mut lock = plan.lay_out()?;
-    listening.keep(&plan.folder)?;
-    let place = plan.folder.place()?;
-    let page = (!no_page).then(|| CompanionPage::start(plan.folder.path()));
-    print_start(&plan, page.as_ref());
+    let mut lock = prepared.lay_out()?;
+    listening.keep(&prepared.folder)?;
+    let place = prepared.folder.place()?;
+    let page = (!no_page).then(|| CompanionPage::start(prepared.folder.path()));
+    print_start(&prepared, page.as_ref());
     remarks.iter().for_each(|remark| print_remark(remark));
 
-    let events = tensorboard.map(|folder| EventFiles::start(&plan.folder, &folder)).transpose()?;
-    let mut view = ProgressView::kept_in(Output::of(&plan.folder, "supervisor"));
-    let outcome = prepare_and_supervise(&plan, listening, &mut view);
+    let events =
+        tensorboard.map(|folder| EventFiles::start(&prepared.folder, &folder)).transpose()?;
+    let mut view = ProgressView::kept_in(Output::of(&prepared.folder, "supervisor"));
+    let outcome = prepare_and_supervise(&prepared, listening, &mut view);
     view.finish();
     drop(events);
     if let Err(error) = &outcome {
@@ -176,13 +176,18 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         place.check()?;
         lock.keep_failure(format!("{error:#}"));
     }
-    match outcome? {
+    conclude(outcome?, output, &prepared.folder)
+}
+
+/// Tells the user how a run has ended.
+fn conclude(outcome: Outcome, output: OutputFormat, folder: &RunFolder) -> Result<()> {
+    match outcome {
         Outcome::Finished => {
-            let summary = Summary::of_run(&plan.folder)?.context("the learner left no summary")?;
-            print_end(output, &plan.folder, summary)
+            let summary = Summary::of_run(folder)?.context("the learner left no summary")?;
+            print_end(output, folder, summary)
         }
         Outcome::Stopped => {
-            let (shown, how) = (quoted(plan.folder.path().display()), how_to_resume(&plan.folder));
+            let (shown, how) = (quoted(folder.path().display()), how_to_resume(folder));
             print_remark(&format!("stopped; the run is in {shown}. Continue it with\n  {how}"));
             Err(stopped())
         }
@@ -190,24 +195,35 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     }
 }
 
+fn print_dry_run(output: OutputFormat, prepared: &PreparedRun, changes: Changes) -> Result<()> {
+    let doing = if prepared.resumed { "would continue" } else { "would train" };
+    let start = start_line(prepared, doing);
+    let dry = DryRun::of(prepared, changes);
+    output.print(&dry, |dry| format!("{start}\n{}", dry.changes.table()))
+}
+
 /// Checks everything that can be checked before the run has a folder. Returns remarks for the user.
-fn check(plan: &Plan) -> Result<Vec<String>> {
-    let long = Machine::here().require_room_for(&plan.config)?;
-    let file = file_of(&plan.folder, &plan.config);
-    let is_given = plan.config.demonstrations.file.is_some();
+fn check(prepared: &PreparedRun) -> Result<Vec<String>> {
+    let long = Machine::here().require_room_for(&prepared.config)?;
+    let file = file_of(&prepared.folder, &prepared.config);
+    let is_given = prepared.config.demonstrations.file.is_some();
     let mut short = None;
     if is_given {
-        let shown = run::demonstrations::of_file(&file, &plan.config).map_err(Refusal::usage)?;
-        short = (!plan.resumed).then(|| remark_on_offline_training(&plan.config, &shown)).flatten();
+        let shown =
+            run::demonstrations::of_file(&file, &prepared.config).map_err(Refusal::usage)?;
+        short = (!prepared.resumed)
+            .then(|| remark_on_offline_training(&prepared.config, &shown))
+            .flatten();
     }
-    if plan.resumed && file.exists() {
-        let unchanged = run::origin::demonstrations_sha256(&plan.folder, &plan.config);
+    if prepared.resumed && file.exists() {
+        let unchanged = run::origin::demonstrations_sha256(&prepared.folder, &prepared.config);
         unchanged.map_err(Refusal::usage)?;
     }
-    require_room(&existing_part(plan.folder.path()), DISK_BYTES)?;
+    require_room(&existing_part(prepared.folder.path()), DISK_BYTES)?;
     check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
-    limits::check(plan.config.resources.actors)?;
-    let remark = is_given.then(|| demonstrations::remark(&file, &plan.config.task)).transpose()?;
+    limits::check(prepared.config.resources.actors)?;
+    let remark =
+        is_given.then(|| demonstrations::remark(&file, &prepared.config.task)).transpose()?;
     Ok(long.into_iter().chain(remark.flatten()).chain(short).collect())
 }
 
@@ -218,7 +234,7 @@ fn remark_on_offline_training(config: &RunConfig, shown: &[Trajectory]) -> Optio
     // Every epoch has as many full batches as the rows fill.
     let per_epoch = rows / batch as u64;
     let steps = per_epoch.saturating_mul(epochs);
-    let trains = model.trains && !model.adversarial && steps > 0;
+    let trains = model.trains && !model.is_discriminator() && steps > 0;
     if !trains || steps >= FEW_GRADIENT_STEPS {
         return None;
     }
@@ -249,11 +265,11 @@ fn make_event_folder(run: &RunFolder, folder: &Path) -> Result<()> {
 }
 
 fn prepare_and_supervise(
-    plan: &Plan,
+    prepared: &PreparedRun,
     listening: ListenOptions,
     view: &mut ProgressView,
 ) -> Result<Outcome> {
-    let Plan { folder, config, .. } = plan;
+    let PreparedRun { folder, config, .. } = prepared;
     if config.imitates() && !file_of(folder, config).exists() {
         let episodes = numbers::count(config.demonstrations.episodes);
         view.activity(&format!("recording {episodes} demonstrations"));
@@ -284,25 +300,26 @@ fn existing_part(path: &Path) -> PathBuf {
     existing.unwrap_or(Path::new(".")).to_owned()
 }
 
-fn print_start(plan: &Plan, page: Option<&Result<CompanionPage>>) {
-    let line = start_line(plan, if plan.resumed { "continuing" } else { "training" });
+fn print_start(prepared: &PreparedRun, page: Option<&Result<CompanionPage>>) {
+    let line = start_line(prepared, if prepared.resumed { "continuing" } else { "training" });
     match page {
         Some(Ok(page)) => print_remark(&format!("{line}; {}", page.address())),
         Some(Err(why)) => {
             print_remark(&line);
-            let (goalward, shown) = (programs::own_command(), quoted(plan.folder.path().display()));
+            let (goalward, shown) =
+                (programs::own_command(), quoted(prepared.folder.path().display()));
             print_remark(&format!("no page: {why:#}; {goalward} page {shown} serves one"));
         }
         None => print_remark(&line),
     }
 }
 
-fn start_line(plan: &Plan, doing: &str) -> String {
-    let config = &plan.config;
+fn start_line(prepared: &PreparedRun, doing: &str) -> String {
+    let config = &prepared.config;
     let RunConfig { task, method, preset, seed, resources, .. } = config;
     format!(
         "{doing} {task} with {method} in {}: preset {preset}, seed {seed}, {} steps, actors: {}",
-        plan.folder.path().display(),
+        prepared.folder.path().display(),
         numbers::count(config.steps_wanted()),
         resources.actors,
     )
@@ -310,7 +327,7 @@ fn start_line(plan: &Plan, doing: &str) -> String {
 
 /// A run that is not trained yet.
 #[derive(Debug, Serialize)]
-struct Planned {
+struct DryRun {
     run: PathBuf,
     task: String,
     method: String,
@@ -321,11 +338,11 @@ struct Planned {
     changes: Changes,
 }
 
-impl Planned {
-    fn of(plan: &Plan, changes: Changes) -> Planned {
-        let config = &plan.config;
-        Planned {
-            run: plan.folder.path().to_owned(),
+impl DryRun {
+    fn of(prepared: &PreparedRun, changes: Changes) -> DryRun {
+        let config = &prepared.config;
+        DryRun {
+            run: prepared.folder.path().to_owned(),
             task: config.task.name.clone(),
             method: config.method.clone(),
             preset: config.preset.clone(),
@@ -347,7 +364,7 @@ struct Changes {
 impl Changes {
     fn of(config: &RunConfig, task: Option<&str>, settings: &[String]) -> Changes {
         // The defaults of a user's own task can be read only by the name that the user gave.
-        let usual = task.and_then(|task| plan::usual(task, config, settings).ok());
+        let usual = task.and_then(|task| prepared_run::usual(task, config, settings).ok());
         let settings = usual
             .map_or_else(|| repeat::differences(config), |usual| repeat::changes(config, &usual));
         Changes { settings, processor_s: estimate::measured(config) }

@@ -103,6 +103,7 @@ impl PolicyLearner for Bc {
         let mut metrics = self.cloning.train(parameters, &self.training, &rows, learning_rate)?;
         let held_out = self.cloning.loss(parameters, &self.held_out);
         metrics.held_out_loss = held_out.unwrap_or_default();
+        metrics.expect_finite(format_args!("pass {}", iteration + 1))?;
         let last = iteration + 1 == self.passes;
         self.best.judge(parameters, held_out, self.config.patience, last);
         Ok(metrics)

@@ -148,7 +148,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// Refuses a gradient step with a loss, entropy, divergence or norm that is NaN or infinite.
+    /// Refuses a gradient step or a pass with a loss, entropy, divergence or norm that is NaN or infinite.
     ///
     /// # Errors
     /// [`Final`], with the loss or norm and the place where it occurred.
@@ -159,6 +159,7 @@ impl Metrics {
             ("entropy", self.entropy),
             ("approximate KL", self.approximate_kl),
             ("gradient norm", self.gradient_norm),
+            ("held-out loss", self.held_out_loss),
         ];
         match metrics.into_iter().find(|(_, metric)| !metric.is_finite()) {
             None => Ok(()),

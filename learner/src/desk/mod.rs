@@ -377,7 +377,7 @@ impl Desk {
                 break;
             }
             let (request, question) = self.waiting.remove(0);
-            // Leases for an actor that no longer waits would stay open until they are overdue.
+            // Leases for an actor that no longer waits would stay held until they are overdue.
             if !question.is_awaited() {
                 continue;
             }
@@ -385,6 +385,7 @@ impl Desk {
             let reply = LeaseReply { leases, finished: self.work == Work::IsDone };
             if let Err(why) = question.reply(&reply.encode_to_vec()) {
                 self.dropped_questions.note(why);
+                self.take_back(&request.actor, &reply.leases);
             }
         }
         Ok(())
@@ -403,12 +404,16 @@ impl Desk {
         if let Some(seconds) = request.seconds.filter(ActorSeconds::is_possible) {
             self.actors.add(&seconds);
         }
+        self.take_back(&request.actor, &request.finished);
+        Ok(request)
+    }
+
+    fn take_back(&mut self, actor: &str, leases: &[Lease]) {
         if let Some(ledger) = &mut self.ledger {
-            for lease in &request.finished {
-                ledger.hand_back(&request.actor, lease);
+            for lease in leases {
+                ledger.hand_back(actor, lease);
             }
         }
-        Ok(request)
     }
 
     fn grant(&mut self, request: &LeaseRequest) -> Vec<Lease> {

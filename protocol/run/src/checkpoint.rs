@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use mcap_log::{Contents, Record, log_files, read_contents};
+use mcap_log::{Contents, Ending, Record, log_files, read_contents};
 use protocol::messages::Checkpoint as Recorded;
 use protocol::tensors::Tensors;
 use protocol::weights::Weights;
@@ -69,7 +69,7 @@ impl NewestCheckpoint {
 /// Finds the newest checkpoint whose `files` are intact. A caller that needs only the policy need not check the others.
 ///
 /// # Errors
-/// If there is a log but it cannot be read.
+/// If there is a log but it cannot be read, or its damage hides the record of a checkpoint.
 pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error> {
     let mut found = NewestCheckpoint::default();
     let folders = run.checkpoint_folders();
@@ -78,7 +78,7 @@ pub fn newest(run: &RunFolder, files: &[&str]) -> Result<NewestCheckpoint, Error
     }
     let recorded = recorded(run)?;
     for (iteration, folder) in folders.into_iter().rev() {
-        let held_to = recorded.as_ref().map(|records| records.get(&iteration));
+        let held_to = recorded.as_ref().map(|records| records.of(iteration)).transpose()?;
         match files.iter().try_for_each(|name| check(&folder, name, held_to)) {
             Ok(()) => {
                 found.newest = Some(Checkpoint { iteration, folder });
@@ -122,7 +122,7 @@ pub fn chosen(
     }
     let folder = run.checkpoint_folder(iteration);
     let recorded = recorded(run)?;
-    let held_to = recorded.as_ref().map(|records| records.get(&iteration));
+    let held_to = recorded.as_ref().map(|records| records.of(iteration)).transpose()?;
     files.iter().try_for_each(|name| check(&folder, name, held_to))?;
     Ok(Checkpoint { iteration, folder })
 }
@@ -152,8 +152,31 @@ pub fn settle(run: &RunFolder) -> Result<NewestCheckpoint, Error> {
     Ok(found)
 }
 
-/// Returns the log's records of checkpoints, by iteration; `None` if there is no log.
-fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
+/// The log's records of checkpoints.
+struct Records {
+    by_iteration: BTreeMap<u64, Recorded>,
+    /// Damage behind which there may be more of them.
+    damage: Option<(PathBuf, Ending)>,
+}
+
+impl Records {
+    /// Returns the record of the checkpoint after `iteration` iterations; `None` if the log has none.
+    fn of(&self, iteration: u64) -> Result<Option<&Recorded>, Error> {
+        match (self.by_iteration.get(&iteration), &self.damage) {
+            (None, Some((path, ending))) => {
+                let message = format!(
+                    "{ending}; the record of checkpoint {iteration} may be behind that: `goalward log repair` keeps \
+                     whatever can be read"
+                );
+                Err(Error::LogRead { path: path.clone(), message })
+            }
+            (record, _) => Ok(record),
+        }
+    }
+}
+
+/// Returns the log's records of checkpoints; `None` if there is no log.
+fn recorded(run: &RunFolder) -> Result<Option<Records>, Error> {
     let files = match log_files(&run.log()) {
         Err(_) if run.log().try_exists().is_ok_and(|exists| !exists) => return Ok(None),
         files => files?,
@@ -161,13 +184,16 @@ fn recorded(run: &RunFolder) -> Result<Option<BTreeMap<u64, Recorded>>, Error> {
     if files.iter().all(|file| file.contents != Contents::Updates) {
         return Ok(None);
     }
-    let mut records = BTreeMap::new();
-    for entry in read_contents(&run.log(), Contents::Updates)? {
+    let log = read_contents(&run.log(), Contents::Updates)?;
+    let is_damaged = |(_, ending): &&(PathBuf, Ending)| matches!(ending, Ending::Corrupt { .. });
+    let damage = log.endings().iter().find(is_damaged).cloned();
+    let mut by_iteration = BTreeMap::new();
+    for entry in log {
         if let Record::Checkpoint(checkpoint) = entry?.record {
-            records.insert(checkpoint.iteration, checkpoint);
+            by_iteration.insert(checkpoint.iteration, checkpoint);
         }
     }
-    Ok(Some(records))
+    Ok(Some(Records { by_iteration, damage }))
 }
 
 /// Checks a file against the log's record of its checkpoint, if there is a log.
@@ -356,6 +382,26 @@ mod tests {
         assert!(run.checkpoint_folders().is_empty());
         assert!(run.checkpoints().join("000008.damaged").exists());
         assert_eq!(settle(&run).unwrap(), NewestCheckpoint::default());
+    }
+
+    #[test]
+    fn a_checkpoint_is_not_passed_over_for_damage_of_the_log_that_a_repair_mends() {
+        let home = run(&[4, 8], |recorded| recorded);
+        let run = RunFolder::new(home.path());
+        let file = run.log().join("updates-00000.mcap");
+        let bytes = fs::read(&file).unwrap();
+        let refusal = |at: usize| {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0xff;
+            fs::write(&file, damaged).unwrap();
+            newest(&run, &CHECKPOINT_FILES).err().map(|error| error.to_string())
+        };
+        // Some of the bytes are in the chunk that has the records.
+        let mut refusals = (0..bytes.len()).step_by(8).filter_map(refusal);
+        assert!(refusals.any(|said| said.contains("`goalward log repair`")));
+        assert_eq!(run.checkpoint_folders().len(), 2);
+        mcap_log::repair(&file).unwrap();
+        newest(&run, &CHECKPOINT_FILES).unwrap();
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What a run is. [`config`] is what it does, [`folder`] where its files are, [`holder`] which process works on
 //! them, [`mod@demonstrations`] what it learns from, [`checkpoint`] where it resumes, [`origin`] what it began
 //! with, and [`repeat`] the command that repeats it. [`summary`] and [`time_to_success`] are its results,
-//! [`overview`] is a run in one line, [`updates`] are the updates in its log, [`loss`] is what the log has lost.
+//! [`overview`] is a run in one line, [`updates`] are the updates in its log, [`lost`] is what the log has lost.
 //! [`hosts`] are the other machines that take part, [`actors_wanted`] how many actors each should have,
 //! [`process`] is what all its processes have in common, [`mod@output`] what they print, and [`process_stat`]
 //! their state.
@@ -16,7 +16,7 @@ pub mod headway;
 pub mod holder;
 pub mod hosts;
 pub mod learning_rate;
-pub mod loss;
+pub mod lost;
 pub mod metadata;
 pub mod origin;
 pub mod output;

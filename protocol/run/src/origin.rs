@@ -12,9 +12,9 @@ use crate::demonstrations::{DEMONSTRATIONS_SHA256, file_of, of_file};
 use crate::folder::RunFolder;
 
 /// Metadata key of demonstrations that says who acted.
-pub const EXPERT: &str = "expert";
+pub const RECORDED_BY: &str = "expert";
 
-/// Value of [`EXPERT`] for the expert that comes with the task.
+/// Value of [`RECORDED_BY`] for the expert that comes with the task.
 pub const TASKS_OWN: &str = "of the task";
 
 /// Returns the SHA-256 of the demonstrations file that a run learns from; `None` if it does not imitate.
@@ -90,7 +90,7 @@ impl Demonstrations {
         let reader = FileReader::open(&path)?;
         let metadata = reader.metadata();
         let is_of_seed = metadata.get("seed") == Some(config.seed.to_string().as_str());
-        let is_of_expert = metadata.get(EXPERT) == Some(TASKS_OWN);
+        let is_of_expert = metadata.get(RECORDED_BY) == Some(TASKS_OWN);
         Ok(Some(Demonstrations {
             sha256,
             of_own_seed: is_of_seed && is_of_expert,

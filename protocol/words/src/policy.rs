@@ -4,6 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::encoder::CellsArchitecture;
 
+/// Least standard deviation, in the demonstrations, of a number of the observation that networks see scaled. The unit
+/// is that of the number: meters, radians, or either per second. Smaller numbers are not scaled.
+pub const LEAST_SCALED_DEVIATION: f64 = 0.01;
+
 /// Architecture of the policy network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

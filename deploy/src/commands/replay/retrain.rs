@@ -20,7 +20,7 @@ use crate::destination;
 use crate::full_log::{self, FullLog};
 use crate::lock::Lock;
 use crate::output_format::OutputFormat;
-use crate::plan::Plan;
+use crate::prepared_run::PreparedRun;
 use crate::progress::ProgressView;
 use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
@@ -47,22 +47,22 @@ pub(super) fn retrain(
     let kept = out.is_some();
     out.as_deref().map(destination::outside_runs).transpose()?;
     let folder = out.map_or_else(|| cleared(recorded), |out| Ok(RunFolder::new(out)))?;
-    let mut plan = Plan::copy_of(configuration(recorded)?, folder)?;
+    let mut prepared = PreparedRun::copy_of(configuration(recorded)?, folder)?;
     let expected = hashes(recorded)?;
     ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
     let full = FullLog::of(recorded)?;
     let log = fs::canonicalize(full.folder()).context("the log")?;
-    let lock = plan.lay_out()?;
+    let lock = prepared.lay_out()?;
     let mut view = ProgressView::new();
     let source = Source::Log { log, iterations: until };
-    let outcome = block_on_supervision(&plan.folder, &source, &mut view);
+    let outcome = block_on_supervision(&prepared.folder, &source, &mut view);
     view.finish();
     if outcome? == Outcome::Stopped {
-        let shown = plan.folder.path().display();
+        let shown = prepared.folder.path().display();
         print_remark(&format!("stopped; what was trained again is in {shown}"));
         return Err(stopped());
     }
-    let found = hashes(&plan.folder)?;
+    let found = hashes(&prepared.folder)?;
     let same = compare(&expected, &found)?;
     let whole = full_log::refuse_loss(recorded);
     // The log of a finished run has everything that training to the end needs.
@@ -72,7 +72,7 @@ pub(super) fn retrain(
     output.print(&same, Same::table)?;
     drop(lock);
     if !kept {
-        fs::remove_dir_all(plan.folder.path()).context("removing the run trained again")?;
+        fs::remove_dir_all(prepared.folder.path()).context("removing the run trained again")?;
     }
     whole
 }

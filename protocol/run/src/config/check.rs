@@ -138,7 +138,7 @@ impl RunConfig {
         let reward = &self.reward;
         let rewards = reward.model.rewards || !self.learner.is_rewarded();
         within("reward.model", rewards, &format!("some for {}", self.learner.name()), "none")?;
-        let RewardModelKind { name, trains, adversarial, inputs, forms, pairs, .. } = *reward.model;
+        let RewardModelKind { name, trains, inputs, forms, pairs, .. } = *reward.model;
         let segments = reward.segments;
         within("reward.segments", (1..=1000).contains(&segments), "from 1 to 1000", segments)?;
         if !trains {
@@ -157,7 +157,7 @@ impl RunConfig {
             "0 or above",
             penalty,
         )?;
-        let holds = penalty == 0.0 || (adversarial && vector);
+        let holds = penalty == 0.0 || (reward.model.is_discriminator() && vector);
         within(
             "reward.gradient_penalty",
             holds,

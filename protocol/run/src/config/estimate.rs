@@ -2,7 +2,7 @@
 //! through networks. The estimate is a coarse upper bound on purpose: each demonstration counts as
 //! long as the longest episode. It serves to tell a run that fits from one that cannot.
 
-use super::{NetworkSize, RunConfig};
+use super::{Discriminator, NetworkSize, RunConfig};
 
 /// Bytes of a process that has not learned anything yet: program, stacks, buffers, its part of the bus.
 const PROCESS_BYTES: f64 = 60e6;
@@ -193,7 +193,10 @@ impl RunConfig {
 
     /// Returns the number of ensembles of the reward model.
     fn ensembles(&self) -> f64 {
-        if self.reward.model.discriminates { 2.0 } else { 1.0 }
+        match self.reward.model.discriminator {
+            Discriminator::BesideProximity => 2.0,
+            Discriminator::None | Discriminator::Alone => 1.0,
+        }
     }
 
     /// Returns the number of members of all ensembles.

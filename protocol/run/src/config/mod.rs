@@ -42,7 +42,7 @@ use mcap_log::Metadata;
 pub use parameters::NetworkSize;
 pub use protocol::policy::{ActionDistribution, PolicyActivation, PolicyConfig};
 pub use reward::{
-    Discounting, LEAST_SCALED_DEVIATION, REWARD_MODELS, RewardConfig, RewardForm, RewardInput,
+    Discounting, Discriminator, REWARD_MODELS, RewardConfig, RewardForm, RewardInput,
     RewardModelKind, UpdateOrder,
 };
 pub(crate) use settings::merged as merged_settings;
@@ -375,7 +375,7 @@ impl RunConfig {
     }
 
     /// Returns whether actions are discrete.
-    fn acts_by_choice(&self) -> bool {
+    fn has_discrete_actions(&self) -> bool {
         matches!(self.task.action, ActionSpec::Discrete { .. })
     }
 

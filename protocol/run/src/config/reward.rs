@@ -138,10 +138,6 @@ impl RewardConfig {
     }
 }
 
-/// Least standard deviation in the demonstrations of a number that networks see scaled, whatever its unit. A test of
-/// `networks`, which scales, holds it to this value.
-pub const LEAST_SCALED_DEVIATION: f64 = 0.01;
-
 /// Keys that only affect how an ensemble learns while the agent acts.
 const READ_ONLINE: [&str; 7] = [
     "agent_weight",
@@ -165,11 +161,8 @@ pub struct RewardModelKind {
     pub imitates: bool,
     /// Whether it trains an ensemble on them.
     pub trains: bool,
-    /// Whether it is a discriminator that tells demonstrations from the agent's experience. It needs such
-    /// experience, so it has no offline training; it has a row for each step and its own forms of reward.
-    pub adversarial: bool,
-    /// Whether it also learns a discriminator of states, by whose probability its proximity is multiplied.
-    pub discriminates: bool,
+    /// Whether a discriminator tells demonstrations from the agent's experience.
+    pub discriminator: Discriminator,
     /// Whether it trains on labels that fall with the steps to the goal.
     pub labels: bool,
     /// Whether it trains on pairs of rows.
@@ -184,14 +177,25 @@ pub struct RewardModelKind {
     pub reads: &'static [&'static str],
 }
 
+/// The discriminator of a reward model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Discriminator {
+    /// There is none.
+    None,
+    /// It is the whole model. It needs the agent's experience, so there is no offline training; it has a row for each
+    /// step and its own forms of reward.
+    Alone,
+    /// It has an ensemble of its own, beside that of proximity, which is multiplied by its probability.
+    BesideProximity,
+}
+
 /// Values of most models, which train an ensemble on demonstrations.
 const TRAINED: RewardModelKind = RewardModelKind {
     name: "",
     rewards: true,
     imitates: true,
     trains: true,
-    adversarial: false,
-    discriminates: false,
+    discriminator: Discriminator::None,
     labels: false,
     pairs: false,
     online: true,
@@ -210,7 +214,7 @@ pub const REWARD_MODELS: &[RewardModelKind] = &[
     // Proximity times the probability that the state is the expert's.
     RewardModelKind {
         name: "proximity-discriminator",
-        discriminates: true,
+        discriminator: Discriminator::BesideProximity,
         labels: true,
         inputs: &[RewardInput::State],
         ..TRAINED
@@ -220,7 +224,7 @@ pub const REWARD_MODELS: &[RewardModelKind] = &[
     // Whether a state, a transition or a state-action pair is the expert's: GAIfO-s, GAIfO, GAIL.
     RewardModelKind {
         name: "discriminator",
-        adversarial: true,
+        discriminator: Discriminator::Alone,
         inputs: &[
             RewardInput::State,
             RewardInput::NextState,
@@ -259,21 +263,26 @@ impl RewardModelKind {
         REWARD_MODELS.iter().find(|model| model.name == name)
     }
 
-    /// Returns whether it has a discriminator, alone or along with proximity.
+    /// Returns whether it has a discriminator, alone or beside proximity.
     pub fn has_discriminator(&self) -> bool {
-        self.adversarial || self.discriminates
+        self.discriminator != Discriminator::None
+    }
+
+    /// Returns whether it is a discriminator and nothing else.
+    pub fn is_discriminator(&self) -> bool {
+        self.discriminator == Discriminator::Alone
     }
 
     /// Returns the rows of a demonstration of `steps` steps in each of its ensembles: one for each
-    /// step if the model is adversarial or sees actions, otherwise one for each observation.
+    /// step if the model is a discriminator or sees actions, otherwise one for each observation.
     pub fn rows(&self, input: RewardInput, steps: u64) -> u64 {
-        let of_steps = self.adversarial || input == RewardInput::StateAction;
+        let of_steps = self.is_discriminator() || input == RewardInput::StateAction;
         steps + u64::from(!of_steps)
     }
 
     /// Returns whether it is a single trained ensemble, which can be exported as a network.
     pub fn is_one_ensemble(&self) -> bool {
-        self.trains && !self.discriminates
+        self.trains && self.discriminator != Discriminator::BesideProximity
     }
 
     /// Returns whether it compares states only within segments.
@@ -291,7 +300,7 @@ impl RewardModelKind {
             "agent_weight" => self.labels && self.online,
             "samples" => self.online,
             key if READ_ONLINE.contains(&key) => self.online,
-            "pretraining_epochs" => !self.adversarial,
+            "pretraining_epochs" => !self.is_discriminator(),
             "final_bonus" => self.forms.contains(&RewardForm::Absolute), // the bonus is a proximity, too
             _ => true,
         };

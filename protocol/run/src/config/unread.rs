@@ -73,7 +73,7 @@ impl RunConfig {
         if let ("cloning", "patience", Some(why)) = (table, name, self.nothing_held_out()) {
             return Some(why);
         }
-        let (grid, discrete) = (self.is_of_cells(), self.acts_by_choice());
+        let (grid, discrete) = (self.is_of_cells(), self.has_discrete_actions());
         let why = match (table, name) {
             ("policy", "hidden" | "activation") if grid => NO_HIDDEN,
             ("policy", "distribution") | ("cloning", "deviations") if discrete => DISCRETE,

@@ -106,7 +106,7 @@ impl LearnerRules for Bc {
 /// Requires `cloning.deviations` for squashed actions: a network outputs their standard deviations,
 /// so these cannot stay at one.
 pub(super) fn check_deviations(config: &RunConfig) -> Result<(), Error> {
-    let squashed = config.policy.is_squashed() && !config.acts_by_choice();
+    let squashed = config.policy.is_squashed() && !config.has_discrete_actions();
     let fitted = config.cloning().deviations;
     let expected = "true with policy.distribution = squashed-gaussian";
     within("cloning.deviations", fitted || !squashed, expected, fitted)

@@ -102,7 +102,7 @@ impl LearnerRules for Sqil {
     /// Includes the optimizer's keys of the table `ppo` for discrete actions, where soft Q-learning uses them.
     fn reads(&self, config: &RunConfig, table: &str, key: &str) -> bool {
         let optimizer = ["adam_epsilon", "max_gradient_norm"].contains(&key);
-        table == "sqil" || (table == "ppo" && config.acts_by_choice() && optimizer)
+        table == "sqil" || (table == "ppo" && config.has_discrete_actions() && optimizer)
     }
 
     /// Refuses an action scale: a squashed action lies within [-1, 1], and scaled down it could not reach the expert's.
@@ -115,7 +115,11 @@ impl LearnerRules for Sqil {
         let (steps, found) = (config.steps, config.sqil().exploration_steps);
         let expected = format!("below steps = {steps}");
         within("sqil.exploration_steps", found < steps, &expected, found)?;
-        let squashed = config.acts_by_choice() || config.policy.is_squashed();
+        let rate = config.sqil().updates_per_step;
+        let learns = steps.saturating_sub(found) as f64 * rate >= 1.0;
+        let expected = "such that there is an update after sqil.exploration_steps";
+        within("sqil.updates_per_step", learns, expected, rate)?;
+        let squashed = config.has_discrete_actions() || config.policy.is_squashed();
         within("policy.distribution", squashed, "squashed-gaussian for sqil", "gaussian")
     }
 

@@ -23,7 +23,7 @@ const ABSENCE_PATIENCE: Duration = Duration::from_secs(30);
 const STOP_PATIENCE: Duration = Duration::from_secs(60);
 
 /// The learner's side of the proximity service.
-pub(crate) struct Scoring {
+pub(crate) struct ServiceClient {
     bus: Bus,
     client: Client,
     doorbell: Doorbell,
@@ -46,15 +46,15 @@ pub(crate) enum Begun {
 #[error("the proximity service refused: {0}")]
 pub(crate) struct Refused(String);
 
-impl Scoring {
+impl ServiceClient {
     /// Opens the client over the trainer's bus. Once `stop` is requested, it does not wait for a service that is gone.
     ///
     /// # Errors
     /// When the bus fails.
-    pub(crate) fn open(bus: Bus, stop: &Stop) -> Result<Scoring> {
+    pub(crate) fn open(bus: Bus, stop: &Stop) -> Result<ServiceClient> {
         let doorbell = bus.doorbell(Role::Learner)?;
         let client = bus.score_client(&doorbell)?;
-        Ok(Scoring { bus, client, doorbell, stop: stop.clone() })
+        Ok(ServiceClient { bus, client, doorbell, stop: stop.clone() })
     }
 
     /// Brings the service to the state after `iteration` iterations.
@@ -74,7 +74,7 @@ impl Scoring {
     /// lacks are sent again.
     ///
     /// # Errors
-    /// As [`Scoring::begin`], and when the service still lacks trajectories that it was sent.
+    /// As [`ServiceClient::begin`], and when the service still lacks trajectories that it was sent.
     pub(crate) fn announce(&self, iteration: u64, trajectories: &[Encoded]) -> Result<()> {
         let keys: Vec<TrajectoryKey> = trajectories.iter().map(|encoded| encoded.key).collect();
         let mut supplied = Vec::new();
@@ -99,7 +99,7 @@ impl Scoring {
     /// Returns the scores of the current batch, in batch order.
     ///
     /// # Errors
-    /// As [`Scoring::begin`], and when there are not as many scores as trajectories.
+    /// As [`ServiceClient::begin`], and when there are not as many scores as trajectories.
     pub(crate) fn scores(&self, iteration: u64, trajectories: &[Encoded]) -> Result<Vec<Score>> {
         let scores = match self.ask(Ask::Score(IterationRequest { iteration }))? {
             Answer::Scores(scores) => scores.scores,
@@ -127,7 +127,7 @@ impl Scoring {
     /// Waits for the training to end and returns its result.
     ///
     /// # Errors
-    /// As [`Scoring::begin`].
+    /// As [`ServiceClient::begin`].
     pub(crate) fn improved(&self, improvement: Improvement) -> Result<RewardUpdate> {
         let mut wait = Wait::default();
         loop {

@@ -7,22 +7,18 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mcap_log::recorded_builds;
-use protocol::build::Build;
 use protocol::durable::{self, is_unfinished};
-use protocol::table::MODULES;
 use run::actors_wanted::ActorsWanted;
 use run::config::RunConfig;
 use run::demonstrations::{existing_file_of, keep_copy};
 use run::folder::RunFolder;
 use run::holder::Work;
-use run::origin::recorded_configs;
 use run::repeat::quoted;
 use run::summary::Summary;
 
 use crate::lock::Lock;
 use crate::tasks;
-use crate::{demonstrations, description, destination};
+use crate::{demonstrations, destination, provenance};
 use terminal::refusal::{Refusal, wrong_usage};
 
 /// Parent folder of runs that were given no folder.
@@ -42,7 +38,7 @@ pub(crate) struct TrainRequest {
 
 /// A run that can start.
 #[derive(Debug)]
-pub(crate) struct Plan {
+pub(crate) struct PreparedRun {
     /// Folder of the run, which need not exist yet.
     pub(crate) folder: RunFolder,
     /// Effective configuration of the run.
@@ -53,12 +49,12 @@ pub(crate) struct Plan {
     is_numbered: bool,
 }
 
-impl Plan {
-    /// Plans a new run.
+impl PreparedRun {
+    /// Prepares a new run.
     ///
     /// # Errors
     /// When the configuration is invalid, or the folder is not free.
-    pub(crate) fn new_run(wishes: TrainRequest) -> Result<Plan> {
+    pub(crate) fn new_run(wishes: TrainRequest) -> Result<PreparedRun> {
         let task = wishes.task.as_deref().unwrap_or(run::tasks::DEFAULT_TASK);
         let config = tasks::configuration(task, wishes.preset.as_deref(), &wishes.settings)?;
         if tasks::is_of_python(task) {
@@ -70,31 +66,31 @@ impl Plan {
         let folder = RunFolder::new(path);
         refuse_unless_free(&folder)?;
         destination::outside_runs(folder.path())?;
-        Ok(Plan { folder, config, resumed: false, is_numbered })
+        Ok(PreparedRun { folder, config, resumed: false, is_numbered })
     }
 
-    /// Plans a new run with the configuration of another one.
+    /// Prepares a new run with the configuration of another one.
     ///
     /// # Errors
     /// When the folder is not free.
-    pub(crate) fn copy_of(config: RunConfig, folder: RunFolder) -> Result<Plan> {
+    pub(crate) fn copy_of(config: RunConfig, folder: RunFolder) -> Result<PreparedRun> {
         refuse_unless_free(&folder)?;
-        Ok(Plan { folder, config, resumed: false, is_numbered: false })
+        Ok(PreparedRun { folder, config, resumed: false, is_numbered: false })
     }
 
-    /// Plans the continuation of a run, with the configuration in its folder. Only keys that do not change the result
+    /// Prepares the continuation of a run, with the configuration in its folder. Only keys that do not change the result
     /// can be changed.
     ///
     /// # Errors
     /// When the folder holds no run, or a request would change its result.
-    pub(crate) fn resumed_run(wishes: TrainRequest) -> Result<Plan> {
+    pub(crate) fn resumed_run(wishes: TrainRequest) -> Result<PreparedRun> {
         let path = wishes
             .folder
             .ok_or_else(|| wrong_usage("expected the run to continue: --resume needs --run DIR"))?;
         let folder = RunFolder::new(path);
         let old = folder.config()?;
         refuse_unless_text(folder.path())?;
-        refuse_if_changed(&folder, &old)?;
+        provenance::refuse_if_changed(&folder, &old)?;
         // A finished run needs its demonstrations no more.
         if old.demonstrations.file.is_some() && !matches!(Summary::of_run(&folder), Ok(Some(_))) {
             existing_file_of(&folder, &old).map_err(Refusal::usage)?;
@@ -126,7 +122,7 @@ impl Plan {
         let scaled = scaled.map(|count| format!("resources.actors={count}"));
         let settings: Vec<String> = scaled.into_iter().chain(wishes.settings).collect();
         let config = changed(&old, &settings)?;
-        Ok(Plan { config, folder, resumed: true, is_numbered: false })
+        Ok(PreparedRun { config, folder, resumed: true, is_numbered: false })
     }
 
     /// Creates the folder, takes its lock and writes the configuration into it.
@@ -180,7 +176,7 @@ impl Plan {
 /// user has changed by `settings`.
 ///
 /// # Errors
-/// As [`Plan::new_run`].
+/// As [`PreparedRun::new_run`].
 pub(crate) fn usual(task: &str, config: &RunConfig, settings: &[String]) -> Result<RunConfig> {
     let by_itself = [format!("method={}", config.method)];
     let preset = Some(config.preset.as_str());
@@ -222,60 +218,6 @@ fn with_absolute_paths(mut config: RunConfig, began_with: Option<&Path>) -> Resu
         refuse_unless_text(program)?;
     }
     Ok(config)
-}
-
-/// Checks that a task's own program is the one that the run began with, since it decides what the environment does.
-///
-/// # Errors
-/// Wrong usage, when it is another one.
-pub(crate) fn refuse_other_program(config: &RunConfig) -> Result<()> {
-    let found = description::program_sha256(&config.task).map_err(Refusal::usage)?;
-    if found == config.task.program_sha256 {
-        return Ok(());
-    }
-    let shown = config.task.program.as_deref().unwrap_or(Path::new("none")).display();
-    Err(wrong_usage(format!(
-        "{shown}: expected the program that the run began with, found a rebuilt one: start a new \
-         run"
-    )))
-}
-
-/// Checks that this build is the one that last trained the run, since another build may give another result.
-///
-/// # Errors
-/// Wrong usage, in one line that names both.
-pub(crate) fn refuse_other_build(folder: &RunFolder) -> Result<()> {
-    if !folder.log().exists() {
-        return Ok(());
-    }
-    let builds = recorded_builds(&folder.log()).map_err(Refusal::usage)?;
-    let Some((last, (what, _))) =
-        builds.last().and_then(|last| Some((last, last.difference(Build::own())?)))
-    else {
-        return Ok(());
-    };
-    Err(wrong_usage(format!(
-        "{}: expected the build that trained the run, {last}, found {} (different {what}); \
-         --other-build continues it anyway",
-        folder.path().display(),
-        Build::own()
-    )))
-}
-
-/// Refuses a configuration that was edited since the run began, since it would give another result.
-fn refuse_if_changed(folder: &RunFolder, config: &RunConfig) -> Result<()> {
-    if !folder.log().exists() {
-        return Ok(());
-    }
-    let begun = recorded_configs(folder).map_err(Refusal::usage)?;
-    let mut differing = begun.iter().flat_map(|begun| begun.result_differences(config));
-    let Some((key, [began, found])) = differing.find(|(key, _)| !key.starts_with(MODULES)) else {
-        return Ok(());
-    };
-    Err(wrong_usage(format!(
-        "{}: expected {key} = {began}, with which the run began, found {found}",
-        folder.config_file().display()
-    )))
 }
 
 /// Refuses a path that is not UTF-8, since a run's configuration and messages hold its paths as text.
@@ -361,18 +303,18 @@ mod tests {
     #[test]
     fn nothing_is_overwritten() {
         let directory = tempfile::tempdir().unwrap();
-        let mut plan = Plan::new_run(wishes(directory.path(), &["seed=3"])).unwrap();
+        let mut plan = PreparedRun::new_run(wishes(directory.path(), &["seed=3"])).unwrap();
         plan.lay_out().unwrap();
         assert_eq!(plan.folder.config().unwrap(), plan.config);
-        let message = Plan::new_run(wishes(directory.path(), &[])).unwrap_err().to_string();
+        let message = PreparedRun::new_run(wishes(directory.path(), &[])).unwrap_err().to_string();
         assert!(message.contains("--resume"), "{message}");
 
         let other = tempfile::tempdir().unwrap();
         fs::write(other.path().join("thesis.txt"), "dear").unwrap();
-        let message = Plan::new_run(wishes(other.path(), &[])).unwrap_err().to_string();
+        let message = PreparedRun::new_run(wishes(other.path(), &[])).unwrap_err().to_string();
         assert!(message.contains("found files"), "{message}");
         let file = other.path().join("thesis.txt");
-        assert!(Plan::new_run(wishes(&file, &[])).is_err());
+        assert!(PreparedRun::new_run(wishes(&file, &[])).is_err());
     }
 
     #[test]
@@ -381,14 +323,14 @@ mod tests {
         let folder = RunFolder::new(directory.path());
         let left = durable::unfinished(&folder.config_file());
         fs::write(&left, "seed = ").unwrap();
-        Plan::new_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
+        PreparedRun::new_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
         assert!(!left.exists() && folder.config().is_ok());
 
         // A learner that an earlier start left behind may still be writing its checkpoint.
         let unfinished = durable::unfinished(&folder.checkpoint_folder(25));
         fs::create_dir_all(&unfinished).unwrap();
         fs::write(folder.summary_file(), "").unwrap();
-        Plan::resumed_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
+        PreparedRun::resumed_run(wishes(directory.path(), &[])).unwrap().lay_out().unwrap();
         assert!(unfinished.exists() && !folder.summary_file().exists());
     }
 
@@ -399,20 +341,21 @@ mod tests {
             preset: Some("paper".to_owned()),
             ..wishes(directory.path(), &["seed=3", "resources.actors=1"])
         };
-        let mut first = Plan::new_run(first).unwrap();
+        let mut first = PreparedRun::new_run(first).unwrap();
         first.lay_out().unwrap();
 
         let same = ["seed=3", "resources.actors=4"];
-        let resumed = Plan::resumed_run(wishes(directory.path(), &same)).unwrap();
+        let resumed = PreparedRun::resumed_run(wishes(directory.path(), &same)).unwrap();
         assert_eq!(resumed.config.resources.actors, 4);
         assert_eq!(resumed.config.preset, "paper");
         assert!(resumed.config.same_result_as(&first.config));
 
-        let other = Plan::resumed_run(wishes(directory.path(), &["ppo.clip=0.3"])).unwrap_err();
+        let other =
+            PreparedRun::resumed_run(wishes(directory.path(), &["ppo.clip=0.3"])).unwrap_err();
         assert!(other.to_string().contains("ppo.clip=0.3 would change"), "{other}");
         let preset =
             TrainRequest { preset: Some("authors".into()), ..wishes(directory.path(), &[]) };
-        assert!(Plan::resumed_run(preset).is_err());
+        assert!(PreparedRun::resumed_run(preset).is_err());
     }
 
     #[test]
@@ -424,7 +367,8 @@ mod tests {
         fs::create_dir_all(before.join("demonstrations")).unwrap();
         let given = demonstrations_in(&shown);
         let mut first =
-            Plan::new_run(wishes(&before.join("runs/one"), &["seed=1", given.as_str()])).unwrap();
+            PreparedRun::new_run(wishes(&before.join("runs/one"), &["seed=1", given.as_str()]))
+                .unwrap();
         drop(first.lay_out().unwrap());
         let metadata = run::metadata::of_run(&first.config);
         let options = LogOptions::default();
@@ -433,7 +377,7 @@ mod tests {
 
         for _ in 0..2 {
             let folder = now.join("runs/one");
-            let mut resumed = Plan::resumed_run(wishes(&folder, &["seed=1"])).unwrap();
+            let mut resumed = PreparedRun::resumed_run(wishes(&folder, &["seed=1"])).unwrap();
             assert!(resumed.config.same_result_as(&first.config));
             let found = file_of(&resumed.folder, &resumed.config);
             assert_eq!(found, now.join("demonstrations/shown.mcap"));
@@ -446,23 +390,24 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let [folder, shown] = ["run", "shown.mcap"].map(|name| directory.path().join(name));
         let given = demonstrations_in(&shown);
-        drop(Plan::new_run(wishes(&folder, &[given.as_str()])).unwrap().lay_out().unwrap());
+        drop(PreparedRun::new_run(wishes(&folder, &[given.as_str()])).unwrap().lay_out().unwrap());
         fs::remove_file(&shown).unwrap();
-        let resumed = Plan::resumed_run(wishes(&folder, &[])).unwrap();
+        let resumed = PreparedRun::resumed_run(wishes(&folder, &[])).unwrap();
         let copy = file_of(&resumed.folder, &resumed.config);
         assert!(copy.is_file() && copy.starts_with(&folder), "{}", copy.display());
         fs::remove_file(&copy).unwrap();
-        Plan::resumed_run(wishes(&folder, &[])).expect_err("its demonstrations are gone");
+        PreparedRun::resumed_run(wishes(&folder, &[])).expect_err("its demonstrations are gone");
     }
 
     #[test]
     fn a_resumed_run_keeps_the_actors_it_was_scaled_to() {
         let directory = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(directory.path());
-        let mut first = Plan::new_run(wishes(directory.path(), &["resources.actors=1"])).unwrap();
+        let mut first =
+            PreparedRun::new_run(wishes(directory.path(), &["resources.actors=1"])).unwrap();
         drop(first.lay_out().unwrap());
         let resumed_with = |settings: &[&str]| {
-            let mut resumed = Plan::resumed_run(wishes(directory.path(), settings)).unwrap();
+            let mut resumed = PreparedRun::resumed_run(wishes(directory.path(), settings)).unwrap();
             drop(resumed.lay_out().unwrap());
             (resumed.config.resources.actors, folder.config().unwrap().resources.actors)
         };
@@ -481,8 +426,8 @@ mod tests {
         // A refused start leaves its lock file.
         let folder = RunFolder::new(directory.path());
         drop(Lock::take(&folder, Work::Training).unwrap());
-        let mut plan = Plan::new_run(wishes(directory.path(), &[])).unwrap();
-        let mut rival = Plan::new_run(wishes(directory.path(), &[])).unwrap();
+        let mut plan = PreparedRun::new_run(wishes(directory.path(), &[])).unwrap();
+        let mut rival = PreparedRun::new_run(wishes(directory.path(), &[])).unwrap();
         assert!(!plan.folder.is_trained());
         let held = plan.lay_out().unwrap();
         assert!(rival.lay_out().unwrap_err().to_string().contains("being trained"));
