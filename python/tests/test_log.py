@@ -273,6 +273,25 @@ def test_a_damaged_chunk_ends_its_file_and_the_next_one_is_read(run: Path) -> No
     assert not log.endings[run / FIRST].complete
 
 
+def test_a_damaged_beginning_loses_its_file_alone(run: Path) -> None:
+    data = bytearray((run / FIRST).read_bytes())
+    data[8:60] = bytes(52)
+    (run / FIRST).write_bytes(data)
+    with pytest.warns(IncompleteLog, match="expected metadata `goalward.run`"):
+        log = Log(run)
+    assert [one.iteration for one in log.trajectories()] == [1]
+
+
+def test_a_log_of_a_newer_format_says_so_also_while_it_is_written(tmp_path: Path) -> None:
+    write(tmp_path / FIRST, [], seed=3)
+    key = b"format_version\x01\x00\x00\x00"
+    newer = (tmp_path / FIRST).read_bytes().replace(key + b"1", key + b"9")
+    (tmp_path / FIRST).unlink()
+    (tmp_path / f"{FIRST}.active").write_bytes(newer)
+    with pytest.raises(Error, match="expected format version 1 or older, found 9"):
+        Log(tmp_path)
+
+
 def test_a_folder_without_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Error, match="log: expected the folder of a log, found .*No such file"):
         Log(tmp_path)

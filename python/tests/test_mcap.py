@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from google.protobuf.struct_pb2 import ListValue, Value
 from google.protobuf.wrappers_pb2 import BoolValue, FloatValue
 from mcap.writer import Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
@@ -74,6 +75,18 @@ def test_protobuf_messages_are_read(tmp_path: Path) -> None:
     task = Task("line", Vector(1), REACH.action, 5)
     [episode] = load(tmp_path / "one.mcap", task, keys=["/x.value"], success="/done.value").episodes
     assert np.asarray(episode.observations).tolist() == [[1.5], [2.5], [4.5]]
+
+
+def test_a_message_that_is_not_set_in_protobuf_has_no_numbers(tmp_path: Path) -> None:
+    with (tmp_path / "one.mcap").open("wb") as file:
+        writer = ProtobufWriter(file)
+        for time in range(3):
+            value = Value(list_value=ListValue(values=[Value(number_value=1.0)])) if time != 1 else Value()
+            writer.write_message("/x", value, log_time=time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    task = Task("line", Vector(1), REACH.action, 5)
+    with pytest.raises(Error, match=r"message 2 of /x: expected .* as before, found none"):
+        load(tmp_path / "one.mcap", task, keys=["/x.list_value.values.0.number_value"], success="all")
 
 
 def test_a_folder_of_files_has_an_episode_in_each(tmp_path: Path) -> None:

@@ -180,6 +180,11 @@ def test_actions_are_those_that_an_actor_acts_on(space: spaces.Space[Any]) -> No
     np.testing.assert_array_equal(_actions(space, np.stack(moves))["actions"], expected)
 
 
+def test_actions_of_another_space_are_refused_with_it() -> None:
+    with pytest.raises(Error, match=r"expected a Discrete or a bounded Box space, found MultiDiscrete"):
+        _actions(spaces.MultiDiscrete([2, 3]), np.zeros((4, 2)))
+
+
 def test_actions_of_another_shape_than_their_space_are_refused() -> None:
     source = stored([buffer(0, walk(4, 0), 4)], spaces.Box(-np.inf, np.inf, (3,), np.float32))
     with h5py.File(source / "data" / "main_data.hdf5", "a") as file:

@@ -46,6 +46,13 @@ def test_without_it_the_state_before_the_last_step_is(tmp_path: Path) -> None:
     np.testing.assert_array_equal(early, walk(4, 1)[:3])
 
 
+def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.hdf5", "w") as file:
+        file["data"] = np.zeros((3, 2))
+    with pytest.raises(Error, match="expected a group `data` of demonstrations, found a dataset"):
+        load(tmp_path / "other.hdf5", REACH)
+
+
 def test_a_demonstration_ends_at_the_first_reward(tmp_path: Path) -> None:
     demonstrations = [(walk(4, 0), [0.0, 1, 1, 1]), (walk(4, 1), [0.0, 0, 0, 0])]
     loaded = load(stored(tmp_path / "demo.hdf5", demonstrations), REACH, keys=["hand", "cube"])

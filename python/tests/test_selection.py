@@ -51,6 +51,11 @@ def test_without_keys_what_tells_success_is_no_observation() -> None:
     assert lengths(selection, Recording("7", table, table)) == [5]
 
 
+def test_a_transposed_grid_is_refused() -> None:
+    turned = Recording("0", {"grid": np.swapaxes(rooms(3, 0), 1, 2)})
+    assert "expected shape" in refusal(Selection(ROOMS, None, "all"), turned)
+
+
 def test_a_grid_may_come_row_by_row() -> None:
     flat = Recording("0", {"grid": rooms(3, 0).reshape(4, 20)})
     [episode] = Selection(ROOMS, None, "all").episodes([flat])

@@ -40,6 +40,10 @@ class Ending:
     words: str
 
 
+class BeginningError(Error):
+    """The beginning of a file is missing or damaged."""
+
+
 class Recorded(NamedTuple):
     """A message: its topic, its log time in nanoseconds, and its protobuf bytes."""
 
@@ -62,6 +66,7 @@ class RecordedFile:
         """Read the metadata.
 
         Raises:
+            BeginningError: if the beginning of the file is missing or damaged.
             Error: if the file cannot be read, or is not a file of Goalward in a known format.
         """
         self.path = path
@@ -69,7 +74,8 @@ class RecordedFile:
         first = next((record for record in self._records() if not isinstance(record, Header)), None)
         if not isinstance(first, Metadata) or first.name not in (RUN, DEMONSTRATIONS):
             expected = f"metadata `{RUN}` or `{DEMONSTRATIONS}` as the first record"
-            raise Error(f"{path}: expected {expected}, found {_name_of(first, self.ending)}")
+            refusal = Error if isinstance(first, Metadata) else BeginningError
+            raise refusal(f"{path}: expected {expected}, found {_name_of(first, self.ending)}")
         self.kind: str = first.name
         self.metadata: Mapping[str, str] = first.metadata
         version = first.metadata.get("format_version", "none")

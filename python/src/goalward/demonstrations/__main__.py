@@ -98,6 +98,8 @@ def _import(options: argparse.Namespace) -> str:
 
 def _info(path: Path, *, as_json: bool) -> str:
     found = read(path)
+    if not found.episodes:
+        raise Error(f"{path}: expected an episode or more, found none")
     count, task = len(found.episodes), found.task
     lengths = [len(np.asarray(episode.observations)) - 1 for episode in found.episodes]
     with_actions = found.episodes[0].actions is not None

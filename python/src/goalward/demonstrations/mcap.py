@@ -210,6 +210,9 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, list[float]]]:
             yield from _leaves(inner, f"{path}.{key}")
     elif hasattr(value, "DESCRIPTOR"):
         for field in value.DESCRIPTOR.fields:
+            # What is not set would be read as zeros.
+            if field.has_presence and not value.HasField(field.name):
+                continue
             yield from _leaves(getattr(value, field.name), f"{path}.{field.name}")
     elif hasattr(value, "__slots__") and not hasattr(value, "__len__"):
         for name in value.__slots__:

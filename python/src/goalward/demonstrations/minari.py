@@ -69,7 +69,7 @@ def _actions(space: Any, values: Any) -> dict[str, Array]:
         rows = optional("gymnasium.vector.utils", "minari").batch_space(space, len(values))
         numbers = np.frombuffer(actions_of(rows).encode(values), "<f4")
         return {ACTIONS: numbers.reshape(len(values), int(np.prod(space.shape)))}
-    return {}
+    raise Error(f"{ACTIONS}: expected a Discrete or a bounded Box space, found {space}")
 
 
 def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

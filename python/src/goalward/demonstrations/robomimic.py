@@ -38,6 +38,8 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
     causes = (OSError, KeyError, RuntimeError)  # h5py raises any of these for damage
     with expecting(f"{source}: expected an HDF5 file", *causes), h5py.File(source, "r") as file:
         demonstrations = file.get("data", {})
+        if not isinstance(demonstrations, (dict, h5py.Group)):
+            raise Error(f"{source}: expected a group `data` of demonstrations, found a dataset")
         for name in sorted(demonstrations, key=_number):
             yield _recording(name, demonstrations[name], wanted)
 

@@ -104,8 +104,8 @@ class Selection:
         if len(set(rows.values())) > 1:
             found = ", ".join(f"{key} ({count})" for key, count in rows.items())
             raise Error(f"episode {recording.name}: expected keys with as many rows, found {found}")
-        if isinstance(self.task.observation, Cells) and len(arrays) == 1:
-            return arrays[0].reshape(len(arrays[0]), *self.task.observation.shape)
+        if isinstance(self.task.observation, Cells) and len(arrays) == 1 and arrays[0].ndim > 1:
+            return arrays[0]
         return np.concatenate([array.reshape(len(array), _width(array)) for array in arrays], axis=1)
 
     def _acted(self, recording: Recording, steps: int) -> Array:

@@ -17,7 +17,7 @@ from goalward.log import tables
 from goalward.log.tables import Columns
 from goalward.log.trajectory import Trajectory, decoded
 from goalward.log.undone import Mark, returns
-from goalward.recorded import ACTIVE, Ending, RecordedFile
+from goalward.recorded import ACTIVE, BeginningError, Ending, RecordedFile
 from goalward.scale import scaled
 from goalward.task import Discrete, Task
 from goalward.toml import tomllib
@@ -72,8 +72,10 @@ class Log:
     """The log of a run. Every call reads the current contents of the files.
 
     A run that went back to a checkpoint records some iterations twice. The later record counts; as long as
-    there is none, the earlier one does not count either. Reading a file that is damaged or being written
-    stops at its last complete record, warns with `IncompleteLog`, and continues with the next file.
+    there is none, the earlier one does not count either. Updates are read without trajectories, which are the
+    first to show that a run went back; they count until the run has made the first of them again. Reading a
+    file that is damaged or being written stops at its last complete record, warns with `IncompleteLog`, and
+    continues with the next file.
 
     Attributes:
         folder: the folder of the log files, `log` in the run's folder.
@@ -95,7 +97,10 @@ class Log:
         self.endings: dict[Path, Ending] = {}
         files = [*self._files("trajectories"), *self._files("updates")]
         if not files:
-            raise Error(f"{self.folder}: expected files such as trajectories-00000.mcap, found none")
+            readable = " that can be read" if self.endings else ""
+            raise Error(
+                f"{self.folder}: expected files such as trajectories-00000.mcap, found none{readable}"
+            )
         self.metadata = dict(files[0].metadata)
         for file in files:
             self._require_same_run(file)
@@ -251,13 +256,11 @@ class Log:
         return [file for file in opened if file is not None]
 
     def _opened(self, path: Path) -> RecordedFile | None:
-        """Open a file; None if it is being written and has no metadata yet."""
+        """Open a file; None if its beginning is damaged, or not yet written."""
         try:
             return RecordedFile(path)
-        except Error as error:
-            if path.suffix != ACTIVE:
-                raise
-            self._note(path, Ending(False, str(error)))
+        except BeginningError as error:
+            self._note(path, Ending(False, str(error).removeprefix(f"{path}: ")))
             return None
 
     def _note(self, path: Path, ending: Ending) -> None:
