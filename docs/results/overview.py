@@ -22,8 +22,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-# The colors of `goalward report` (deploy/report/src/chart.rs), and black.
-COLORS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6e6e6e", "#000000"]
+# The colors of `goalward report` (deploy/report/src/chart.rs), black and purple.
+COLORS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6e6e6e", "#000000", "#7d3fb8"]
 SETTINGS = {
     "svg.fonttype": "none",
     "svg.hashsalt": "goalward",
