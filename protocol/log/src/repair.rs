@@ -147,7 +147,7 @@ fn inspect(path: &Path, repair: &mut Repair) -> Result<State, Error> {
     while let Some(message) = reader.next_message()? {
         *kept.entry(message.topic).or_insert(0) += 1;
     }
-    // A complete file that is still `.active` may not be on the disk: its writer died before it was synced, or that failed.
+    // A complete file that is still `.active` may not be on the disk: its writer died before the sync, or that failed.
     if reader.ending() == Some(&Ending::Complete) && sealed_path(path) == path {
         repair.kept = kept;
         return Ok(State::Sealed);

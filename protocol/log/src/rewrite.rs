@@ -12,8 +12,8 @@ use super::topic::Contents;
 use super::{folder, write_error};
 
 /// Writes the records of a run's log into the folder `out`, in their order and with their log times. `change` replaces
-/// trajectories and returns as many as it was given; it gets those of `at_once` messages at a time. Files that are cut off or damaged are copied as far as they can
-/// be read.
+/// trajectories and returns as many as it was given; it gets those of `at_once` messages at a time. Files that are cut
+/// off or damaged are copied as far as they can be read.
 ///
 /// # Errors
 /// Those of `change`, [`Error::LogRead`] and [`Error::LogWrite`]; also when `out` already has a log.
