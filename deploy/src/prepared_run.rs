@@ -78,8 +78,8 @@ impl PreparedRun {
         Ok(PreparedRun { folder, config, resumed: false, is_numbered: false })
     }
 
-    /// Prepares the continuation of a run, with the configuration in its folder. Only keys that do not change the result
-    /// can be changed.
+    /// Prepares the continuation of a run, with the configuration in its folder. Only keys that do not change the
+    /// result can be changed.
     ///
     /// # Errors
     /// When the folder holds no run, or a request would change its result.

@@ -1,7 +1,8 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
 //! [`run()`] is the process. `trainer` is the loop of the algorithm; [`desk`] is the thread that talks to actors and
-//! writes the log at the same time; `service_client` talks to the proximity service. [`algorithm`] holds the policy learners.
+//! writes the log at the same time; `service_client` talks to the proximity service. [`algorithm`] holds the policy
+//! learners.
 
 mod advantage;
 pub mod algorithm;
