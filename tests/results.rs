@@ -16,7 +16,7 @@ use tempfile::TempDir;
 const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// Files of the repository that the script needs; [`FOLDERS`] has whole folders.
-const FILES: [&str; 21] = [
+const FILES: [&str; 24] = [
     "README.md",
     "docs/guide/src/environments.md",
     "docs/guide/src/methods.md",
@@ -28,6 +28,7 @@ const FILES: [&str; 21] = [
     "docs/results/cells.py",
     "docs/results/pivots.py",
     "docs/results/pivots.toml",
+    "docs/results/quoted.toml",
     "docs/results/estimates.py",
     "docs/results/data.py",
     "docs/results/settings.py",
@@ -38,6 +39,8 @@ const FILES: [&str; 21] = [
     "docs/results/replays.csv",
     "docs/results/settings.csv",
     "docs/results/uncertainty.csv",
+    "docs/results/random_policy.csv",
+    "docs/results/mujoco_evaluations.csv",
 ];
 const PLANS: &str = "deploy/experiments";
 const FOLDERS: [&str; 2] = [PLANS, "deploy/tasks"];
@@ -132,13 +135,25 @@ fn what_has_no_runs_or_no_end_is_named() {
             "ablations.md",
             "number: paired members/push/prior-1 default",
             "number: points members/pick/prior-1 default",
-            "expected curves of members/pick with finished runs, found none of prior-1",
+            "expected finished runs of members/pick/prior-1, found none",
         ),
         (
             "ablations.md",
             "number: paired members/push/prior-1 default",
             "number: points members/push/shared-0_1 default",
             "expected at least 3 seeds to compare, found 2 and 6",
+        ),
+        (
+            "README.md",
+            "number: seeds squared-errors/success/bc",
+            "number: seeds squared-errors/success/bc@7",
+            "expected finished runs of squared-errors/success/bc@7, found those of seeds 1 2 3 4 5",
+        ),
+        (
+            "README.md",
+            "Not everything is trained yet.",
+            "GAIL reaches 98.5 and 96.8 %.",
+            "expected `<!-- number: KIND CURVE... -->` before each rate, found 98.5 and 96.8 %",
         ),
         (
             "README.md",

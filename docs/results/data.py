@@ -167,6 +167,20 @@ def rates(runs: list[Row], name: str) -> Seeds:
     return {run["seed"]: float(run[name]) for run in runs if run[name]}
 
 
+def replayed(curve: Curve) -> dict[str, Row]:
+    """Returns the replays of a curve by seed, one of each, even if the seed was trained more than once."""
+    known = {(row["run"], row["policy_sha256"]): row for row in replays()}
+    runs = (same for run in curve.runs for same in finished()[identity(run)])
+    named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
+    return {seed: known[name] for seed, name in named if name in known}
+
+
+@cache
+def replays() -> list[Row]:
+    """Reads all replays."""
+    return read(REPLAYS)
+
+
 @cache
 def curves(figure: str, panel: str) -> list[Curve]:
     """Returns the curves of a panel that have evaluated runs."""

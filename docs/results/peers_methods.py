@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 WORKSPACE = pathlib.Path(__file__).resolve().parents[2]
 sys.path.append(str(WORKSPACE / "environments/fidelity"))
-from goalward import Goalward  # noqa: E402
+from rapier import Goalward  # noqa: E402
 
 # Numbers of the first training and evaluation episodes; neither are demonstrated ones.
 TRAINING, EVALUATION = 1_000_000, 2_000_000

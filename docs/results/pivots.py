@@ -1,4 +1,4 @@
-"""Pivot tables of runs outside the plans, as `pivots.toml` describes them."""
+"""Pivot tables of runs outside the plans, as `pivots.toml` and `quoted.toml` describe them."""
 
 import statistics
 import sys
@@ -11,7 +11,7 @@ from cells import head, line, mean_with_interval, percent
 from data import FIRST_TUNING_SEED, HERE, Row, Seeds, rates, read
 
 DESCRIPTIONS = HERE / "pivots.toml"
-PIVOTS = tomllib.loads(DESCRIPTIONS.read_text())
+PIVOTS = tomllib.loads(DESCRIPTIONS.read_text()) | tomllib.loads((HERE / "quoted.toml").read_text())
 # Keys of a table, a row or a column that do not select runs.
 SAYS = ["title", "data", "value", "shows"]
 DEFAULTS = {"data": "settings.csv", "value": "evaluation_success_rate", "shows": "seeds"}

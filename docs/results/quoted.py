@@ -1,8 +1,9 @@
 """The kinds of numbers that sentences quote, each a function of the curves after its name.
 
-A curve is FIGURE/PANEL/CURVE, or TABLE/COLUMN/ROW of `pivots.toml`; the first two parts may be left out if
-they are those of the curve before. Several curves joined by `+` are one curve, whose values are their means
-by seed.
+A curve is FIGURE/PANEL/CURVE, or TABLE/COLUMN/ROW of `pivots.toml` or `quoted.toml`; the first two parts
+may be left out if they are those of the curve before. CURVE:most-probable is the success of its replayed
+policies with their most probable actions, CURVE@1,2 has only those seeds. Several curves joined by `+`
+are one, whose values are their means by seed.
 """
 
 import statistics
@@ -10,7 +11,7 @@ import sys
 from collections.abc import Callable
 
 from cells import mean_with_interval, percent, within
-from data import Seeds, curves
+from data import Curve, Seeds, curves, replayed
 from estimates import FEWEST, Bounded, gain, improvement, paired_gain
 from pivots import PIVOTS, column
 
@@ -22,18 +23,36 @@ def evaluations(paths: list[str]) -> list[Seeds]:
         before, _, names = path.rpartition("/")
         place = before or place
         of_panel = known(*place.split("/"))
-        missing = [name for name in names.split("+") if not of_panel.get(name)]
-        if missing:
-            sys.exit(f"expected curves of {place} with finished runs, found none of {' '.join(missing)}")
-        found.append(together([of_panel[name] for name in names.split("+")]))
+        found.append(together([of_seeds(of_panel, place, name) for name in names.split("+")]))
     return found
+
+
+def of_seeds(of_panel: dict[str, Seeds], place: str, named: str) -> Seeds:
+    """Returns a curve of a panel, or those of its seeds that are named behind an `@`."""
+    name, _, wanted = named.partition("@")
+    curve = of_panel.get(name, {})
+    seeds = wanted.split(",") if wanted else list(curve)
+    if not curve or not curve.keys() >= set(seeds):
+        known = f"those of seeds {' '.join(curve)}" if curve else "none"
+        sys.exit(f"expected finished runs of {place}/{named}, found {known}")
+    return {seed: curve[seed] for seed in seeds}
 
 
 def known(figure: str, panel: str) -> dict[str, Seeds]:
     """Returns the evaluations of all curves of a panel, or of all rows in a column."""
     if figure in PIVOTS:
         return column(figure, panel)
-    return {curve.name: curve.evaluations for curve in curves(figure, panel)}
+    found = {}
+    for curve in curves(figure, panel):
+        found[curve.name] = curve.evaluations
+        found[f"{curve.name}:most-probable"] = most_probable(curve)
+    return found
+
+
+def most_probable(curve: Curve) -> Seeds:
+    """Returns the success of a curve's replayed policies with their most probable actions."""
+    found = replayed(curve)
+    return {seed: float(row["most_probable"]) for seed, row in found.items() if row["most_probable"]}
 
 
 def together(found: list[Seeds]) -> Seeds:
@@ -68,6 +87,12 @@ def span(found: list[Seeds]) -> str:
     """Formats the range of the seeds: `9.2 to 94.4`."""
     every = [rate for curve in found for rate in curve.values()]
     return f"{percent(min(every))} to {percent(max(every))}"
+
+
+def below(found: list[Seeds], level: float) -> str:
+    """Counts the seeds below a level in per cent: `9 of the 40`."""
+    every = [rate for curve in found for rate in curve.values()]
+    return f"{sum(100 * rate < level for rate in every)} of the {len(every)}"
 
 
 def difference(found: list[Seeds]) -> str:
@@ -108,10 +133,30 @@ def better(found: list[Seeds]) -> str:
     return within(improvement(panels[:half], panels[half:]), " %")
 
 
+def times(found: list[Seeds]) -> str:
+    """Lists the ratios of means, of the first curve to the second and so on, over shared seeds: `0.71`."""
+    pairs = zip(found[::2], found[1::2], strict=True)
+    return listed([f"{ratio(own, others):.2f}" for own, others in pairs])
+
+
+def ratio(own: Seeds, others: Seeds) -> float:
+    """Returns the ratio of the means of two curves over the seeds that both have."""
+    shared = own.keys() & others.keys()
+    return sum(own[seed] for seed in shared) / sum(others[seed] for seed in shared)
+
+
 def listed(words: list[str]) -> str:
     """Joins words as in a sentence."""
     *others, last = words
     return f"{', '.join(others)} and {last}" if others else last
+
+
+def quoted(kind: str, words: list[str]) -> str:
+    """Returns the number of some curves; of `below`, a level comes before them: `below 85 CURVE...`."""
+    if kind == "below":
+        level, *paths = words
+        return below(evaluations(paths), float(level))
+    return NUMBERS[kind](evaluations(words))
 
 
 NUMBERS: dict[str, Callable[[list[Seeds]], str]] = {
@@ -123,4 +168,5 @@ NUMBERS: dict[str, Callable[[list[Seeds]], str]] = {
     "points": points,
     "paired": paired,
     "better": better,
+    "times": times,
 }

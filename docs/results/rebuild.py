@@ -10,7 +10,7 @@ A table is between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table -->
 | kind | arguments | what it shows |
 |---|---|---|
 | `panel` | figure, panel | a row for each method, with every seed and the steps to 90 % |
-| `pivot` | name | the table that `pivots.toml` describes, from `settings.csv` or `uncertainty.csv` |
+| `pivot` | name | the table that `pivots.toml` describes, from `settings.csv` or another file |
 | `overview` | figure, or none | methods x its panels, or the opening ones; "of 3": fewer seeds than planned |
 | `over` | | methods over the opening panels: interquartile mean and probability of improvement |
 | `replays` | figure, panel | for each curve, the replayed seeds and the success of both ways to act |
@@ -19,12 +19,14 @@ A table is between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table -->
 | `repeated` | | the number of runs that were trained more than once |
 
 A number in a sentence is between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
-kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph.
+kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph. In
+the project's README and the results page, a rate that is not between them is refused.
 
 Data: `runs.csv` has a line for each finished run of the plans, and `points.csv` twenty points of each.
-`replays.csv` and `uncertainty.csv` are written by `replays.py` and `uncertainty.py`. `settings.csv` has runs
-outside the plans, with the settings in which they differ from the default at their time. A report's runs
-replace those of the same curves and seeds; all others stay, so runs can be added in portions. The plans in
+`replays.csv`, `uncertainty.csv` and `random_policy.csv` are written by the scripts of the same names.
+`settings.csv` has runs outside the plans, with the settings in which they differ from the default at
+their time, `mujoco_evaluations.csv` those of the examples in MuJoCo. A report's runs replace those of the
+same curves and seeds; all others stay, so runs can be added in portions. The plans in
 `deploy/experiments` have the order of the curves, the wanted seeds and the authors' numbers.
 """
 
@@ -35,11 +37,16 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from data import HERE, PAGES, RUNS, Row, key, order, read, refuse_strays, write
-from quoted import NUMBERS, evaluations
+from quoted import quoted
 from tables import KINDS
 
 NUMBER = re.compile(r"(?m)(^\s*)?(<!-- number: (\S+) (.*?) -->)(.*?)(<!-- end -->)")
 TABLE = re.compile(r"(<!-- table: (.*?) -->\n)(.*?)(<!-- end of table -->)", re.DOTALL)
+# A rate or a difference in a sentence, such as `98.5 and 96.8 %`, and text in which none is one.
+RATE = re.compile(r"\d+\.\d(?:(?:, | and | to )\d+\.\d)* (?:%|points)")
+CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
+# Pages in which every rate is between marks.
+RESULTS = [HERE / "README.md", HERE.parents[1] / "README.md"]
 POINTS_OF_A_RUN = 20
 
 
@@ -77,7 +84,7 @@ def rebuilt(text: str) -> str:
     def number(found: re.Match[str]) -> str:
         if found[1] is not None:
             sys.exit(f"expected `{found[2]}` behind a word, found it at the beginning of a line")
-        return f"{found[2]}{NUMBERS[found[3]](evaluations(found[4].split()))}{found[6]}"
+        return f"{found[2]}{quoted(found[3], found[4].split())}{found[6]}"
 
     def table(found: re.Match[str]) -> str:
         kind, *arguments = found[2].split()
@@ -98,6 +105,13 @@ def refuse_open_markers(page: Path, text: str) -> None:
             sys.exit(f"{page}: expected `{end}` for each `{begin}`, found {whole} of {begins} and {ends}")
 
 
+def refuse_typed_rates(page: Path, text: str) -> None:
+    """Exits if a page has a rate that no data stands behind."""
+    typed = RATE.search(CODE.sub("", NUMBER.sub("", TABLE.sub("", text))))
+    if typed:
+        sys.exit(f"{page}: expected `<!-- number: KIND CURVE... -->` before each rate, found {typed[0]}")
+
+
 def main() -> int:
     """Runs the command; returns 1 with `--check` if a page differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -111,6 +125,8 @@ def main() -> int:
     for page in PAGES:
         text = page.read_text()
         refuse_open_markers(page, text)
+        if page in RESULTS:
+            refuse_typed_rates(page, text)
         new = rebuilt(text)
         if new != text and options.check:
             print(

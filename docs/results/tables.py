@@ -10,17 +10,16 @@ from data import (
     FIRST_TUNING_SEED,
     HERE,
     OPENING,
-    REPLAYS,
     RUNS,
     Curve,
     Plan,
     Row,
     curves,
     finished,
-    identity,
     plans,
     rates,
     read,
+    replayed,
     weights,
 )
 from estimates import FEWEST, Bounded, improvement, interquartile_mean
@@ -95,13 +94,9 @@ def mark(probability: Bounded) -> str:
 
 def replays(figure: str, panel: str) -> str:
     """Shows for each curve the replayed seeds and the success of both ways to act."""
-    found = {(row["run"], row["policy_sha256"]): row for row in read(REPLAYS)}
     text = head(["method", "seeds acted again", "seeds trained again", "sampled", "most probable"])
     for curve in curves(figure, panel):
-        runs = (same for run in curve.runs for same in finished()[identity(run)])
-        named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
-        # One run of each seed, even if the seed was trained and replayed more than once.
-        rows = list({seed: found[name] for seed, name in named if name in found}.items())
+        rows = list(replayed(curve).items())
         cells = [seeds(rows, column) for column in ("verified", "retrained")]
         cells += [mean(rows, column) for column in ("sampled", "most_probable")]
         text += line([f"`{curve.name}`", *cells])
