@@ -4,8 +4,7 @@ import ant
 import numpy as np
 import table
 from play import in_turn, play_both
-
-from goalward import Goalward
+from rapier import Goalward
 
 AMPLITUDES = [0.1, 0.3, 1.0]
 SEQUENCES = 10

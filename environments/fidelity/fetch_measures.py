@@ -4,8 +4,7 @@ import fetch
 import numpy as np
 import table
 from play import in_turn, play, play_both
-
-from goalward import Goalward
+from rapier import Goalward
 
 LIFT_M = 0.15
 

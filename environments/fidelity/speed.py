@@ -8,8 +8,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import table
-
-from goalward import Goalward
+from rapier import Goalward
 
 ROUNDS = 7
 EPISODE_STEPS = 50

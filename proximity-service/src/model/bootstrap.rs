@@ -7,7 +7,7 @@ use protocol::seed::{self, Purpose};
 use rand::RngExt;
 use run::config::RewardConfig;
 
-use super::minibatch::MinibatchRows;
+use super::minibatch::Positions;
 
 /// Mapping from drawn positions to the rows of demonstrations that a member sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,13 +51,13 @@ impl Resamples {
     }
 
     /// Replaces the drawn positions by the rows that a member sees there.
-    pub(super) fn of_member(&self, member: usize, mut drawn: MinibatchRows) -> MinibatchRows {
+    pub(super) fn of_member(&self, member: usize, mut positions: Positions) -> Positions {
         if let Resamples::Own(members) = self {
-            for position in &mut drawn.demonstrations {
+            for position in &mut positions.demonstrations {
                 *position = members[member][*position];
             }
         }
-        drawn
+        positions
     }
 }
 
@@ -86,7 +86,7 @@ mod tests {
         }
         assert_ne!(members[0], members[1]);
         assert_eq!(resamples, Resamples::new(&bootstrapped, 7, &rows));
-        let drawn = MinibatchRows { demonstrations: vec![5, 0], agent: vec![9] };
+        let drawn = Positions { demonstrations: vec![5, 0], agent: vec![9] };
         let own = resamples.of_member(1, drawn.clone());
         assert_eq!(own.demonstrations, [members[1][5], members[1][0]]);
         assert_eq!(own.agent, [9]);

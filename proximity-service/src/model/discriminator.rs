@@ -9,8 +9,8 @@ use protocol::trajectory::Trajectory;
 use run::config::{RewardConfig, RewardInput};
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{EpisodeView, Learning, Objective};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::objective::{EpisodeView, Objective, Sampler};
 use crate::reward::step_rewards;
 
 /// Logistic regression with label 1 for the expert's rows and 0 for the agent's.
@@ -42,13 +42,13 @@ impl Objective for Discriminator {
     }
 
     /// Returns nothing: without an agent there is nothing to discriminate.
-    fn offline(&self, _learning: &Learning<'_>) -> Vec<MinibatchRows> {
+    fn offline(&self, _sampler: &Sampler<'_>) -> Vec<Positions> {
         Vec::new()
     }
 
     /// Computes the mean loss over the expert's rows and over the agent's; their sum is twice the mean over both.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
-        let count = minibatch.drawn.demonstrations.len();
+        let count = minibatch.positions.demonstrations.len();
         let (own, agent) = outputs.split_at(count);
         let (own_gradients, agent_gradients) = gradients.split_at_mut(count);
         let weight = |rows: &[f32]| 1.0 / rows.len().max(1) as f32;

@@ -25,7 +25,7 @@ const ADAM_EPSILON: f64 = 1e-8;
 const SHARD_ROWS: usize = 64;
 
 /// An ensemble with its optimizers.
-pub struct TrainedEnsemble {
+pub struct TrainableEnsemble {
     input: Input,
     normalizer: RunningNormalizer,
     ensemble: Ensemble,
@@ -36,7 +36,7 @@ pub struct TrainedEnsemble {
     threads: ThreadPool,
 }
 
-impl TrainedEnsemble {
+impl TrainableEnsemble {
     /// Creates a new ensemble over rows of `input`.
     pub fn new(
         input: Input,
@@ -63,7 +63,7 @@ impl TrainedEnsemble {
             let trainer = ShardedTrainer::new(member.len(), ADAM_EPSILON, f64::INFINITY);
             trainer.with_weight_decay(config.weight_decay)
         };
-        TrainedEnsemble {
+        TrainableEnsemble {
             input,
             normalizer,
             trainers: ensemble.members.iter().map(trainer).collect(),
@@ -82,7 +82,7 @@ impl TrainedEnsemble {
     }
 
     /// Takes one optimizer step of every member, on the shared minibatch or on the member's own. `loss` reads the
-    /// outputs of one member and writes their gradients. Call [`TrainedEnsemble::prepare`] before scoring rows.
+    /// outputs of one member and writes their gradients. Call [`TrainableEnsemble::prepare`] before scoring rows.
     ///
     /// # Errors
     /// When a loss or the gradient norm of a member is not finite; the message names the member.
@@ -172,7 +172,7 @@ impl TrainedEnsemble {
         }
     }
 
-    /// Restores what [`TrainedEnsemble::save`] added.
+    /// Restores what [`TrainableEnsemble::save`] added.
     ///
     /// # Errors
     /// When the arrays do not fit this ensemble.

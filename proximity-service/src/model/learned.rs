@@ -17,10 +17,10 @@ use run::process::Final;
 
 use super::RewardModel;
 use super::bootstrap::Resamples;
-use super::ensemble::TrainedEnsemble;
+use super::ensemble::TrainableEnsemble;
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{EpisodeView, Learning, Objective};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::objective::{EpisodeView, Objective, Sampler};
 use super::offline::{Offline, Progress, Slice};
 use super::penalty::GradientPenalty;
 use super::threads::threads;
@@ -37,7 +37,7 @@ pub struct Learned<O> {
     demonstrations: Vec<u8>,
     resamples: Resamples,
     replay_buffer: ReplayBuffer,
-    ensemble: TrainedEnsemble,
+    ensemble: TrainableEnsemble,
     version: u64,
     /// Offline training that is under way.
     offline: Option<Offline>,
@@ -76,7 +76,7 @@ impl<O: Objective> Learned<O> {
         }
         let normalizer = normalizer(spec.observation, config, demonstrations);
         let ensemble =
-            TrainedEnsemble::new(input, config, run_seed, normalizer, O::SQUASHING, threads);
+            TrainableEnsemble::new(input, config, run_seed, normalizer, O::SQUASHING, threads);
         Learned {
             objective,
             config: config.clone(),
@@ -93,26 +93,26 @@ impl<O: Objective> Learned<O> {
         }
     }
 
-    fn learning(&self) -> Learning<'_> {
-        Learning {
+    fn sampler(&self) -> Sampler<'_> {
+        Sampler {
             config: &self.config,
             run_seed: self.run_seed,
             demonstrations: self.demonstrations.len() / O::kept_bytes(&self.input),
         }
     }
 
-    /// Builds the minibatch that a member sees for the positions drawn.
-    fn minibatch(&self, member: usize, drawn: MinibatchRows) -> Minibatch {
+    /// Builds the minibatch that a member sees for these positions.
+    fn minibatch(&self, member: usize, positions: Positions) -> Minibatch {
         let size = O::kept_bytes(&self.input);
-        let drawn = self.resamples.of_member(member, drawn);
+        let positions = self.resamples.of_member(member, positions);
         let mut rows = Vec::new();
-        for position in &drawn.demonstrations {
+        for position in &positions.demonstrations {
             rows.extend(&self.demonstrations[position * size..(position + 1) * size]);
         }
-        for &position in &drawn.agent {
+        for &position in &positions.agent {
             self.replay_buffer.append_to(position, &mut rows);
         }
-        Minibatch { rows: self.ensemble.normalized(rows), drawn, penalty: None }
+        Minibatch { rows: self.ensemble.normalized(rows), positions, penalty: None }
     }
 
     /// Takes one optimizer step, the `number`-th, of every member, on a shared minibatch or each on its own.
@@ -170,19 +170,18 @@ impl<O: Objective> Learned<O> {
             return Ok(taken);
         }
         let agent = self.replay_buffer.len();
-        let mut draws: Vec<(Stream, Vec<MinibatchRows>)> = (0..self.resamples.minibatches() as u64)
+        let mut draws: Vec<(Stream, Vec<Positions>)> = (0..self.resamples.minibatches() as u64)
             .map(|member| {
                 let purpose = Purpose::ImprovementBatches;
                 let mut stream = seed::stream(self.run_seed, purpose, iteration, member);
-                let drawn = self.objective.online(&self.learning(), agent, &mut stream);
+                let drawn = self.objective.online(&self.sampler(), agent, &mut stream);
                 (stream, drawn)
             })
             .collect();
         for step in 0..draws[0].1.len() {
-            let of_member =
-                |(member, (stream, drawn)): (usize, &mut (Stream, Vec<MinibatchRows>))| {
-                    self.penalized(self.minibatch(member, drawn[step].clone()), stream)
-                };
+            let of_member = |(member, (stream, drawn)): (usize, &mut (Stream, Vec<Positions>))| {
+                self.penalized(self.minibatch(member, drawn[step].clone()), stream)
+            };
             let minibatches: Vec<_> = draws.iter_mut().enumerate().map(of_member).collect();
             taken.add(self.train(&minibatches, step + 1, learning_rate)?);
         }
@@ -193,7 +192,7 @@ impl<O: Objective> Learned<O> {
     fn penalized(&self, mut minibatch: Minibatch, stream: &mut Stream) -> Minibatch {
         if self.config.gradient_penalty > 0.0 {
             let weight = self.config.gradient_penalty as f32;
-            let (rows, pairs) = (&minibatch.rows, minibatch.drawn.agent.len());
+            let (rows, pairs) = (&minibatch.rows, minibatch.positions.agent.len());
             minibatch.penalty = Some(GradientPenalty::between(rows, pairs, weight, stream));
         }
         minibatch
@@ -242,13 +241,13 @@ impl<O: Objective> RewardModel for Learned<O> {
     fn pretrain(&mut self, time: Duration) -> Result<Slice, Final> {
         let begun = Instant::now();
         let mut offline = self.offline.take().unwrap_or_else(|| Offline {
-            minibatches: self.objective.offline(&self.learning()),
+            minibatches: self.objective.offline(&self.sampler()),
             progress: self.resumed,
         });
         let before_s = offline.progress.seconds;
-        while let Some((number, drawn)) = offline.next() {
+        while let Some((number, positions)) = offline.next() {
             let minibatches: Vec<_> = (0..self.resamples.minibatches())
-                .map(|member| self.minibatch(member, drawn.clone()))
+                .map(|member| self.minibatch(member, positions.clone()))
                 .collect();
             let losses = self.train(&minibatches, number, self.learning_rate.first)?;
             offline.progress.add(losses);
@@ -318,7 +317,7 @@ impl<O: Objective> RewardModel for Learned<O> {
         bail!("expected a reward model of single states, found one of {found}")
     }
 
-    fn ensemble(&self) -> Option<&TrainedEnsemble> {
+    fn ensemble(&self) -> Option<&TrainableEnsemble> {
         Some(&self.ensemble)
     }
 

@@ -5,9 +5,9 @@ use std::ops::AddAssign;
 use super::input::Rows;
 use super::penalty::GradientPenalty;
 
-/// Rows of a minibatch, given by their positions.
+/// Positions of the rows that a minibatch is made of.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct MinibatchRows {
+pub struct Positions {
     /// Positions among the rows of demonstrations.
     pub demonstrations: Vec<usize>,
     /// Positions in the agent's experience.
@@ -19,7 +19,7 @@ pub struct Minibatch {
     /// The normalized rows.
     pub rows: Rows,
     /// Positions of the rows.
-    pub drawn: MinibatchRows,
+    pub positions: Positions,
     /// Gradient penalty of a discriminator, if it has one.
     pub penalty: Option<GradientPenalty>,
 }

@@ -27,13 +27,13 @@ use protocol::trajectory::Encoded;
 use run::process::Final;
 
 pub use discriminator::Discriminator;
-pub use ensemble::TrainedEnsemble;
+pub use ensemble::TrainableEnsemble;
 pub use fixed::FixedReward;
 pub use input::{Input, Rows};
 pub use learned::Learned;
-pub use minibatch::{Losses, Minibatch, MinibatchRows};
+pub use minibatch::{Losses, Minibatch, Positions};
 pub use nearest::NearestState;
-pub use objective::{EpisodeView, Learning, Objective};
+pub use objective::{EpisodeView, Objective, Sampler};
 pub use offline::Slice;
 pub use penalty::GradientPenalty;
 pub use proximity::GoalProximity;
@@ -73,7 +73,7 @@ pub trait RewardModel {
     fn estimate(&self, observations: &[u8]) -> Result<Estimates>;
 
     /// Returns the ensemble that the model learns; `None` if it learns none or several.
-    fn ensemble(&self) -> Option<&TrainedEnsemble> {
+    fn ensemble(&self) -> Option<&TrainableEnsemble> {
         None
     }
 

@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
+use super::minibatch::{Losses, Minibatch, Positions};
 use crate::reward::rewards;
 
 /// Training objective of a model, and the rewards computed from its ensemble.
@@ -35,16 +35,11 @@ pub trait Objective: Sync {
     }
 
     /// Returns the minibatches of offline training, in order.
-    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows>;
+    fn offline(&self, sampler: &Sampler<'_>) -> Vec<Positions>;
 
     /// Returns the minibatches of one online update, in order, by default pairs of both kinds of rows.
-    fn online(
-        &self,
-        learning: &Learning<'_>,
-        agent: usize,
-        stream: &mut Stream,
-    ) -> Vec<MinibatchRows> {
-        learning.pairs(agent, stream)
+    fn online(&self, sampler: &Sampler<'_>, agent: usize, stream: &mut Stream) -> Vec<Positions> {
+        sampler.online_pairs(agent, stream)
     }
 
     /// Returns the losses of one member's outputs on a minibatch and writes the gradients of their sum.
@@ -72,9 +67,9 @@ pub struct EpisodeView<'a> {
     pub actions: &'a [u8],
 }
 
-/// Settings that determine the draw of minibatches.
+/// Draws the positions of minibatches.
 #[derive(Clone, Copy, Debug)]
-pub struct Learning<'a> {
+pub struct Sampler<'a> {
     /// Batch size, samples and epochs.
     pub config: &'a RewardConfig,
     /// Seed of the run.
@@ -83,16 +78,16 @@ pub struct Learning<'a> {
     pub demonstrations: usize,
 }
 
-impl Learning<'_> {
+impl Sampler<'_> {
     /// Draws minibatches of pairs for offline training. An epoch has as many full batches as the demonstrations'
     /// rows fill. `draw` returns the positions of the given number of pairs.
-    pub fn drawn(&self, draw: impl Fn(usize, &mut Stream) -> Vec<usize>) -> Vec<MinibatchRows> {
+    pub fn offline_pairs(&self, draw: impl Fn(usize, &mut Stream) -> Vec<usize>) -> Vec<Positions> {
         let RewardConfig { batch, pretraining_epochs, .. } = *self.config;
         let epoch = |epoch| {
             let purpose = Purpose::PretrainingBatches;
             let mut stream = seed::stream(self.run_seed, purpose, epoch, 0);
             let minibatch =
-                |_| MinibatchRows { demonstrations: draw(batch, &mut stream), agent: Vec::new() };
+                |_| Positions { demonstrations: draw(batch, &mut stream), agent: Vec::new() };
             (0..self.demonstrations / batch).map(minibatch).collect::<Vec<_>>()
         };
         (0..pretraining_epochs).flat_map(epoch).collect()
@@ -100,7 +95,7 @@ impl Learning<'_> {
 
     /// Draws the minibatches of one online update, full batches of both kinds of rows. It samples rows of each kind
     /// without replacement: as many as the configuration says, or as there are of the rarer kind.
-    pub fn pairs(&self, agent: usize, stream: &mut Stream) -> Vec<MinibatchRows> {
+    pub fn online_pairs(&self, agent: usize, stream: &mut Stream) -> Vec<Positions> {
         let samples = self.config.samples.min(self.demonstrations).min(agent);
         let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
         let mut own = draw(self.demonstrations, stream).into_vec();
@@ -110,10 +105,7 @@ impl Learning<'_> {
         let size = self.config.batch;
         let pairs = own.chunks_exact(size).zip(agent.chunks_exact(size));
         pairs
-            .map(|(own, agent)| MinibatchRows {
-                demonstrations: own.to_vec(),
-                agent: agent.to_vec(),
-            })
+            .map(|(own, agent)| Positions { demonstrations: own.to_vec(), agent: agent.to_vec() })
             .collect()
     }
 }

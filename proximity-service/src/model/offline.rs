@@ -3,7 +3,7 @@
 use protocol::messages::{Pretraining, RewardUpdate};
 use protocol::tensors::Tensors;
 
-use super::minibatch::{Losses, MinibatchRows};
+use super::minibatch::{Losses, Positions};
 
 /// Outcome of a slice of offline training.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,13 +28,13 @@ pub(super) struct Progress {
 /// Offline training that is under way.
 pub(super) struct Offline {
     /// All minibatches, in order.
-    pub(super) minibatches: Vec<MinibatchRows>,
+    pub(super) minibatches: Vec<Positions>,
     pub(super) progress: Progress,
 }
 
 impl Offline {
     /// Returns the next minibatch, and its number starting from 1.
-    pub(super) fn next(&self) -> Option<(usize, &MinibatchRows)> {
+    pub(super) fn next(&self) -> Option<(usize, &Positions)> {
         let done = self.progress.done;
         Some((done + 1, self.minibatches.get(done)?))
     }

@@ -7,8 +7,8 @@ use rand::seq::SliceRandom;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{Learning, Objective};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::objective::{Objective, Sampler};
 
 /// Regression on proximity labels.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,16 +35,15 @@ impl Objective for GoalProximity {
         }
     }
 
-    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        let mut order: Vec<usize> = (0..learning.demonstrations).collect();
+    fn offline(&self, sampler: &Sampler<'_>) -> Vec<Positions> {
+        let mut order: Vec<usize> = (0..sampler.demonstrations).collect();
         let mut minibatches = Vec::new();
-        for epoch in 0..learning.config.pretraining_epochs {
+        for epoch in 0..sampler.config.pretraining_epochs {
             let purpose = Purpose::PretrainingBatches;
-            order.shuffle(&mut seed::stream(learning.run_seed, purpose, epoch, 0));
-            let positions = order.chunks_exact(learning.config.batch);
+            order.shuffle(&mut seed::stream(sampler.run_seed, purpose, epoch, 0));
+            let positions = order.chunks_exact(sampler.config.batch);
             minibatches.extend(
-                positions
-                    .map(|own| MinibatchRows { demonstrations: own.to_vec(), agent: Vec::new() }),
+                positions.map(|own| Positions { demonstrations: own.to_vec(), agent: Vec::new() }),
             );
         }
         minibatches
@@ -53,7 +52,7 @@ impl Objective for GoalProximity {
     /// Computes Eq. 4, or Eq. 1 without rows of the agent: the mean of `(f(s) - label)^2` over the demonstrated states, and
     /// `agent_weight` times the mean of `f(s)^2` over the agent's.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
-        let MinibatchRows { demonstrations, agent } = &minibatch.drawn;
+        let Positions { demonstrations, agent } = &minibatch.positions;
         let targets: Vec<f32> = demonstrations.iter().map(|&at| self.targets[at]).collect();
         let (own, others) = outputs.split_at(demonstrations.len());
         let (own_gradients, other_gradients) = gradients.split_at_mut(demonstrations.len());

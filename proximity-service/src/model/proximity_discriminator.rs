@@ -14,8 +14,8 @@ use run::folder::RunFolder;
 use run::process::Final;
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::{Discriminator, GoalProximity, Learned, Learning, Objective, RewardModel, Slice};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::{Discriminator, GoalProximity, Learned, Objective, RewardModel, Sampler, Slice};
 use crate::reward::rewards;
 
 /// Both models, with the same settings. Reported losses are those of proximity. Both models start with the same
@@ -119,8 +119,8 @@ impl Objective for StateDiscriminator {
         StateDiscriminator
     }
 
-    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        Discriminator.offline(learning)
+    fn offline(&self, sampler: &Sampler<'_>) -> Vec<Positions> {
+        Discriminator.offline(sampler)
     }
 
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {

@@ -12,8 +12,8 @@ use rand::RngExt;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{Learning, Objective};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::objective::{Objective, Sampler};
 
 /// Ranking of rows within demonstrations, and of the expert's rows above the agent's.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,18 +61,13 @@ impl Objective for Ranking {
     }
 
     /// Draws as many pairs per epoch as the demonstrations have rows, in full batches.
-    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        learning.drawn(|pairs, stream| self.draw(pairs, stream))
+    fn offline(&self, sampler: &Sampler<'_>) -> Vec<Positions> {
+        sampler.offline_pairs(|pairs, stream| self.draw(pairs, stream))
     }
 
     /// Adds as many pairs within demonstrations, before the expert's rows that are paired with the agent's.
-    fn online(
-        &self,
-        learning: &Learning<'_>,
-        agent: usize,
-        stream: &mut Stream,
-    ) -> Vec<MinibatchRows> {
-        let mut minibatches = learning.pairs(agent, stream);
+    fn online(&self, sampler: &Sampler<'_>, agent: usize, stream: &mut Stream) -> Vec<Positions> {
+        let mut minibatches = sampler.online_pairs(agent, stream);
         for minibatch in &mut minibatches {
             let mut within = self.draw(minibatch.agent.len(), stream);
             within.append(&mut minibatch.demonstrations);
@@ -83,7 +78,7 @@ impl Objective for Ranking {
 
     /// Computes the mean over pairs within demonstrations, and the mean over pairs of expert and agent.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
-        let across = 2 * minibatch.drawn.agent.len();
+        let across = 2 * minibatch.positions.agent.len();
         let within = outputs.len() - across;
         let loss = |outputs: &[f32], gradients: &mut [f32]| {
             let half = outputs.len() / 2;

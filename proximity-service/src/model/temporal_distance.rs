@@ -12,8 +12,8 @@ use rand::RngExt;
 use run::config::RewardConfig;
 
 use super::input::Input;
-use super::minibatch::{Losses, Minibatch, MinibatchRows};
-use super::objective::{EpisodeView, Learning, Objective};
+use super::minibatch::{Losses, Minibatch, Positions};
+use super::objective::{EpisodeView, Objective, Sampler};
 use crate::reward::step_rewards;
 
 /// Regression on the distance between two observations of a demonstration.
@@ -82,12 +82,12 @@ impl Objective for TemporalDistance {
     }
 
     /// Draws as many pairs per epoch as the demonstrations have observations, in full batches.
-    fn offline(&self, learning: &Learning<'_>) -> Vec<MinibatchRows> {
-        learning.drawn(|pairs, stream| (0..pairs).flat_map(|_| self.pair(stream)).collect())
+    fn offline(&self, sampler: &Sampler<'_>) -> Vec<Positions> {
+        sampler.offline_pairs(|pairs, stream| (0..pairs).flat_map(|_| self.pair(stream)).collect())
     }
 
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
-        let pairs = minibatch.drawn.demonstrations.chunks_exact(2);
+        let pairs = minibatch.positions.demonstrations.chunks_exact(2);
         let targets: Vec<f32> = pairs.map(|pair| self.target(pair[0], pair[1])).collect();
         let weight = 1.0 / targets.len().max(1) as f32;
         let demonstrations = squared_error(outputs, &targets, weight, gradients);
