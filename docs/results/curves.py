@@ -14,6 +14,7 @@ mean success rate around certain step counts.
 import csv
 import os
 import sys
+from itertools import cycle
 
 import matplotlib
 
@@ -83,7 +84,7 @@ def beside(label, source):
 def draw(path, title, curves):
     figure, (by_steps, by_time) = plt.subplots(1, 2, figsize=(10, 5), sharey=True, layout="constrained")
     labels = sorted({label for label, _ in curves})
-    for color, label in zip(matplotlib.color_sequences["tab10"], labels):
+    for color, label in zip(cycle(matplotlib.color_sequences["tab10"]), labels, strict=False):
         draw_label(
             by_steps,
             by_time,
@@ -136,7 +137,7 @@ def print_table(curves):
 def main():
     out, title, groups = sys.argv[1], sys.argv[2], sys.argv[3:]
     curves, others = read(f"{out}.csv"), {}
-    for label, sources in (group.split("=") for group in groups):
+    for label, sources in (group.rsplit("=", 1) for group in groups):
         if ".csv:" in sources:
             others |= beside(label, sources)
             continue

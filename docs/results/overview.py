@@ -102,7 +102,7 @@ def trained(curve: Curve, points: list[Row]) -> list[np.ndarray]:
 
 def legend(color: dict[str, str]) -> list[Artist]:
     """Returns the legend of colors and marks."""
-    lines = [plt.Line2D([], [], color=color, label=name) for name, color in color.items()]
+    lines = [plt.Line2D([], [], color=shade, label=name) for name, shade in color.items()]
     marks = {"_": "evaluation of a seed", "<": "the authors' success"}
     style = {"color": "0.3", "linestyle": "none", "markersize": 5}
     return [*lines, *(plt.Line2D([], [], marker=mark, label=label, **style) for mark, label in marks.items())]

@@ -33,8 +33,8 @@ def of_seeds(of_panel: dict[str, Seeds], place: str, named: str) -> Seeds:
     curve = of_panel.get(name, {})
     seeds = wanted.split(",") if wanted else list(curve)
     if not curve or not curve.keys() >= set(seeds):
-        known = f"those of seeds {' '.join(curve)}" if curve else "none"
-        sys.exit(f"expected finished runs of {place}/{named}, found {known}")
+        present = f"those of seeds {' '.join(curve)}" if curve else "none"
+        sys.exit(f"expected finished runs of {place}/{named}, found {present}")
     return {seed: curve[seed] for seed in seeds}
 
 

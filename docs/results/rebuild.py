@@ -20,7 +20,7 @@ A table is between `<!-- table: KIND ARGUMENT... -->` and `<!-- end of table -->
 
 A number in a sentence is between `<!-- number: KIND CURVE... -->` and `<!-- end -->`; `quoted.py` has the
 kinds and says how curves are named. The comment must not begin a line: Markdown would end the paragraph. In
-the project's README and the results page, a rate that is not between them is refused.
+the project's README and the results page, a rate with a decimal that is not between them is refused.
 
 Data: `runs.csv` has a line for each finished run of the plans, and `points.csv` twenty points of each.
 `replays.csv`, `uncertainty.csv` and `random_policy.csv` are written by the scripts of the same names.
@@ -106,7 +106,7 @@ def refuse_open_markers(page: Path, text: str) -> None:
 
 
 def refuse_typed_rates(page: Path, text: str) -> None:
-    """Exits if a page has a rate that no data stands behind."""
+    """Exits if a page has a rate with a decimal that no data stands behind."""
     typed = RATE.search(CODE.sub("", NUMBER.sub("", TABLE.sub("", text))))
     if typed:
         sys.exit(f"{page}: expected `<!-- number: KIND CURVE... -->` before each rate, found {typed[0]}")
@@ -115,8 +115,9 @@ def refuse_typed_rates(page: Path, text: str) -> None:
 def main() -> int:
     """Runs the command; returns 1 with `--check` if a page differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing; 1 where a page differs")
-    parser.add_argument("--from", dest="report", type=Path, metavar="REPORT", help="a report to take")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument("--check", action="store_true", help="write nothing; 1 where a page differs")
+    mode.add_argument("--from", dest="report", type=Path, metavar="REPORT", help="a report to take")
     options = parser.parse_args()
     refuse_strays(RUNS, read(RUNS))
     if options.report:

@@ -148,13 +148,13 @@ def mean(rows: list[tuple[str, Row]], column: str) -> str:
 
 
 def repeated() -> str:
-    """Counts the runs that were trained more than once; they are identified by their weights."""
+    """Counts the runs that were trained more than once, by their weights; `bc`, without steps, is left out."""
     runs = [run for run in read(RUNS) if int(run["environment_steps"])]
     names: dict[tuple[str, str], set[str]] = {}
     for run in runs:
         names.setdefault(weights(run), set()).add(run["run"])
     again = sum(len(others) > 1 for others in names.values())
-    return f"Of {len(names)} runs {again} were trained more than once, under two names, to the same hashes.\n"
+    return f"Of {len(names)} runs (without `bc`) {again} were trained more than once, to the same hashes.\n"
 
 
 KINDS: dict[str, Callable[..., str]] = {

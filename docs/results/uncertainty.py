@@ -113,7 +113,7 @@ def rows(goalward: str, settings: str, run: Path):
 
 
 def place(row: Row) -> tuple:
-    """Returns a sort key for the rows of a run, which keep their order."""
+    """Returns what identifies a run; rows are sorted and replaced by it."""
     task, method, settings, steps, seed = (row[column] for column in RUN)
     return task, method, settings, int(steps), int(seed)
 
