@@ -148,7 +148,7 @@ def mean(rows: list[tuple[str, Row]], column: str) -> str:
 
 
 def repeated() -> str:
-    """Counts the runs that were trained more than once, by their weights; `bc`, without steps, is left out."""
+    """Counts runs that were trained more than once, by their weights; `bc`, without steps, is left out."""
     runs = [run for run in read(RUNS) if int(run["environment_steps"])]
     names: dict[tuple[str, str], set[str]] = {}
     for run in runs:
