@@ -72,6 +72,7 @@ fn a_damaged_checkpoint_is_passed_over() {
         let is_said = || run.remarks().contains(&shown).then_some(());
         await_some("a line about it", PATIENCE, is_said);
         assert!(before > 1, "expected older checkpoints");
+        assert!(!run.remarks().contains("starts over"), "{}", run.remarks());
     }
     assert_eq!(training.finish().hashes(), undisturbed(&[LONG]));
     assert!(!run.remarks().contains("ended"), "no process died: {}", run.remarks());
@@ -173,7 +174,10 @@ fn offline_training_is_stopped_at_once_and_goes_on_where_it_was() {
     training.end();
     await_some("the learner's end", PATIENCE, || run.processes().is_empty().then_some(()));
 
-    assert_eq!(run.resume().finish().hashes(), expected);
+    let training = run.resume();
+    let third = await_steps(&run, 1);
+    assert!(third >= first, "begun anew: {third} gradient steps after {first}");
+    assert_eq!(training.finish().hashes(), expected);
     assert!(!kept.exists(), "expected it to be removed with the first checkpoint");
 }
 

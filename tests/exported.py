@@ -83,6 +83,12 @@ def outputs_of(model, inputs):
     return dict(zip(names, model.run(None, inputs)))
 
 
+def larger(one, other):
+    """Returns the larger of two differences; refuses what is no number, which `max` may pass over."""
+    assert np.isfinite(other), "expected numbers from the model, found NaN or infinity"
+    return max(one, other)
+
+
 def policy(path, log, updates, squashed):
     """Returns the steps compared and the largest difference of log-probabilities, relative where above 1."""
     model = session(path)
@@ -94,7 +100,7 @@ def policy(path, log, updates, squashed):
         found = log_probabilities(outputs, actions(trajectory), squashed)
         recorded = np.array(trajectory.log_probs)
         relative = np.abs(found - recorded) / np.maximum(1.0, np.abs(recorded))
-        difference = max(difference, relative.max())
+        difference = larger(difference, relative.max())
         assert np.abs(outputs["action"] - most_probable(model, outputs, squashed)).max() < 1e-6
         steps += trajectory.steps
     return {"steps": steps, "difference": float(difference)}
@@ -131,7 +137,7 @@ def ensemble(path, log, updates):
         outputs = outputs_of(model, rows(model, trajectory, len(score.proximity)))
         found = [outputs["proximity"], outputs["standard_deviation"]]
         for at, recorded in enumerate([score.proximity, score.uncertainty]):
-            differences[at] = max(differences[at], np.abs(found[at] - np.array(recorded)).max())
+            differences[at] = larger(differences[at], np.abs(found[at] - np.array(recorded)).max())
         count += len(score.proximity)
     return {"rows": count, "proximity": float(differences[0]), "uncertainty": float(differences[1])}
 

@@ -364,6 +364,7 @@ fn play(seed: u64) {
     let shown = format!("schedule {seed}: {schedule:?}");
     let training = listen(&run, &address, 0.1);
     let mut play = Play::begin(&run, &address);
+    await_actor_of(&run, "@host-0");
     for (milliseconds, fault) in schedule {
         sleep(Duration::from_millis(milliseconds));
         play.strike(fault);

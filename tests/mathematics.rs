@@ -144,8 +144,10 @@ fn ant_reach_is_indifferent_to_the_last_bits_of_the_systems_mathematics() {
 }
 
 #[test]
-fn fetch_push_takes_nothing_from_the_systems_mathematics() {
-    let counts = verify_nudged("fetch-push");
-    assert_eq!(counts.len(), OF_PHYSICS.len(), "the functions were counted");
-    assert!(counts.values().all(|count| *count == 0), "{counts:?}");
+fn fetch_takes_nothing_from_the_systems_mathematics() {
+    for task in ["fetch-push", "fetch-pick"] {
+        let counts = verify_nudged(task);
+        assert_eq!(counts.len(), OF_PHYSICS.len(), "the functions were counted");
+        assert!(counts.values().all(|count| *count == 0), "{task}: {counts:?}");
+    }
 }

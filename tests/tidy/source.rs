@@ -86,7 +86,7 @@ impl Source {
             match letter {
                 '(' | '[' if depth == 0 => arguments += 1,
                 ')' | ']' if depth == 0 => arguments = arguments.checked_sub(1)?,
-                ';' | ',' if depth == 0 && arguments == 0 => return None,
+                ';' if depth == 0 && arguments == 0 => return None,
                 '{' => depth += 1,
                 '}' if depth == 0 => return None,
                 '}' if depth == 1 => {
@@ -196,12 +196,12 @@ mod tests {
 
     #[test]
     fn functions_are_measured() {
-        let found = source("fn one() -> [u8; 2] {\n    \"}\";\n}\ntrait T {\n    fn two();\n}\n");
-        let functions = found.functions();
-        assert_eq!(functions.len(), 1);
-        assert_eq!(
-            (functions[0].name.as_str(), functions[0].line, functions[0].lines),
-            ("one", 1, 3)
+        let found = source(
+            "fn one() -> [u8; 2] {\n    \"}\";\n}\ntrait T {\n    fn two();\n}\n\
+             fn three<A, B>() -> Result<A, B>\nwhere\n    A: T,\n{\n}\n",
         );
+        let functions = found.functions();
+        let measured = functions.iter().map(|one| (one.name.as_str(), one.line, one.lines));
+        assert_eq!(measured.collect::<Vec<_>>(), [("one", 1, 3), ("three", 7, 5)]);
     }
 }

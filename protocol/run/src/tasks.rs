@@ -104,6 +104,43 @@ mod tests {
         }
     }
 
+    /// The paper's Table 2: learning rate, minibatches, epochs, steps of a rollout, entropy coefficient.
+    const TABLE_2: [(&str, f64, u64, u64, u64, f64); 4] = [
+        ("navigation", 0.001, 4, 4, 4096, 0.01),
+        ("fetch-push", 0.001, 32, 10, 4096, 0.01),
+        ("fetch-pick", 0.0003, 32, 10, 4096, 0.01),
+        ("ant-reach", 0.0003, 32, 10, 16_000, 0.001),
+    ];
+
+    /// The paper's Table 3: lambda, delta, learning rate, batch, agent experience.
+    const TABLE_3: [(&str, f64, f64, f64, usize, usize); 4] = [
+        ("navigation", 0.1, 0.01, 0.001, 32, 4096),
+        ("fetch-push", 0.01, 0.02, 0.001, 128, 4096),
+        ("fetch-pick", 0.1, 0.02, 0.001, 128, 4096),
+        ("ant-reach", 0.01, 0.01, 0.0001, 128, 16_000),
+    ];
+
+    #[test]
+    fn the_preset_paper_has_the_values_of_the_papers_tables() {
+        for (task, learning_rate, minibatches, epochs, steps, entropy_coefficient) in TABLE_2 {
+            let config = configuration(task, Some("paper"), &[]).unwrap();
+            let (ppo, rollout) = (&config.ppo, &config.rollout);
+            let found = (ppo.learning_rate, ppo.minibatches, ppo.epochs);
+            assert_eq!(found, (learning_rate, minibatches, epochs), "{task}");
+            assert_eq!(rollout.lanes * rollout.lane_steps, steps, "{task}");
+            assert_eq!(ppo.entropy_coefficient, entropy_coefficient, "{task}");
+            assert_eq!((ppo.gamma, ppo.learning_rate_decay), (0.99, true), "{task}");
+            assert_eq!(config.policy.normalize_observations, task != "navigation", "{task}");
+        }
+        for (task, uncertainty, delta, learning_rate, batch, experience) in TABLE_3 {
+            let reward = configuration(task, Some("paper"), &[]).unwrap().reward;
+            let found = (reward.uncertainty, reward.delta, reward.learning_rate);
+            assert_eq!(found, (uncertainty, delta, learning_rate), "{task}");
+            assert_eq!((reward.batch, reward.experience), (batch, experience), "{task}");
+            assert_eq!(reward.ensemble, 5, "{task}");
+        }
+    }
+
     #[test]
     fn every_method_is_a_whole_configuration_of_every_task() {
         let methods = METHODS.parse::<Table>().unwrap();
