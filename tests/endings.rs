@@ -89,7 +89,11 @@ fn signals_in_quick_succession_are_one_request_and_later_ones_hurry() {
     training = run.resume();
     training.await_checkpoint(8);
     run.process("learner").signal(Signal::Stop);
+    let requests = || run.remarks().matches("stopping").count();
+    let before = requests();
     training.signal(Signal::Terminate);
+    await_some("the request", PATIENCE, || (requests() > before).then_some(()));
+    // A signal within half a second would belong to the same request.
     thread::sleep(Duration::from_secs(1));
     training.signal(Signal::Terminate);
     assert_eq!(training.end(), Some(130));
@@ -163,6 +167,8 @@ fn expect_no_recorder(signal: Signal, arguments: &[&str], folder: &str) {
     assert_eq!(ended.code(), expected, "{signal:?}");
     await_some("the end of the recorder", SOON, || (!unfinished()).then_some(()));
     assert!(!find(&run, folder, ".mcap"), "expected no demonstrations");
+    let are_gone = || run.all_processes().is_empty().then_some(());
+    await_some("the end of all processes", SOON, are_gone);
 }
 
 /// Whether a folder of the test has a file whose name has this ending.

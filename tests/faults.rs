@@ -291,12 +291,22 @@ fn a_disk_that_fills_up_pauses_the_run() {
     limit_writers(&run, Some(0));
     let said = || run.remarks().contains("no room on the disk").then_some(());
     await_some("a word of the full disk", PATIENCE, said);
-    let checkpoint = run.folder().newest_checkpoint();
+    let reached = || {
+        let (_, text) = run.goalward(&["status", "run", "--json"]);
+        let status: serde_json::Value = serde_json::from_str(&text).unwrap();
+        status["progress"]["update"]["iterations"].as_u64().expect("iterations")
+    };
+    sleep(Duration::from_secs(1));
+    let before = reached();
     sleep(Duration::from_secs(2));
-    assert_eq!(run.folder().newest_checkpoint(), checkpoint, "expected the run to wait");
+    assert_eq!(reached(), before, "expected the run to wait");
     limit_writers(&run, None);
     assert_eq!(training.finish().hashes(), *Subject::NAVIGATION.undisturbed());
     assert!(!run.remarks().contains("ended"), "expected no process to die: {}", run.remarks());
+    for option in ["--verify", "--retrain"] {
+        let (is_whole, said) = run.goalward(&["replay", "run", option]);
+        assert!(is_whole, "expected every record kept: {said}");
+    }
 }
 
 #[test]

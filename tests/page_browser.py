@@ -357,7 +357,7 @@ def damage_is_told(page: Browser) -> None:
     refused = page.script(
         """
         const api = await import(new URL("./api.js", document.baseURI).href);
-        return api.episode(arguments[0], "log", "x").catch((error) => error.message);
+        return api.episode([arguments[0], "log", "x"]).catch((error) => error.message);
         """,
         UNKNOWN,
     )

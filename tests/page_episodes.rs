@@ -60,7 +60,8 @@ fn every_episode_of_a_log_is_listed_and_shown() {
         }
         assert_eq!(page.json(&format!("/api/runs/run/episodes/log/{place}/scenes")), Value::Null);
     }
-    let from = page.json("/api/runs/run/episodes/log?from=5");
+    let generation = page.json("/api/runs/run/episodes/log")["generation"].as_u64().unwrap();
+    let from = page.json(&format!("/api/runs/run/episodes/log?from=5&generation={generation}"));
     assert_eq!(
         (from["from"].as_u64(), from["rows"].as_array().unwrap().len()),
         (Some(5), all.len() - 5)

@@ -8,6 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::time::Duration;
 
 use mcap_log::{Ending, FileReader, Kind, Record, log_files, read_run};
 use protocol::messages::{Checkpoint, PolicyUpdate, RewardUpdate, Score};
@@ -33,12 +34,21 @@ impl Recorded {
         let mut reader = read_run(&run.folder().log()).unwrap();
         let mut recorded = Recorded { left_out: reader.left_out(), ..Recorded::default() };
         let decode = |bytes| Encoded::decode(bytes, &spec("navigation")).unwrap();
+        let mut seen = BTreeSet::new();
         for entry in &mut reader {
             match entry.unwrap().record {
-                Record::Trajectory(bytes) => recorded.trajectories.push(decode(bytes)),
+                Record::Trajectory(bytes) => {
+                    let encoded = decode(bytes);
+                    seen.insert(encoded.key);
+                    recorded.trajectories.push(encoded);
+                }
                 Record::EvaluationTrajectory(bytes) => recorded.evaluations.push(decode(bytes)),
                 Record::Score(score) => recorded.scores.push(score),
-                Record::PolicyUpdate(update) => recorded.policy_updates.push(*update),
+                Record::PolicyUpdate(update) => {
+                    let is_recorded = |key: &TrajectoryKey| seen.contains(key);
+                    assert!(update.consumed.iter().all(is_recorded), "learned from, then recorded");
+                    recorded.policy_updates.push(*update);
+                }
                 Record::RewardUpdate(update) => recorded.reward_updates.push(update),
                 Record::Checkpoint(checkpoint) => recorded.checkpoints.push(checkpoint),
                 Record::Scene(_) | Record::Picture(_) => {
@@ -201,10 +211,16 @@ fn check_again_after_a_killed_learner(undisturbed: &Recorded) {
     let run = TestRun::new(programs!());
     let mut training = run.train(&["checkpoint.iterations=4"]);
     training.await_checkpoint(8);
+    // While the learner waits for the service, what it has recorded since the checkpoint gets to the disk.
+    let service = run.process("proximity-service");
+    service.signal(Signal::Stop);
+    std::thread::sleep(Duration::from_secs(3));
     run.process("learner").signal(Signal::Kill);
+    service.signal(Signal::Continue);
     let summary = training.finish();
     let recorded = Recorded::of(&run);
     check(&run, &recorded, &summary);
+    assert!(recorded.left_out > 0, "nothing was recorded twice, so nothing was shown");
     assert_eq!(recorded.keys(), undisturbed.keys());
     assert_eq!(recorded.scores, undisturbed.scores);
     let weights = |recorded: &Recorded| {

@@ -15,8 +15,8 @@ use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, PercentEncode, utf8_percent_e
 /// Longest time that the page may take to print its address.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Longest time that the page may take to end.
-const FAREWELL: Duration = Duration::from_secs(1);
+/// Longest time that the page may take to end. It ends at once unless a browser shows it.
+const FAREWELL: Duration = Duration::from_secs(3);
 
 /// Characters that are percent-encoded in an address: all except those that RFC 3986 leaves unreserved.
 const ENCODED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'_').remove(b'.').remove(b'~');

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
@@ -99,17 +98,16 @@ fn read(folder: &Path, id: u32) -> Option<Process> {
 
 /// Sends a signal to a process, which may be gone. After [`Signal::Stop`] it returns once the process has stopped.
 pub fn send(id: u32, signal: Signal) {
-    let name = match signal {
-        Signal::Kill => "KILL",
-        Signal::Interrupt => "INT",
-        Signal::Terminate => "TERM",
-        Signal::Hangup => "HUP",
-        Signal::Stop => "STOP",
-        Signal::Continue => "CONT",
+    let number = match signal {
+        Signal::Kill => rustix::process::Signal::KILL,
+        Signal::Interrupt => rustix::process::Signal::INT,
+        Signal::Terminate => rustix::process::Signal::TERM,
+        Signal::Hangup => rustix::process::Signal::HUP,
+        Signal::Stop => rustix::process::Signal::STOP,
+        Signal::Continue => rustix::process::Signal::CONT,
     };
-    // The shell's built-in `kill`, because the program may not be installed.
-    let line = format!("kill -{name} {id}");
-    Command::new("sh").args(["-c", &line]).output().ok();
+    let process = Pid::from_raw(id.try_into().expect("a process ID")).expect("not 0");
+    rustix::process::kill_process(process, number).ok();
     if signal == Signal::Stop {
         await_some("a held process", A_MOMENT, || stands_still(id).then_some(()));
     }

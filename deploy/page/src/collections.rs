@@ -21,13 +21,21 @@ const DEMONSTRATIONS: &str = "demonstrations";
 /// Maximum number of collections whose rows are cached.
 const KEPT: usize = 8;
 
-/// A run's folder, the modification time of its configuration, and the name of a collection.
-type Key = (PathBuf, Option<SystemTime>, String);
+/// A run's folder, when the run began, and the name of a collection.
+type Key = (PathBuf, u64, String);
 
 /// A cache of collections.
 #[derive(Default)]
 pub(crate) struct Collections {
     kept: Mutex<BTreeMap<Key, Arc<Mutex<Episodes>>>>,
+}
+
+/// Returns when a run's configuration was written, in milliseconds since 1970; 0 if that is not known. It tells a run
+/// from another one that took its folder's name.
+pub(crate) fn begun_ms(folder: &RunFolder) -> u64 {
+    let written = fs::metadata(folder.config_file()).and_then(|file| file.modified());
+    let since = written.ok().and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
+    since.map_or(0, |since| since.as_millis() as u64)
 }
 
 /// Returns the names of a run's collections.
@@ -58,13 +66,14 @@ impl Collections {
         if !names(folder, config).iter().any(|other| other == name) {
             return None;
         }
-        let laid_out = fs::metadata(folder.config_file()).and_then(|file| file.modified()).ok();
-        let key = (folder.path().to_owned(), laid_out, name.to_owned());
+        let begun_ms = begun_ms(folder);
+        let key = (folder.path().to_owned(), begun_ms, name.to_owned());
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() >= KEPT && !kept.contains_key(&key) {
             kept.clear();
         }
-        let episodes = Arc::clone(kept.entry(key).or_default());
+        let new = || Arc::new(Mutex::new(Episodes::of_generation(begun_ms)));
+        let episodes = Arc::clone(kept.entry(key).or_insert_with(new));
         drop(kept);
         let mut reading = locked(&episodes);
         match name {

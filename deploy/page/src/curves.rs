@@ -5,6 +5,8 @@ use run::folder::RunFolder;
 use run::updates::{Update, updates};
 use serde::Serialize;
 
+use crate::collections;
+
 /// The names of a row's numbers.
 const COLUMNS: [&str; 22] = [
     "iteration",
@@ -37,14 +39,17 @@ type Row = [f64; COLUMNS.len()];
 /// The curves of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Curves {
+    /// When the run's configuration was written, milliseconds. Another run in the same folder has another time.
+    origin: u64,
     rows: Vec<Row>,
     /// Errors in reading the log, a line each.
     pub(crate) trouble: Vec<String>,
 }
 
-/// Rows from a given one on, as a browser gets them.
+/// Rows from a given one on, as a browser gets them. Rows of another origin are those of another run.
 #[derive(Debug, Serialize)]
 pub(crate) struct Rows<'a> {
+    origin: u64,
     columns: [&'static str; COLUMNS.len()],
     rows: &'a [Row],
     next: usize,
@@ -53,7 +58,12 @@ pub(crate) struct Rows<'a> {
 impl Curves {
     /// Reads the curves of a run. Rows after a damaged record may be missing.
     pub(crate) fn of(folder: &RunFolder) -> Curves {
-        let mut curves = Curves::default();
+        let mut curves = Curves { origin: collections::begun_ms(folder), ..Curves::default() };
+        let model = folder.config().ok().map(|config| config.reward.model);
+        let gives = Gives {
+            rewards: model.is_none_or(|model| model.rewards),
+            proximity: model.is_none_or(|model| model.imitates),
+        };
         // A run that has only begun has no log yet, which is not an error.
         if !folder.log().exists() {
             return curves;
@@ -67,7 +77,7 @@ impl Curves {
         };
         for update in updates(reader.by_ref()) {
             match update {
-                Ok(update) => curves.rows.push(row(update)),
+                Ok(update) => curves.rows.push(row(update, gives)),
                 Err(error) => curves.trouble.push(error.to_string()),
             }
         }
@@ -79,29 +89,39 @@ impl Curves {
     /// Returns the rows from index `from` on.
     pub(crate) fn from(&self, from: usize) -> Rows<'_> {
         let rows = self.rows.get(from..).unwrap_or_default();
-        Rows { columns: COLUMNS, rows, next: self.rows.len() }
+        Rows { origin: self.origin, columns: COLUMNS, rows, next: self.rows.len() }
     }
 }
 
-fn row(Update { policy: update, reward }: Update) -> Row {
-    // 0 means that no demonstrations are held out.
-    let held_out_loss = Some(update.held_out_loss).filter(|&loss| loss != 0.0);
-    let losses = reward.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
+/// What the reward model of a run gives.
+#[derive(Clone, Copy)]
+struct Gives {
+    rewards: bool,
+    proximity: bool,
+}
+
+/// Returns the numbers of an update; a quantity that method or model do not have is missing, though recorded as 0.
+fn row(Update { policy: update, reward }: Update, gives: Gives) -> Row {
+    let if_there = |is_there: bool, number: f64| if is_there { number } else { f64::NAN };
+    let acts = update.episodes > 0;
+    let trained = reward.filter(|reward| reward.gradient_steps > 0);
+    let losses = trained.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
     [
         update.iteration as f64,
         update.environment_steps as f64,
         update.episodes as f64,
         update.wall_s,
         update.success_rate,
-        update.mean_reward,
-        update.mean_proximity,
-        update.mean_uncertainty,
-        update.mean_episode_steps,
+        if_there(acts && gives.rewards, update.mean_reward),
+        if_there(acts && gives.proximity, update.mean_proximity),
+        if_there(acts && gives.proximity, update.mean_uncertainty),
+        if_there(acts, update.mean_episode_steps),
         update.entropy,
         update.approximate_kl,
         update.clip_fraction,
         update.policy_loss,
-        held_out_loss.unwrap_or(f64::NAN),
+        // 0 means that no demonstrations are held out.
+        if_there(update.held_out_loss != 0.0, update.held_out_loss),
         update.value_loss,
         update.gradient_norm,
         update.learning_rate,
@@ -115,18 +135,28 @@ fn row(Update { policy: update, reward }: Update) -> Row {
 
 #[cfg(test)]
 mod tests {
-    use protocol::messages::PolicyUpdate;
+    use protocol::messages::{PolicyUpdate, RewardUpdate};
 
     use super::*;
 
     #[test]
-    fn a_learner_that_holds_nothing_out_has_no_loss_on_it() {
-        let place = COLUMNS.iter().position(|&column| column == "held_out_loss").unwrap();
-        let held_out = |held_out_loss| {
-            let policy = PolicyUpdate { held_out_loss, ..PolicyUpdate::default() };
-            row(Update { policy, reward: None })[place]
+    fn quantities_that_a_method_does_not_have_are_missing() {
+        let found = |policy, gives, column| {
+            let place = COLUMNS.iter().position(|&name| name == column).unwrap();
+            let reward = Some(RewardUpdate::default());
+            Some(row(Update { policy, reward }, gives)[place]).filter(|number| !number.is_nan())
         };
-        assert_eq!(held_out(0.25), 0.25);
-        assert!(held_out(0.0).is_nan());
+        let nothing = Gives { rewards: false, proximity: false };
+        let rewards = Gives { rewards: true, ..nothing };
+        let all = Gives { rewards: true, proximity: true };
+        let cloning = |held_out_loss| PolicyUpdate { held_out_loss, ..PolicyUpdate::default() };
+        assert_eq!(found(cloning(0.25), nothing, "held_out_loss"), Some(0.25));
+        assert_eq!(found(cloning(0.0), nothing, "held_out_loss"), None);
+        assert_eq!(found(cloning(0.25), nothing, "mean_episode_steps"), None);
+        let acting = || PolicyUpdate { episodes: 8, ..PolicyUpdate::default() };
+        assert_eq!(found(acting(), rewards, "mean_reward"), Some(0.0));
+        assert_eq!(found(acting(), rewards, "mean_proximity"), None);
+        assert_eq!(found(acting(), all, "mean_proximity"), Some(0.0));
+        assert_eq!(found(acting(), all, "agent_loss"), None, "there were no gradient steps");
     }
 }

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use run::folder::RunFolder;
+use run::overview::{self, State};
 use run::repeat::{self, Difference};
 use run::summary::Summary;
 use serde::Serialize;
@@ -22,6 +23,8 @@ pub(crate) struct Details {
     /// `None` for a task of the user's own, whose defaults are not known.
     differences: Option<Vec<Difference>>,
     summary: Option<Summary>,
+    /// Why its training failed.
+    failure: Option<String>,
     /// What the authors published for its method, task and setting.
     published: Option<Success>,
     command: String,
@@ -43,7 +46,9 @@ impl Details {
         let config = folder.config()?;
         let mut trouble = curves.trouble.clone();
         let summary = Summary::of_finished(folder, |remark| trouble.push(remark.to_owned()));
+        let failed = run.overview.state == State::Failed;
         Ok(Details {
+            failure: overview::failure(folder).filter(|_| failed),
             run,
             curve: seeds::curve(folder, &config),
             configuration: config.to_text(),

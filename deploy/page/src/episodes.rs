@@ -138,6 +138,11 @@ pub(crate) struct Recorded {
 }
 
 impl Episodes {
+    /// Returns no episodes yet. Their first generation is a number that no other run's episodes have.
+    pub(crate) fn of_generation(generation: u64) -> Episodes {
+        Episodes { generation, ..Episodes::default() }
+    }
+
     /// Reads what was appended to a run's log since the last call.
     pub(crate) fn read_log(&mut self, folder: &Path) {
         self.go_on();
@@ -165,7 +170,7 @@ impl Episodes {
                 Ok(true) => self.read_on(place),
                 Ok(false) => {
                     let generation = self.generation + 1;
-                    *self = Episodes { generation, ..Episodes::default() };
+                    *self = Episodes::of_generation(generation);
                     return;
                 }
                 Err(error) => self.tell(error.to_string()),

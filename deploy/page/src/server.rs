@@ -23,6 +23,9 @@ use crate::{api, assets, token};
 /// Interval at which the runs are checked for changes while a browser listens to events.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
+/// How long browsers that listen may still ask after the training has ended.
+const LAST_QUESTIONS: Duration = Duration::from_millis(1500);
+
 /// The content security policy: the page loads only its own files, and no site may show it in a frame.
 const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'";
@@ -72,17 +75,20 @@ impl Server {
         Ok(url(listener.local_addr()?, name, &pages.guard.token))
     }
 
-    /// Serves requests until the future is dropped.
+    /// Serves requests until `end`, or until the future is dropped. Browsers that listen at the end learn of the last
+    /// changes, and may ask about them.
     ///
     /// # Errors
     /// When the listener or the thread that reads the runs fails.
-    pub async fn serve(self) -> Result<()> {
+    pub async fn serve(self, end: impl Future<Output = ()>) -> Result<()> {
         let Server { listener, pages, .. } = self;
         let watching = watch_runs(Arc::clone(&pages));
+        let ending = end_with(Arc::clone(&pages), end);
         let serving = axum::serve(listener, router(pages));
         tokio::select! {
             ended = serving => Ok(ended?),
             ended = watching => ended,
+            ended = ending => ended,
         }
     }
 }
@@ -110,16 +116,31 @@ fn router(pages: Arc<Pages>) -> Router {
 async fn watch_runs(pages: Arc<Pages>) -> Result<()> {
     loop {
         tokio::time::sleep(LOOK_EVERY).await;
-        if pages.newest.receiver_count() == 0 {
-            continue;
+        if pages.newest.receiver_count() > 0 {
+            look(&pages).await?;
         }
-        let list = Arc::new(pages.read(Runs::list).await?);
-        pages.newest.send_if_modified(|known| {
-            let is_new = **known != *list;
-            *known = list;
-            is_new
-        });
     }
+}
+
+/// Waits for `end`. If a browser listens then, it gets the last list, and time to ask.
+async fn end_with(pages: Arc<Pages>, end: impl Future<Output = ()>) -> Result<()> {
+    end.await;
+    if pages.newest.receiver_count() > 0 {
+        look(&pages).await?;
+        tokio::time::sleep(LAST_QUESTIONS).await;
+    }
+    Ok(())
+}
+
+/// Lists the runs, and sends the list if it has changed.
+async fn look(pages: &Arc<Pages>) -> Result<()> {
+    let list = Arc::new(pages.read(Runs::list).await?);
+    pages.newest.send_if_modified(|known| {
+        let is_new = **known != *list;
+        *known = list;
+        is_new
+    });
+    Ok(())
 }
 
 async fn asset(Path(name): Path<String>) -> Response {

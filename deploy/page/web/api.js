@@ -3,12 +3,12 @@
 const token = new URLSearchParams(location.search).get("token");
 
 function address(path, query = {}) {
-  const all = new URLSearchParams(token ? { ...query, token } : query);
-  return `./api/${path}${all.size > 0 ? `?${all}` : ""}`;
+  const all = String(new URLSearchParams(token ? { ...query, token } : query));
+  return `./api/${path}${all ? `?${all}` : ""}`;
 }
 
-async function answered(path, query) {
-  const answer = await fetch(address(path, query));
+async function answered(path, query, signal) {
+  const answer = await fetch(address(path, query), { signal });
   if (!answer.ok) throw new Error(reason(await answer.text()) || `status ${answer.status}`);
   return answer;
 }
@@ -22,7 +22,7 @@ function reason(text) {
   }
 }
 
-const get = async (path, query) => (await answered(path, query)).json();
+const get = async (path, query, signal) => (await answered(path, query, signal)).json();
 
 /**
  * Returns a line on a run's state in the list of all runs. When it changes, there is something new to read. The time
@@ -53,10 +53,10 @@ export function episodes(run, collection, generation, from) {
 }
 
 /** Gets an episode, whose name is its run, collection and row. */
-export const episode = (...name) => get(ofEpisode(...name));
+export const episode = (name, signal) => get(ofEpisode(...name), {}, signal);
 
 /** Gets the solids of an episode and their poses; null if the task has no solids. */
-export const scenes = (...name) => get(`${ofEpisode(...name)}/scenes`);
+export const scenes = (name, signal) => get(`${ofEpisode(...name)}/scenes`, {}, signal);
 
 /** Gets the pictures that the environment renders of an episode: for each, the number of its state and a file. */
 export async function pictures(...name) {
@@ -95,7 +95,7 @@ export function listen(onruns, ontrouble) {
     own.addEventListener("open", () => ontrouble(""));
     own.addEventListener("error", () => {
       if (own.readyState !== EventSource.CLOSED) {
-        ontrouble("The server does not answer. The page reconnects automatically.");
+        ontrouble("No server answers here. A training's page ends with it; `goalward page` serves its runs. This page reconnects automatically.");
         return;
       }
       // The server has refused. A browser then does not reconnect, and only a plain request says why.

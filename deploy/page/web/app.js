@@ -58,16 +58,25 @@ function complain(trouble) {
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
+/** Reads the theme that was chosen here, and keeps another one if it is given. Browsers may refuse both. */
+function chosenTheme(other) {
+  try {
+    if (other) localStorage.setItem("theme", other);
+    return localStorage.getItem("theme");
+  } catch {
+    return other;
+  }
+}
+
 /** Shows the theme that was chosen here, or else the system's. */
-function showTheme() {
-  document.documentElement.dataset.theme = localStorage.getItem("theme") ?? (dark.matches ? "dark" : "light");
+function showTheme(chosen = chosenTheme()) {
+  document.documentElement.dataset.theme = chosen ?? (dark.matches ? "dark" : "light");
 }
 
 showTheme();
-dark.addEventListener("change", showTheme);
+dark.addEventListener("change", () => showTheme());
 document.getElementById("theme").addEventListener("click", () => {
-  localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark");
-  showTheme();
+  showTheme(chosenTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
 });
 addEventListener("hashchange", navigate);
 addEventListener("keydown", (event) => {

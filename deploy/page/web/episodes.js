@@ -1,7 +1,7 @@
 // The episodes of a run: a table that can be sorted and filtered, and players for the selected ones.
 
 import * as api from "./api.js";
-import { button, element } from "./dom.js";
+import { button, element, renew } from "./dom.js";
 import { count, short } from "./format.js";
 import { Player } from "./player.js";
 import { Rows } from "./rows.js";
@@ -37,7 +37,7 @@ export class EpisodesView {
   constructor(place, [run, collection = "log", row = "", beside = ""]) {
     Object.assign(this, { run, collection, isOpen: true, known: null, runs: [] });
     this.wanted = [row, beside].map((text) => (text === "" ? null : Number(text)));
-    this.trouble = element("div");
+    this.trouble = element("div", { role: "alert" });
     this.told = element("span", { class: "soft", role: "status" });
     this.nothing = element("p");
     this.filter = element("input", {
@@ -47,7 +47,7 @@ export class EpisodesView {
     this.table = new LongTable(COLUMNS, SHORTCUTS[0][2], {
       onsort: () => this.draw(), onchoose: (chosen) => this.play(chosen),
     });
-    this.collections = element("select", { "aria-label": "Collection", onchange: () => this.open(this.collections.value) });
+    this.collections = element("select", { "aria-label": "Collection", onchange: () => this.change(this.collections.value) });
     this.beside = button("Side by side", () => this.putBeside(), { "aria-pressed": "false", disabled: true });
     this.players = element("div", { class: "players" });
     place.replaceChildren(
@@ -86,6 +86,14 @@ export class EpisodesView {
     this.runs = list.runs;
     this.line = api.standing(list, this.run);
     if (this.known !== this.line) await this.refresh();
+  }
+
+  /** Changes to another collection and plays its first row shown. */
+  async change(collection) {
+    [this.first.name, this.wanted] = [null, [null, null]];
+    this.beside.disabled = true;
+    this.table.forget();
+    await this.open(collection);
   }
 
   async open(collection) {
@@ -147,7 +155,7 @@ export class EpisodesView {
   }
 
   tell(lines) {
-    this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
+    renew(this.trouble, lines.map((line) => element("p", { class: "trouble" }, line)));
   }
 
   draw() {
@@ -209,5 +217,5 @@ export class EpisodesView {
 
 function ended({ success, ending, steps_to_goal: reached }) {
   const endings = success === null ? UNTOLD_ENDINGS : ENDINGS;
-  return element("span", { class: `state ${success ? "live still" : ""}` }, success ? `after ${reached}` : endings[ending]);
+  return element("span", { class: `state ${success ? "reached" : ""}` }, success ? `after ${reached}` : endings[ending]);
 }

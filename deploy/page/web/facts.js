@@ -7,9 +7,9 @@ import { count, date, duration, percent, short } from "./format.js";
 const WALL_TIME = ["rollout", "scoring", "policy_update", "reward_update"];
 
 /** Returns the sections below a run's curves. */
-export function facts({ run, configuration, differences, summary, published, command }) {
+export function facts({ run, configuration, differences, summary, failure, published, command }) {
   return [
-    element("h2", {}, "Status"), list([...standing(run, summary), ...ofAuthors(published)]),
+    element("h2", {}, "Status"), list([...standing(run, summary, failure), ...ofAuthors(published)]),
     ...(summary ? [element("h2", {}, "Where the time went since the last start"), parts(summary.seconds)] : []),
     element("h2", {}, "Reproduce this run"),
     element("p", {}, element("code", {}, command), " ", copying(command)),
@@ -20,7 +20,11 @@ export function facts({ run, configuration, differences, summary, published, com
 
 /** Returns a button that copies a text, if the browser allows copying: over HTTP only for pages from this machine. */
 function copying(text) {
-  return navigator.clipboard ? button("Copy", () => navigator.clipboard.writeText(text)) : "";
+  if (!navigator.clipboard) return "";
+  const copy = button("Copy", () => navigator.clipboard.writeText(text).then(
+    () => { copy.textContent = "Copied"; }, () => { copy.textContent = "The browser refuses to copy"; },
+  ));
+  return copy;
 }
 
 /** Returns the comparison below the curves of several runs. */
@@ -57,12 +61,13 @@ function ofRewardModel({ reward_model_sha256: hash }) {
   return hash === undefined ? [] : [["reward model SHA-256", element("code", {}, hash)]];
 }
 
-function standing(run, summary) {
+function standing(run, summary, failure) {
   const rows = [
     ["state", element("span", { class: `state ${run.state}` }, run.state)],
+    ...(failure ? [["failed because", failure]] : []),
     ["task, method, preset, seed", `${run.task}, ${run.method}, ${run.preset}, ${run.seed}`],
     ["begun", date(run.begun)],
-    ["environment steps", `${count(run.environment_steps)} of ${count(run.steps_wanted)}`],
+    ...(run.steps_wanted > 0 ? [["environment steps", `${count(run.environment_steps)} of ${count(run.steps_wanted)}`]] : []),
     ["success, last 100 training episodes", percent(run.success_rate)],
     ["time", duration(run.wall_s)],
   ];

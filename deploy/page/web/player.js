@@ -52,8 +52,11 @@ export class Player {
     [this.name, this.details, this.runs] = [name, details, runs];
     this.clear();
     this.caption.textContent = "Reading the episode…";
+    // What was asked for another episode no longer needs an answer, and would hold this one up.
+    this.asking?.abort();
+    this.asking = new AbortController();
     try {
-      const episode = await api.episode(...name);
+      const episode = await api.episode(name, this.asking.signal);
       if (this.name === name) await this.take(episode);
     } catch (error) {
       if (this.name !== name) return;
@@ -93,8 +96,11 @@ export class Player {
     this.details = details;
     if (isSame || !(this.shown instanceof GridStage) || !this.episode) return;
     if (this.heated && !details.checkpoints.map(String).includes(String(this.heated))) this.drawHeat("");
-    this.extras.querySelector("select")?.remove();
-    this.extras.prepend(...this.heat());
+    const menu = this.extras.querySelector("select");
+    const [choice] = this.heat();
+    // An open menu would close if it were replaced.
+    if (!menu) this.extras.prepend(...(choice ? [choice] : []));
+    else if (choice && document.activeElement !== menu) menu.replaceWith(choice);
   }
 
   /** Shows the stage that fits the task: a grid, solids, or numbers. */
@@ -104,7 +110,7 @@ export class Player {
     let solids = null;
     if (!isGrid && episode.task.deterministic !== false) {
       try {
-        solids = await api.scenes(...name);
+        solids = await api.scenes(name, this.asking.signal);
       } catch (error) {
         if (this.name === name) this.complain(error.message);
       }
@@ -269,6 +275,7 @@ export class Player {
 
   close() {
     this.name = null;
+    this.asking?.abort();
     this.stop();
     this.shown?.close();
   }

@@ -20,7 +20,7 @@ export class RunView {
     this.refresh = oneAtATime(() => this.read());
     this.looks = { x: "environment_steps", weight: 0.6, bands: false };
     this.isOpen = true;
-    this.trouble = element("div");
+    this.trouble = element("div", { role: "alert" });
     this.legend = element("ul", { class: "legend" });
     this.facts = element("div");
     this.processes = ids.length === 1 ? new Processes(ids[0]) : null;
@@ -85,7 +85,7 @@ export class RunView {
     for (const updates of changed) isRead.push(await this.readRun(updates));
     if (!this.isOpen) return true;
     const lines = [...this.troubles.values()].flat();
-    this.trouble.replaceChildren(...lines.map((line) => element("p", { class: "trouble" }, line)));
+    renew(this.trouble, lines.map((line) => element("p", { class: "trouble" }, line)));
     if (this.ids.length > 1) {
       renew(this.facts, compared(this.updates.flatMap(({ details }) => details ?? [])));
     }
@@ -111,6 +111,7 @@ export class RunView {
       return true;
     } catch (error) {
       this.troubles.set(id, [`${id}: ${error.message}`]);
+      if (line === "gone") this.processes?.follow(false);
       return false;
     }
   }
@@ -150,7 +151,7 @@ export class RunView {
   lines({ name, all, color }, { columns, rate }) {
     return columns.map((column, index) => {
       const several = columns.length > 1 ? ` ${column.replaceAll("_", " ")}` : "";
-      const found = all.map((updates) => points(updates, column, this.looks.x, rate));
+      const found = all.map((updates) => (rate && !updates.takesSteps() ? [] : points(updates, column, this.looks.x, rate)));
       const own = this.ids.length > 1 ? name : "";
       const look = { name: `${own}${several}`.trim() || "value", color, dashed: index > 0 };
       if (all.length > 1) {

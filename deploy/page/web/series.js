@@ -13,18 +13,19 @@ export class Updates {
     this.id = id;
     this.columns = [];
     this.rows = [];
+    this.origin = null;
   }
 
   /** Reads new updates. */
   async read() {
     let found = await api.updates(this.id, this.rows.length);
-    if (found.next < this.rows.length) {
-      // The run was resumed from an earlier checkpoint.
+    if (found.next < this.rows.length || (found.origin !== this.origin && this.rows.length > 0)) {
+      // The run was resumed from an earlier checkpoint, or it is another run of the same name.
       this.rows = [];
       found = await api.updates(this.id, 0);
     }
-    this.columns = found.columns;
-    this.rows.push(...found.rows);
+    [this.columns, this.origin] = [found.columns, found.origin];
+    for (const row of found.rows) this.rows.push(row);
   }
 
   /** Returns the numbers of a column. */

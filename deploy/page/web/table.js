@@ -1,6 +1,6 @@
 // A long table of which only the visible rows are in the document.
 
-import { element } from "./dom.js";
+import { arrange, element } from "./dom.js";
 import { Head } from "./sorting.js";
 
 const ROWS_BEYOND = 8;
@@ -9,7 +9,7 @@ const ROWS_BEYOND = 8;
 export class LongTable {
   constructor(columns, sorting, { onsort, onchoose }) {
     Object.assign(this, { columns, onchoose });
-    [this.rows, this.chosen] = [[], null];
+    [this.rows, this.chosen, this.kept] = [[], null, new Map()];
     this.head = new Head(columns, sorting, onsort);
     this.body = element("tbody");
     this.above = element("tr", { "aria-hidden": "true" });
@@ -38,6 +38,12 @@ export class LongTable {
     this.grid.setAttribute("aria-activedescendant", name(row));
   }
 
+  /** Marks no row as selected. */
+  forget() {
+    this.chosen = null;
+    this.grid.removeAttribute("aria-activedescendant");
+  }
+
   step(event) {
     const direction = { ArrowUp: -1, ArrowDown: 1 }[event.key];
     const next = this.rows[this.rows.findIndex((row) => row.place === this.chosen) + direction];
@@ -48,7 +54,7 @@ export class LongTable {
 
   /** Draws one row to learn the height of all, which depends on the browser's fonts. */
   measure() {
-    this.body.replaceChildren(this.drawn(this.rows[0], 0));
+    this.body.replaceChildren(this.drawn(this.rows[0]));
     this.rowHeight = this.body.firstChild.offsetHeight;
   }
 
@@ -64,18 +70,22 @@ export class LongTable {
     const seen = this.rows.slice(first, first + count);
     this.above.style.height = `${first * this.rowHeight}px`;
     this.below.style.height = `${Math.max(0, this.rows.length - first - seen.length) * this.rowHeight}px`;
-    this.body.replaceChildren(this.above, ...seen.map((row, index) => this.drawn(row, first + index)), this.below);
+    // Rows keep their nodes, so that one that moves between press and release is still clicked.
+    const kept = new Map(seen.map((row) => [row, this.kept.get(row) ?? this.drawn(row)]));
+    this.kept = kept;
+    seen.forEach((row, index) => {
+      kept.get(row).setAttribute("aria-rowindex", first + index + 2);
+      kept.get(row).setAttribute("aria-selected", String(row.place === this.chosen));
+    });
+    arrange(this.body, [this.above, ...kept.values(), this.below]);
   }
 
-  drawn(row, index) {
+  drawn(row) {
     const cells = this.columns.map(({ key, text, show }) => {
       const shown = show ? show(row) : String(row[key]);
       return element("td", { class: text ? "text" : null }, shown);
     });
-    return element("tr", {
-      id: name(row), "aria-rowindex": index + 2, "aria-selected": String(row.place === this.chosen),
-      onclick: () => this.onchoose(row),
-    }, cells);
+    return element("tr", { id: name(row), onclick: () => this.onchoose(row) }, cells);
   }
 }
 

@@ -73,10 +73,15 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         })?;
         print_line(&format!("{}  (Ctrl-C ends it)", server.address()?));
         let mut signals = Signals::listen()?;
+        let end = async {
+            match beside_training {
+                true => end_of_input().await,
+                false => std::future::pending().await,
+            }
+        };
         tokio::select! {
-            ended = server.serve() => ended,
+            ended = server.serve(end) => ended,
             () = signals.stop.next() => Ok(()),
-            () = end_of_input(), if beside_training => Ok(()),
         }
     })
 }

@@ -397,7 +397,7 @@ fn print_end(output: OutputFormat, folder: &RunFolder, summary: Summary) -> Resu
         let (goalward, shown) = (programs::own_command(), quoted(run.display()));
         format!(
             "{}  files  {shown}: config.toml, summary.json, log/, checkpoints/, output/\n\
-             next:\n  {goalward} evaluate {shown}\n  {goalward} log info {shown}",
+             next:\n  {goalward} evaluate {shown}\n  {goalward} page {shown}\n  {goalward} log info {shown}",
             summary::table(summary)
         )
     })
