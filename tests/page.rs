@@ -103,6 +103,22 @@ fn a_training_serves_a_page_that_may_die() {
 }
 
 #[test]
+fn whoever_watches_a_training_sees_how_it_ends() {
+    let run = TestRun::new(programs!());
+    let (mut training, page) = train_with_page(&run);
+    let events = page.send(&page.question("GET", "/api/events", page.address()));
+    let mut lines = BufReader::new(events).lines().map_while(Result::ok);
+    let is_end = |line: String| {
+        let list: Option<Value> = serde_json::from_str(line.strip_prefix("data: ")?).ok();
+        (list?["runs"][0]["state"] == "finished").then_some(())
+    };
+    lines.find_map(is_end).expect("a list with the finished run");
+    assert!(page.json("/api/runs/run")["summary"]["policy_sha256"].is_string());
+    assert!(training.wait().unwrap().success());
+    assert!(!page.is_there(), "it ends with the training");
+}
+
+#[test]
 fn what_is_not_there_costs_a_line() {
     let run = TestRun::new(programs!());
     run.train(&[]).finish();
