@@ -7,7 +7,7 @@
 use std::process::Command;
 
 use serde_json::Value;
-use system_tests::{SMALL, SMALL_PHYSICS, TestRun, programs, python, read_by};
+use system_tests::{TestRun, programs, python};
 
 /// Largest difference allowed for single precision.
 const LARGEST: f64 = 1e-5;
@@ -39,10 +39,9 @@ const METHODS: [(&str, &str, &[&str]); 9] = [
 
 fn train(task: &str, method: &str, settings: &[&str]) -> TestRun {
     let run = TestRun::new(programs!());
-    let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS };
     let name = format!("method={method}");
     let settings = [settings, &[name.as_str(), "steps=2400"]].concat();
-    run.train_task(task, &read_by(method, small), &settings).finish();
+    run.train_task(task, &settings).finish();
     run
 }
 

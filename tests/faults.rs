@@ -20,9 +20,7 @@ use std::{env, fs};
 use protocol::seed::{Purpose, Stream, stream};
 use rand::RngExt;
 use run::folder::{LEARNER_FILE, POLICY_FILE, PROXIMITY_FILE};
-use system_tests::{
-    Hashes, PATIENCE, SMALL, SMALL_PHYSICS, Signal, TASKS, TestRun, Training, await_some, programs,
-};
+use system_tests::{Hashes, PATIENCE, Signal, TASKS, TestRun, Training, await_some, programs};
 
 const LAGS: [&str; 2] = ["rollout.lag=0", "rollout.lag=1"];
 
@@ -139,12 +137,9 @@ impl Subject {
 
     fn start(self, run: &TestRun) -> Training<'_> {
         let task = TASKS[self.task];
-        let (small, steps) = match task {
-            "navigation" => (&SMALL[..], "steps=16000"),
-            _ => (&SMALL_PHYSICS[..], "steps=6400"),
-        };
+        let steps = if task == "navigation" { "steps=16000" } else { "steps=6400" };
         let settings = [steps, "resources.lease_timeout_ms=1000", LAGS[self.lag]];
-        run.train_task(task, small, &settings)
+        run.train_task(task, &settings)
     }
 
     /// The hashes of this run without faults.

@@ -13,7 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use system_tests::{SMALL_PHYSICS, TestRun, programs};
+use system_tests::{TestRun, programs};
 
 /// Functions that the actor imports from the mathematics library for its physics: rapier's dependencies glamx and
 /// parry call them. Our own crates call none of them, see `tests/tidy/`.
@@ -23,7 +23,7 @@ const OF_PHYSICS: [&str; 7] = ["acosf", "cosf", "expf", "log2f", "powf", "sincos
 const OF_REPORTS: [&str; 9] =
     ["atan2", "cos", "exp", "hypotf", "log", "log10", "pow", "sin", "sincos"];
 
-/// Demonstrations of a run with [`SMALL_PHYSICS`].
+/// Demonstrations of a small run.
 const DEMONSTRATIONS: u64 = 10;
 
 /// Environment variable with the path of the file that the library writes call counts to.
@@ -122,7 +122,7 @@ fn counts(file: &Path) -> BTreeMap<String, u64> {
 /// often each function was called.
 fn verify_nudged(task: &str) -> BTreeMap<String, u64> {
     let run = TestRun::new(programs!());
-    let summary = run.train_task(task, &SMALL_PHYSICS, &["steps=1600"]).finish();
+    let summary = run.train_task(task, &["steps=1600"]).finish();
     let told = run.path("counts");
     let mut verify = run.program("goalward");
     verify.arg("replay").arg(run.folder().path()).arg("--verify");

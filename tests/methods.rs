@@ -9,9 +9,7 @@ use std::fs;
 
 use mcap_log::{FileWriter, Kind, Metadata, Topic};
 use protocol::trajectory::Encoded;
-use system_tests::{
-    Hashes, ITERATIONS, SMALL, SMALL_PHYSICS, Signal, Summary, TASKS, TestRun, programs, read_by,
-};
+use system_tests::{Hashes, ITERATIONS, Signal, Summary, TASKS, TestRun, programs, read_by};
 
 /// Settings that make the imitation learners small: method, kind of task (grid, physics or, if empty, both), settings.
 const SMALL_LEARNERS: [(&str, &str, &[&str]); 6] = [
@@ -38,10 +36,10 @@ fn settings(method: &str, task: &str) -> Vec<String> {
     all.map(str::to_owned).collect()
 }
 
-fn train(run: &TestRun, task: &str, small: &[&str], method: &str) -> Summary {
+fn train(run: &TestRun, task: &str, method: &str) -> Summary {
     let settings = settings(method, task);
     let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
-    run.train_task(task, small, &settings).finish()
+    run.train_task(task, &settings).finish()
 }
 
 /// Returns the names of all methods.
@@ -68,11 +66,9 @@ fn every_method_trains_and_evaluates() {
         "sqil",
     ];
     let on_physics = on_physics.map(str::to_owned).to_vec();
-    for (task, small, methods) in
-        [("navigation", &SMALL[..], all_methods()), ("fetch-push", &SMALL_PHYSICS, on_physics)]
-    {
+    for (task, methods) in [("navigation", all_methods()), ("fetch-push", on_physics)] {
         for method in &methods {
-            let summary = train(&TestRun::new(programs!()), task, small, method);
+            let summary = train(&TestRun::new(programs!()), task, method);
             let wanted = if method == "bc" { 0 } else { 3200 };
             assert!(
                 summary.environment_steps >= wanted,
@@ -90,10 +86,9 @@ fn every_method_trains_and_evaluates() {
 #[ignore = "minutes; prints what two builds are compared by"]
 fn hashes() {
     for task in TASKS {
-        let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS };
         for method in all_methods() {
             let Hashes { policy, proximity } =
-                train(&TestRun::new(programs!()), task, small, &method).hashes();
+                train(&TestRun::new(programs!()), task, &method).hashes();
             println!("hashes {task} {method} {policy} {proximity}");
         }
     }
@@ -102,7 +97,7 @@ fn hashes() {
 #[test]
 fn whoever_is_killed_learns_the_same() {
     for method in ["gail", "bco", "sqil"] {
-        let undisturbed = train(&TestRun::new(programs!()), "navigation", &SMALL, method);
+        let undisturbed = train(&TestRun::new(programs!()), "navigation", method);
         let run = TestRun::new(programs!());
         let settings = settings(method, "navigation");
         let mut all: Vec<&str> = settings.iter().map(String::as_str).collect();
@@ -123,7 +118,7 @@ fn whoever_is_killed_learns_the_same() {
 fn every_learner_trains_again_from_its_log() {
     for method in ["gail", "bc", "bco", "sqil"] {
         let run = TestRun::new(programs!());
-        let summary = train(&run, "navigation", &SMALL, method);
+        let summary = train(&run, "navigation", method);
         let mut replay = run.program("goalward");
         replay.arg("replay").arg(run.folder().path()).arg("--retrain");
         let output = replay.output().unwrap();
@@ -138,7 +133,7 @@ fn every_learner_trains_again_from_its_log() {
 fn states_alone_are_refused_where_actions_are_needed() {
     let run = TestRun::new(programs!());
     let file = run.path("states.mcap");
-    let recorded = train(&run, "navigation", &SMALL, "gaifo-s");
+    let recorded = train(&run, "navigation", "gaifo-s");
     assert!(recorded.episodes > 0);
     let demonstrations = run.folder().demonstrations_file();
     let task = run.folder().config().unwrap().task;

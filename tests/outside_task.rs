@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 use mcap_log::FileReader;
 use run::metadata::recorded_task;
 use run::summary::Summary as RunSummary;
-use system_tests::{Hashes, SMALL_PHYSICS, Signal, TestRun, programs};
+use system_tests::{Hashes, Signal, TestRun, programs};
 
 /// Builds the example's actor, if anything has changed, and returns its path. Cargo chooses other features of its
 /// dependencies than in this workspace, so most are built again: unoptimized, because that takes a third of the time.
@@ -48,7 +48,7 @@ fn with_task(text: &str) -> (TestRun, String) {
 
 fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
     let (run, file) = with_task(REACHER);
-    let mut training = run.train_task(&file, &SMALL_PHYSICS, settings);
+    let mut training = run.train_task(&file, settings);
     if disturb {
         training.await_checkpoint(2);
         run.process("actor-0").signal(Signal::Kill);
@@ -125,7 +125,7 @@ fn what_does_not_fit_the_task_s_environment_is_refused_before_there_is_a_run() {
 #[test]
 fn a_run_goes_on_with_the_program_it_began_with() {
     let (run, file) = with_task(REACHER);
-    let mut training = run.train_task(&file, &SMALL_PHYSICS, &["steps=100000"]);
+    let mut training = run.train_task(&file, &["steps=100000"]);
     training.await_checkpoint(2);
     training.signal(Signal::Interrupt);
     assert_eq!(training.end(), Some(130));
@@ -141,7 +141,7 @@ fn a_run_goes_on_with_the_program_it_began_with() {
 fn a_task_that_cannot_tell_success_is_judged_by_return() {
     let held = include_str!("../deploy/examples/reacher/reacher_held.toml");
     let (run, file) = with_task(held);
-    assert_eq!(run.train_task(&file, &SMALL_PHYSICS, &[]).end(), Some(0), "{}", run.remarks());
+    assert_eq!(run.train_task(&file, &[]).end(), Some(0), "{}", run.remarks());
     let summary = RunSummary::of_run(&run.folder()).unwrap().unwrap();
     assert_eq!((summary.success_rate, summary.evaluation.success_rate), (None, None));
     assert!(summary.evaluation.mean_return.is_some_and(|mean| mean < 0.0));

@@ -9,7 +9,7 @@
 use std::fs;
 use std::process::Command;
 
-use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
+use system_tests::{Page, Signal, TestRun, programs};
 
 /// Chromium's driver, where Debian's package installs it.
 const DRIVER: &str = "/usr/bin/chromedriver";
@@ -27,20 +27,20 @@ fn python() -> Option<String> {
 fn people_see_runs_curves_and_episodes() {
     let Some(python) = python() else { return };
     let run = TestRun::new(programs!());
-    let train = |task, name: &str, small: &[&str], settings: &[&str]| {
-        run.train_task(task, small, settings).finish();
+    let train = |task, name: &str, settings: &[&str]| {
+        run.train_task(task, settings).finish();
         fs::rename(run.path("run"), run.path(&format!("runs/{name}"))).unwrap();
     };
     fs::create_dir(run.path("runs")).unwrap();
-    train("navigation", "navigation", &system_tests::SMALL, &[]);
+    train("navigation", "navigation", &[]);
     for task in ["fetch-pick", "fetch-push", "ant-reach"] {
-        train(task, task, &SMALL_PHYSICS, &[]);
+        train(task, task, &[]);
     }
-    train("navigation", "damaged", &system_tests::SMALL, &["seed=2"]);
+    train("navigation", "damaged", &["seed=2"]);
     let file = run.path("runs/damaged/log/trajectories-00000.mcap");
     let bytes = fs::read(&file).unwrap();
     fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
-    train("navigation", "untold", &system_tests::SMALL, &["seed=3"]);
+    train("navigation", "untold", &["seed=3"]);
     let file = run.path("runs/untold/config.toml");
     let told = fs::read_to_string(&file).unwrap();
     fs::write(&file, told.replace("[task]\n", "[task]\ntells_success = false\n")).unwrap();

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use mcap_log::{Contents, FileReader, Record, read_contents};
 use serde_json::Value;
-use system_tests::{Page, SMALL_PHYSICS, Signal, TestRun, programs};
+use system_tests::{Page, Signal, TestRun, programs};
 
 /// Returns the rows of a table, each keyed by column name.
 fn rows(page: &Page, path: &str) -> Vec<BTreeMap<String, Value>> {
@@ -129,7 +129,7 @@ fn an_episode_is_asked_what_another_reward_would_have_given() {
 #[test]
 fn solids_are_made_again_from_actions_alone() {
     let run = TestRun::new(programs!());
-    run.train_task("fetch-push", &SMALL_PHYSICS, &["log.observations=false"]).finish();
+    run.train_task("fetch-push", &["log.observations=false"]).finish();
     let page = Page::over(&run, &["."]);
     let shown = page.json("/api/runs/run/episodes/log/3");
     let steps = shown["steps"].as_u64().unwrap() as usize;

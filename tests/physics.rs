@@ -12,16 +12,16 @@ use mcap_log::{FileReader, Record};
 use prost::Message;
 use protocol::messages::Progress;
 use protocol::trajectory::Encoded;
-use system_tests::{PATIENCE, SMALL_PHYSICS, Signal, TestRun, await_some, programs, spec};
+use system_tests::{PATIENCE, Signal, TestRun, await_some, programs, spec};
 
 /// The method that trains the expert of ANT REACH.
 const ON_ITS_OWN_REWARD: &str = "method=environment-reward";
 
 fn disturbance_changes_nothing(task: &str) {
-    let train = |run: &TestRun, actors| run.train_task(task, &SMALL_PHYSICS, &[actors]).finish();
+    let train = |run: &TestRun, actors| run.train_task(task, &[actors]).finish();
     let undisturbed = train(&TestRun::new(programs!()), "resources.actors=1");
     let run = TestRun::new(programs!());
-    let mut training = run.train_task(task, &SMALL_PHYSICS, &["resources.actors=3"]);
+    let mut training = run.train_task(task, &["resources.actors=3"]);
     training.await_checkpoint(2);
     run.process("actor-1").signal(Signal::Kill);
     let disturbed = training.finish();
@@ -51,8 +51,7 @@ fn actors_and_a_kill_change_nothing_in_ant_reach() {
 fn an_actor_lets_go_of_leases_whose_policy_died_with_the_learner() {
     let settings = ["rollout.lag=1", "rollout.lanes=32", "rollout.lane_steps=60"];
     let rest = ["steps=17280", "checkpoint.iterations=4", "resources.actors=1"];
-    let train =
-        |run| TestRun::train_task(run, "fetch-push", &SMALL_PHYSICS, &[settings, rest].concat());
+    let train = |run| TestRun::train_task(run, "fetch-push", &[settings, rest].concat());
     let undisturbed = TestRun::new(programs!());
     let undisturbed = train(&undisturbed).finish();
     let run = TestRun::new(programs!());
@@ -86,7 +85,7 @@ fn await_progress(progress: &NewestSubscriber, what: &str, is_it: impl Fn(&Progr
 fn an_evaluation_can_be_drawn() {
     for (task, settings) in [("fetch-push", &[][..]), ("ant-reach", &[ON_ITS_OWN_REWARD])] {
         let run = TestRun::new(programs!());
-        run.train_task(task, &SMALL_PHYSICS, settings).finish();
+        run.train_task(task, settings).finish();
         let mut evaluate = run.program("goalward");
         evaluate.arg("evaluate").arg(run.folder().path()).args(["--episodes", "3"]);
         assert!(evaluate.status().unwrap().success());

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use system_tests::{SMALL_PHYSICS, TestRun, programs, python};
+use system_tests::{TestRun, programs, python};
 
 /// The package's source in the repository.
 const PACKAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../python/src");
@@ -23,7 +23,7 @@ fn with_package(mut command: Command) -> Vec<u8> {
 fn the_package_and_the_programs_understand_each_other() {
     let Some(python) = python() else { return };
     let run = TestRun::new(programs!());
-    let summary = run.train_task("fetch-push", &SMALL_PHYSICS, &[]).finish();
+    let summary = run.train_task("fetch-push", &[]).finish();
     let hashes = summary.hashes();
     let text = |path: &Path| path.to_str().unwrap().to_owned();
     let [folder, export, dataset, imported] =
@@ -51,8 +51,6 @@ fn the_package_and_the_programs_understand_each_other() {
     with_package(import);
     let other = TestRun::new(programs!());
     let file = format!("demonstrations.file={imported}");
-    let small: Vec<&str> =
-        SMALL_PHYSICS.into_iter().filter(|it| !it.starts_with("demonstrations.")).collect();
-    let again = other.train_task("fetch-push", &small, &[&file]).finish();
+    let again = other.train_task("fetch-push", &[&file]).finish();
     assert_eq!(again.hashes(), hashes, "states alone, by way of a data set");
 }

@@ -8,7 +8,7 @@ use std::fs;
 
 use run::folder::RunFolder;
 use serde_json::Value;
-use system_tests::{Hashes, Page, SMALL_PHYSICS, Signal, TestRun, programs, python, send};
+use system_tests::{Hashes, Page, Signal, TestRun, programs, python, send};
 
 const LINE: &str = "python:python_environments:line";
 
@@ -23,7 +23,7 @@ fn with_environments() -> TestRun {
 fn train(settings: &[&str], disturb: bool) -> (TestRun, Hashes) {
     let run = with_environments();
     let settings = [&["method=environment-reward"], settings].concat();
-    let mut training = run.train_task(LINE, &SMALL_PHYSICS, &settings);
+    let mut training = run.train_task(LINE, &settings);
     if disturb {
         training.await_checkpoint(2);
         run.process("actor-0").signal(Signal::Kill);
@@ -103,7 +103,7 @@ fn a_run_goes_on_in_the_environment_it_began_with() {
     }
     let run = with_environments();
     let settings = ["method=environment-reward", "steps=100000"];
-    let mut training = run.train_task(LINE, &SMALL_PHYSICS, &settings);
+    let mut training = run.train_task(LINE, &settings);
     training.await_checkpoint(2);
     training.signal(Signal::Interrupt);
     assert_eq!(training.end(), Some(130));
@@ -186,12 +186,12 @@ fn gives_the_same_bits(task: &str, settings: &[&str]) {
     let with = |actors| [&settings[..], &[actors]].concat();
     let [alone, two] = ["resources.actors=1", "resources.actors=2"].map(|actors| {
         let run = TestRun::new(programs!());
-        run.train_task(task, &SMALL_PHYSICS, &with(actors)).finish().hashes()
+        run.train_task(task, &with(actors)).finish().hashes()
     });
     assert_eq!(two, alone);
 
     let run = TestRun::new(programs!());
-    let mut training = run.train_task(task, &SMALL_PHYSICS, &with("resources.actors=4"));
+    let mut training = run.train_task(task, &with("resources.actors=4"));
     training.await_checkpoint(2);
     run.process("actor-0").signal(Signal::Kill);
     run.process("actor-1").children().into_iter().for_each(|child| send(child, Signal::Kill));
@@ -218,14 +218,12 @@ fn an_expert_of_python_demonstrates_for_a_run_or_into_a_file() {
     let arguments = ["demonstrate", LINE, "--expert", expert, "--episodes", "9", "--out", "e.mcap"];
     let (well, said) = run.goalward(&arguments);
     assert!(well, "{said}");
-    let small = [&SMALL_PHYSICS[..], &["reward.batch=8"]].concat();
-    let small: Vec<&str> =
-        small.into_iter().filter(|setting| !setting.starts_with("demonstrations.")).collect();
     let file = format!("demonstrations.file={}", run.path("e.mcap").display());
-    let by_file = run.train_task(LINE, &small, &[&file]).finish();
+    let by_file = run.train_task(LINE, &["reward.batch=8", &file]).finish();
     let other = with_environments();
     let by_itself = format!("demonstrations.expert={expert}");
-    let by_itself = other.train_task(LINE, &small, &[&by_itself, "demonstrations.episodes=9"]);
+    let settings = ["reward.batch=8", &by_itself, "demonstrations.episodes=9"];
+    let by_itself = other.train_task(LINE, &settings);
     assert_eq!(by_itself.finish().hashes(), by_file.hashes(), "the same seed, the same episodes");
     let (well, said) = run.goalward(&["train", LINE, "--set", "demonstrations.expert=no:one"]);
     assert!(!well && said.contains("ModuleNotFoundError: No module named 'no'"), "{said}");

@@ -17,9 +17,7 @@ use mcap_log::{Record, read_run, rewrite};
 use prost::Message;
 use protocol::Error;
 use protocol::trajectory::{Encoded, Source, Trajectory};
-use system_tests::{
-    PATIENCE, SMALL, SMALL_PHYSICS, Signal, Summary, TestRun, await_some, programs, send, spec,
-};
+use system_tests::{PATIENCE, Signal, Summary, TestRun, await_some, programs, send, spec};
 
 fn replay(run: &TestRun, what: &[&str]) -> Output {
     let mut replay = run.program("goalward");
@@ -34,8 +32,7 @@ fn verify(run: &TestRun) -> Output {
 fn every_episode_of_every_task_acts_again_as_it_was_recorded() {
     for task in ["navigation", "fetch-pick", "fetch-push", "ant-reach"] {
         let run = TestRun::new(programs!());
-        let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS };
-        let summary = run.train_task(task, small, &[]).finish();
+        let summary = run.train_task(task, &[]).finish();
         let Output { status, stdout, stderr } = verify(&run);
         let (stdout, stderr) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
         assert!(status.success(), "{task}: {stdout}{stderr}");
@@ -250,11 +247,11 @@ fn publishing_for_nobody_can_be_stopped() {
 
 #[test]
 fn a_log_of_actions_only_does_all_that_a_full_one_does() {
-    for (task, small) in [("navigation", &SMALL[..]), ("fetch-push", &SMALL_PHYSICS)] {
+    for task in ["navigation", "fetch-push"] {
         let full = TestRun::new(programs!());
-        let expected = full.train_task(task, small, &[]).finish();
+        let expected = full.train_task(task, &[]).finish();
         let run = TestRun::new(programs!());
-        let summary = run.train_task(task, small, &["log.observations=false"]).finish();
+        let summary = run.train_task(task, &["log.observations=false"]).finish();
         assert_eq!(summary.hashes(), expected.hashes());
         assert!(summary.log.bytes < expected.log.bytes, "{} bytes", summary.log.bytes);
         for what in [&["--verify"][..], &["--retrain"], &["--with", "reward.uncertainty=0.1"]] {

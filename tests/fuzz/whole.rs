@@ -12,15 +12,14 @@ use protocol::task::{ActionSpec, ObservationSpec};
 use protocol::trajectory::{Source, Trajectory, TrajectoryKey};
 use protocol::weights::Weights;
 use run::config::RunConfig;
-use system_tests::{SMALL, SMALL_PHYSICS, TASKS, spec};
+use system_tests::{TASKS, small, spec};
 
 /// Steps of each trajectory.
 const STEPS: usize = 3;
 
 /// Returns the configuration of a small run.
 pub(crate) fn config(task: &str) -> RunConfig {
-    let small = if task == "navigation" { &SMALL[..] } else { &SMALL_PHYSICS[..] };
-    let settings: Vec<String> = small.iter().map(|&setting| setting.to_owned()).collect();
+    let settings: Vec<String> = small(task).iter().map(|&setting| setting.to_owned()).collect();
     run::tasks::configuration(task, None, &settings).unwrap()
 }
 

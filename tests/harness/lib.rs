@@ -84,7 +84,7 @@ pub const SMALL: [&str; 18] = [
 ];
 
 /// The counterpart of [`SMALL`] for the physics tasks, with 8 iterations.
-pub const SMALL_PHYSICS: [&str; 16] = [
+const SMALL_PHYSICS: [&str; 16] = [
     "steps=3200",
     "rollout.lanes=4",
     "rollout.lane_steps=100",
@@ -102,6 +102,11 @@ pub const SMALL_PHYSICS: [&str; 16] = [
     "checkpoint.keep=10",
     "resources.actors=2",
 ];
+
+/// Returns the settings that make a run of a task small.
+pub fn small(task: &str) -> &'static [&'static str] {
+    if task == "navigation" { &SMALL } else { &SMALL_PHYSICS }
+}
 
 /// Keeps the settings that a method reads, because others are refused.
 pub fn read_by<'a>(method: &str, small: &[&'a str]) -> Vec<&'a str> {
@@ -193,7 +198,7 @@ impl TestRun {
 
     /// Starts `goalward train navigation` on a new run with [`SMALL`] and then `settings`.
     pub fn train(&self, settings: &[&str]) -> Training<'_> {
-        self.train_task("navigation", &SMALL, settings)
+        self.train_task("navigation", settings)
     }
 
     /// Runs `goalward` to its end; returns whether it succeeded, and what it printed on both outputs.
@@ -203,12 +208,15 @@ impl TestRun {
         (output.status.success(), text(&output.stdout) + &text(&output.stderr))
     }
 
-    /// Starts `goalward train` on a new run of a task with `settings`, after those of `small` that its method reads.
-    pub fn train_task(&self, task: &str, small: &[&str], settings: &[&str]) -> Training<'_> {
+    /// Starts `goalward train` on a new run of a task with `settings`, after those of [`small`] that its method reads.
+    /// If the demonstrations are given, none of these are about them.
+    pub fn train_task(&self, task: &str, settings: &[&str]) -> Training<'_> {
         let mut command = self.program("goalward");
         command.args(["train", task, "--no-page"]);
         let method = settings.iter().find_map(|setting| setting.strip_prefix("method="));
-        let small = read_by(method.unwrap_or("goal-proximity"), small);
+        let are_given = settings.iter().any(|setting| setting.starts_with("demonstrations.file="));
+        let mut small = read_by(method.unwrap_or("goal-proximity"), small(task));
+        small.retain(|setting| !(are_given && setting.starts_with("demonstrations.")));
         for setting in small.iter().chain(settings) {
             command.args(["--set", setting]);
         }
