@@ -169,16 +169,15 @@ def rates(runs: list[Row], name: str) -> Seeds:
 
 def replayed(curve: Curve) -> dict[str, Row]:
     """Returns the replays of a curve by seed, one of each, even if the seed was trained more than once."""
-    known = {(row["run"], row["policy_sha256"]): row for row in replays()}
     runs = (same for run in curve.runs for same in finished()[identity(run)])
     named = ((run["seed"], (run["run"], run["policy_sha256"])) for run in runs)
-    return {seed: known[name] for seed, name in named if name in known}
+    return {seed: replays()[name] for seed, name in named if name in replays()}
 
 
 @cache
-def replays() -> list[Row]:
-    """Reads all replays."""
-    return read(REPLAYS)
+def replays() -> dict[tuple[str, str], Row]:
+    """Returns all replays by the names and hashes of their runs."""
+    return {(row["run"], row["policy_sha256"]): row for row in read(REPLAYS)}
 
 
 @cache
