@@ -37,7 +37,10 @@ mod tests {
     fn tilt_of_gym(orientation: Rotation) -> [f32; 2] {
         let third_column = orientation * Vector::Z;
         let [entry_02, entry_12, entry_22] = third_column.to_array();
-        [-libm::atan2f(entry_12, entry_22), -libm::atan2f(-entry_02, entry_22.hypot(entry_12))]
+        [
+            -libm::atan2f(entry_12, entry_22),
+            -libm::atan2f(-entry_02, libm::hypotf(entry_22, entry_12)),
+        ]
     }
 
     #[test]

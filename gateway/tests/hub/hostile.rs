@@ -29,10 +29,10 @@ const OF_ONE_JOINING: u64 = 20;
 const IMPATIENT: Duration = Duration::from_millis(20);
 
 /// Allowed growth of the process's memory, which is less than what is sent. Buffers and the allocator take half of it.
-const GROWTH_BYTES: u64 = 128 << 20;
+const GROWTH_BYTES: u64 = 96 << 20;
 
 /// Length up to which trajectories have arbitrary bytes.
-const LONG_BYTES: usize = 2 << 20;
+const LONG_BYTES: usize = 5 << 18;
 
 /// A host that sends arbitrary messages.
 struct Liar {

@@ -172,7 +172,7 @@ mod tests {
                 libm::logf(proximity / (1.0 - proximity))
             };
             let along = (logit(0.55, 0.5) - logit(0.45, 0.5)) / 0.1;
-            along.hypot((logit(0.5, 0.55) - logit(0.5, 0.45)) / 0.1)
+            libm::hypotf(along, (logit(0.5, 0.55) - logit(0.5, 0.45)) / 0.1)
         };
         let (free, penalized) = (norm(0.0), norm(10.0));
         assert!(free > 3.0 && (penalized - 1.0).abs() < 0.2, "{free} without, {penalized} with");
