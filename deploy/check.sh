@@ -36,8 +36,8 @@ if [ "${GOALWARD_PYTHON:-}" != none ]; then
 fi
 step "documentation (rustdoc)" documentation
 if command -v cargo-deny >/dev/null; then
-    step "licences and sources of dependencies (cargo-deny)" cargo deny check licenses sources bans
+    step "licenses and sources of dependencies (cargo-deny)" cargo deny check licenses sources bans
 else
-    printf '\ncheck: cargo-deny is not installed: licences of dependencies are not checked\n' >&2
+    printf '\ncheck: cargo-deny is not installed: licenses of dependencies are not checked\n' >&2
 fi
 printf '\ncheck: everything is well (%d s)\n' "$SECONDS" >&2

@@ -133,11 +133,7 @@ def tell(windows, ended):
     for _, start, end in windows:
         inside = [seconds for at, seconds in ended if at - seconds >= start and at <= end]
         means.append(statistics.fmean(inside) if inside else None)
-    pairs = [
-        (one / other) if windows[place][0] else (other / one)
-        for place, (one, other) in enumerate(pairwise(means))
-        if one and other
-    ]
+    pairs = [one / other for one, other in zip(means[::2], means[1::2], strict=False) if one and other]
     drawn = [statistics.fmean(random.choices(pairs, k=len(pairs))) for _ in range(10_000)]
     low, high = (statistics.quantiles(drawn, n=40)[at] for at in (0, -1))
     print(

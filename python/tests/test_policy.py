@@ -11,7 +11,7 @@ import pytest
 from gymnasium import spaces
 from walks import ROOMS
 
-from goalward import Cells, Discrete, Error, Task, Vector
+from goalward import Cells, Continuous, Discrete, Error, Task, Vector
 from goalward.policy import Policy
 
 
@@ -78,3 +78,51 @@ def test_classes_may_be_of_any_type(kind: type) -> None:
 def test_what_is_no_observation_is_refused(observations: Any, expected: str) -> None:
     with pytest.raises(Error, match=re.escape(f"policy.onnx: observations: {expected}")):
         policy(ROOMS).act(observations)
+
+
+class Distribution:
+    """Replaces onnxruntime's session: returns the same parameters of a distribution for every row."""
+
+    def __init__(self, **parameters: list[float]) -> None:
+        self.parameters = parameters
+
+    def get_outputs(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(name=name) for name in ("action", *self.parameters)]
+
+    def run(self, _: Any, inputs: dict[str, Any]) -> list[Any]:
+        rows = len(inputs["observation"])
+        return [np.zeros(rows), *(np.tile(values, (rows, 1)) for values in self.parameters.values())]
+
+
+@pytest.mark.parametrize("distribution", ["gaussian", "squashed-gaussian"])
+def test_numbers_are_drawn_from_the_policys_distribution(distribution: str) -> None:
+    arm = policy(Task("arm", Vector(3), Continuous(2), 9))
+    mean, log_deviation, scale = [0.2, -0.1], [-1.0, -3.0], [0.5, 2.0]
+    arm._session = Distribution(mean=mean, log_standard_deviation=log_deviation)
+    arm.config = {"policy": {"distribution": distribution}, "environment": {"action_scale": scale}}
+    actions = arm.act(np.zeros((20_000, 3)), np.random.default_rng(7))
+    drawn = np.random.default_rng(7).normal(mean, np.exp(log_deviation), actions.shape)
+    expected = np.tanh(drawn) if distribution == "squashed-gaussian" else drawn
+    np.testing.assert_allclose(actions, np.clip(expected * scale, -1, 1), atol=1e-6)
+
+
+def test_choices_are_drawn_as_often_as_the_logits_say() -> None:
+    task = policy(Task("own", Vector(2), Discrete(3), 9))
+    task._session = Distribution(logits=list(np.log([0.6, 0.3, 0.1])))
+    choices = task.act(np.zeros((20_000, 2)), np.random.default_rng(7))
+    np.testing.assert_allclose(np.bincount(choices, minlength=3) / 20_000, [0.6, 0.3, 0.1], atol=0.02)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
+def test_numbers_are_finite(value: float) -> None:
+    task = policy(Task("own", Vector(2), Discrete(3), 9))
+    expected = f"policy.onnx: observations[1, 0]: expected a finite float32, found {value}"
+    with pytest.raises(Error, match=re.escape(expected)):
+        task.act(np.array([[0.0, 0.0], [value, 0.0]]))
+
+
+def test_spaces_that_no_task_has_are_refused() -> None:
+    task = policy(Task("own", Vector(2), Discrete(3), 9))
+    unbounded = spaces.Box(-np.inf, np.inf, (2,))
+    with pytest.raises(Error, match="policy.onnx: expected spaces of a task, found "):
+        task.for_space(unbounded, unbounded)

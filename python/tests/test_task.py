@@ -49,7 +49,10 @@ def test_json_names_shapes_as_goalward_does() -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"name": "a b"}, "task.name: expected up to 64 letters, digits, `-`, `_` and `.`, found a b"),
+        (
+            {"name": "a b"},
+            "task.name: expected up to 64 letters, digits, `-`, `_` and `.`, the first not `.`, found a b",
+        ),
         ({"horizon_steps": 0}, "task.horizon_steps: expected a number from 1 to 1000000, found 0"),
         ({"horizon_steps": True}, "task.horizon_steps: expected a number from 1 to 1000000, found True"),
         ({"labels": ["x"]}, "task.labels: expected none, or 2, one for each class or number, found 1"),

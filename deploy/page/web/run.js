@@ -151,7 +151,7 @@ export class RunView {
   lines({ name, all, color }, { columns, rate }) {
     return columns.map((column, index) => {
       const several = columns.length > 1 ? ` ${column.replaceAll("_", " ")}` : "";
-      const found = all.map((updates) => (rate && !updates.takesSteps() ? [] : points(updates, column, this.looks.x, rate)));
+      const found = all.map((updates) => points(updates, column, this.looks.x, rate));
       const own = this.ids.length > 1 ? name : "";
       const look = { name: `${own}${several}`.trim() || "value", color, dashed: index > 0 };
       if (all.length > 1) {

@@ -62,8 +62,12 @@ export const CHARTS = [
   { title: "Environment steps per second", columns: ["environment_steps"], rate: true },
 ];
 
-/** Returns the points of a column over `x`; for a rate, those of its increase per second of wall time. */
+/**
+ * Returns the points of a column over `x`; for a rate, those of its increase per second of wall time, which a run
+ * without environment steps does not have.
+ */
 export function points(updates, column, x, rate) {
+  if (rate && !updates.takesSteps()) return [];
   const [horizontal, vertical] = [updates.positions(x), updates.column(column)];
   const times = rate ? updates.column("wall_s") : null;
   const found = [];

@@ -25,7 +25,7 @@ use super::private::{self, check_folder};
 use super::room::SHARED_MEMORY_ROOT;
 use super::{Member, alive, clean_up, failed};
 
-/// Serialises the first use of iceoryx2's process-wide defaults.
+/// Serializes the first use of iceoryx2's process-wide defaults.
 static DEFAULTS_CLAIMED: Mutex<bool> = Mutex::new(false);
 
 /// How long a process waits for another one that is creating the same service.

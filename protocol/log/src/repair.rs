@@ -72,7 +72,7 @@ impl fmt::Display for Repair {
 /// Seals a file. A file that is sealed and intact stays as it is. `PATH.active` becomes `PATH`.
 ///
 /// A repair that died can be repeated: the original is there until the new file has its place, and what exists of both
-/// is recognised.
+/// is recognized.
 ///
 /// # Errors
 /// [`Error::LogRead`] as [`FileReader::open`], if the file is being written, or if another file has the sealed name;

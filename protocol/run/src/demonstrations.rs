@@ -271,7 +271,7 @@ fn empty_segment(demonstrations: &[Trajectory], config: &RewardConfig) -> Option
 }
 
 /// Cuts a demonstration where it first reached the goal, so that it ends there: later states would
-/// be labelled as if they were closer to it.
+/// be labeled as if they were closer to it.
 fn up_to_goal(trajectory: Trajectory, spec: &Spec) -> Result<Trajectory, String> {
     if !trajectory.success {
         return Err("expected one that reaches the goal".to_owned());

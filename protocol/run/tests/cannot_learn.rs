@@ -270,8 +270,8 @@ fn a_name_is_no_setting() {
         ],
     );
     let config = assemble("navigation", "").unwrap();
-    let relabelled = config.with_settings(&["preset=paper".to_owned()]);
-    assert!(relabelled.unwrap_err().to_string().contains("--preset paper"));
+    let relabeled = config.with_settings(&["preset=paper".to_owned()]);
+    assert!(relabeled.unwrap_err().to_string().contains("--preset paper"));
 }
 
 const OUT: &str = "left out";

@@ -17,7 +17,7 @@ use crate::error::within;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
-    /// Name of the task: letters, digits, `-`, `_` and `.`.
+    /// Name of the task: letters, digits, `-`, `_` and `.`, the first not `.`.
     pub name: String,
     /// Shape of one observation.
     pub observation: ObservationSpec,
@@ -73,7 +73,7 @@ impl Task {
         let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
         let fits = (1..=NAME_CHARS).contains(&name.len());
         let plain = fits && name.chars().all(is_plain) && !name.starts_with('.');
-        let expected = "up to 64 letters, digits, `-`, `_` and `.`";
+        let expected = "up to 64 letters, digits, `-`, `_` and `.`, the first not `.`";
         within("task.name", plain, expected, format!("`{name}`"))?;
         if let ObservationSpec::Cells { classes, .. } = self.observation {
             let holds = (1..=256).contains(&classes);

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from goalward.arrays import checked_array, checked_choices, require
+from goalward.arrays import checked_array, checked_choices, checked_numbers, require
 from goalward.error import Error, expecting
 from goalward.packages import optional
 from goalward.scale import scaled
@@ -58,7 +58,8 @@ class Policy:
             observation.
 
         Raises:
-            Error: if the observations do not have the task's shape, or are not numbers; in cells, classes.
+            Error: if the observations do not have the task's shape, or are not finite numbers; in cells,
+                classes.
         """
         spec, where, what = self.task.observation, str(self.path), "observations"
         shape = spec.shape
@@ -68,7 +69,7 @@ class Policy:
         if isinstance(spec, Cells):
             rows = checked_choices(rows, rows.shape, spec.classes, where, what)
         else:
-            rows = rows.astype(np.float32)
+            rows = checked_numbers(rows, rows.shape, where, what)
         outputs = self._outputs(rows.reshape(-1, *shape))
         actions = outputs["action"] if rng is None else self._sample(outputs, rng)
         return actions[0] if rows.ndim == len(shape) else actions
@@ -87,12 +88,14 @@ class Policy:
             A function that takes one observation and returns one action, both in the environment's own form.
 
         Raises:
-            Error: if Gymnasium is missing, or the spaces differ from those that the policy was trained in.
+            Error: if Gymnasium is missing, the spaces are not those of a task, or they differ from those that
+                the policy was trained in.
         """
         optional("gymnasium", "policy")
         from goalward import spaces
 
-        observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
+        with expecting(f"{self.path}: expected spaces of a task", spaces.Refused):
+            observations, actions = spaces.observations_of(observation_space), spaces.actions_of(action_space)
         layout, labels = observations.layout()
         # A task need not have labels, and a grid's labels name its classes, which no space does.
         named = bool(self.task.labels) and isinstance(self.task.observation, Vector)

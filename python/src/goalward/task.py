@@ -76,7 +76,7 @@ class Task:
     """A task, as configurations and files of Goalward describe it.
 
     Attributes:
-        name: up to 64 letters, digits, `-`, `_` and `.`.
+        name: up to 64 letters, digits, `-`, `_` and `.`, the first not `.`.
         observation: kind and size of one observation.
         action: kind and size of one action.
         horizon_steps: longest episode, in environment steps.
@@ -104,7 +104,7 @@ class Task:
             Error: if a value is out of range; names the first such key.
         """
         plain = re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}", self.name)
-        _require(plain, "name", "up to 64 letters, digits, `-`, `_` and `.`", self.name)
+        _require(plain, "name", "up to 64 letters, digits, `-`, `_` and `.`, the first not `.`", self.name)
         self._require_observation()
         _require_number("action", _size(self.action), 1, MOST_ACTIONS)
         _require_number("horizon_steps", self.horizon_steps, 1, LONGEST_HORIZON)
