@@ -232,7 +232,10 @@ mod tests {
         writer.policy_update(&PolicyUpdate { consumed, ..PolicyUpdate::default() }).unwrap();
         writer.finish().unwrap();
         let refusal = refusal(&folder);
-        assert!(refusal.contains("iteration 0: expected its whole batch"), "{refusal}");
+        assert!(
+            refusal.contains("iteration 0: expected lane 0 episode 0 of its batch"),
+            "{refusal}"
+        );
         assert!(refusal.contains(&folder.log().display().to_string()), "{refusal}");
     }
 }

@@ -176,7 +176,7 @@ impl BusAddress {
         if check_folder(&self.root)? {
             let config = self.config()?;
             self.remove_sizeless(Duration::ZERO)?;
-            clean_up(&config)?;
+            clean_up(self, &config)?;
             let alive = alive(&config)?;
             if !alive.is_empty() {
                 let message = format!("still alive: {}", alive.join(", "));

@@ -110,16 +110,10 @@ impl Bus {
     /// itself, so the supervisor and the learner call this every half second. Returns how many dead processes were
     /// cleaned up.
     pub fn clean_up(&self) -> u64 {
-        match self.address.remove_sizeless(CREATION_TIMEOUT) {
-            Ok(false) => {}
-            // Its creator is still at work or has just died: the next call will know.
-            Ok(true) => return 0,
-            Err(error) => {
-                tracing::debug!("dead processes could not be cleaned away yet: {error}");
-                return 0;
-            }
-        }
-        self.node.try_cleanup_dead_nodes().cleanups
+        clean_up(&self.address, self.node.config()).unwrap_or_else(|error| {
+            tracing::debug!("dead processes could not be cleaned away yet: {error}");
+            0
+        })
     }
 
     /// Opens the bell that this process sleeps on.
@@ -260,18 +254,26 @@ fn alive(config: &Config) -> Result<Vec<String>, Error> {
     Ok(living.map(|member| member.name).collect())
 }
 
-/// Frees what dead processes left, for callers without a node.
-fn clean_up(config: &Config) -> Result<(), Error> {
+/// Frees what dead processes left; returns how many of them were cleaned up.
+fn clean_up(address: &BusAddress, config: &Config) -> Result<u64, Error> {
+    // iceoryx2 would wait for the size of an object whose creator has died.
+    if address.remove_sizeless(CREATION_TIMEOUT)? {
+        // Its creator is still at work or has just died: the next call will know.
+        return Ok(0);
+    }
+    let mut cleaned = 0;
     Node::<SharedMemory>::list(config, |state| {
-        if let NodeState::Dead(view) = state
-            && let Err(error) = view.try_remove_stale_resources()
-        {
-            // Another process may be cleaning the same node; the next round sees what is left.
-            tracing::debug!("a dead node could not be cleaned away yet: {error}");
+        if let NodeState::Dead(view) = state {
+            match view.try_remove_stale_resources() {
+                Ok(()) => cleaned += 1,
+                // Another process may be cleaning the same node; the next round sees what is left.
+                Err(error) => tracing::debug!("a dead node could not be cleaned away yet: {error}"),
+            }
         }
         CallbackProgression::Continue
     })
-    .map_err(failed("cleaning away of dead nodes", "bus"))
+    .map_err(failed("cleaning away of dead nodes", "bus"))?;
+    Ok(cleaned)
 }
 
 /// Opens a service or port, retrying for a while if it fails.

@@ -97,7 +97,7 @@ impl NewestPublisher {
         self.bell.ring()
     }
 
-    /// Delivers the newest values to readers that have joined since. Must be called at least every 50 ms.
+    /// Delivers the newest values to readers that have joined since. They wait for the next call.
     ///
     /// # Errors
     /// When the connection to a reader fails.

@@ -35,8 +35,12 @@ impl Batches {
     /// # Errors
     /// [`Error::Batch`] if one of its trajectories has not been added.
     pub fn take(&mut self, update: &PolicyUpdate) -> Result<Vec<Encoded>, Error> {
-        let taken = |key: &TrajectoryKey| self.trajectories.remove(key);
-        let batch: Option<Vec<Encoded>> = update.consumed.iter().map(taken).collect();
-        batch.ok_or(Error::Batch { iteration: update.iteration })
+        let iteration = update.iteration;
+        let taken = |key: &TrajectoryKey| {
+            let TrajectoryKey { lane, episode, .. } = *key;
+            let found = self.trajectories.remove(key);
+            found.ok_or(Error::Batch { iteration, lane, episode })
+        };
+        update.consumed.iter().map(taken).collect()
     }
 }

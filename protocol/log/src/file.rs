@@ -283,7 +283,7 @@ impl FileWriter {
 
 impl Drop for FileWriter {
     fn drop(&mut self) {
-        if self.state == State::Open
+        if self.state != State::Sealed
             && let Err(error) = self.flush()
         {
             tracing::error!("messages are lost: {error}");

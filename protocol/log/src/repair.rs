@@ -311,18 +311,11 @@ fn link_aside(path: &Path) -> Result<PathBuf, Error> {
     let is_free = |name: &PathBuf| !name.exists() || is_same_file(name, path);
     let aside = names.find(is_free).expect("names do not end");
     if !aside.exists() {
-        fs::hard_link(path, &aside).or_else(|_| copy_aside(path, &aside)).map_err(failed)?;
+        // Some file systems have no hard links.
+        fs::hard_link(path, &aside).or_else(|_| durable::copy(path, &aside)).map_err(failed)?;
     }
     sync_folder_of(&aside)?;
     Ok(aside)
-}
-
-/// Copies the file, for file systems without hard links.
-fn copy_aside(path: &Path, aside: &Path) -> io::Result<()> {
-    let unfinished = durable::unfinished(aside);
-    fs::copy(path, &unfinished)?;
-    File::open(&unfinished)?.sync_all()?;
-    durable::rename(&unfinished, aside)
 }
 
 fn is_same_file(one: &Path, other: &Path) -> bool {

@@ -296,6 +296,8 @@ struct Channel {
     /// `None` for a topic that is not ours, which anybody may add to a file.
     topic: Option<Topic>,
     next: u32,
+    /// Whether only the summary has declared it so far, which may be damaged.
+    is_adopted: bool,
     /// Whether damage was found since its last message, so that a gap in its numbers is not reported again.
     forgiven: bool,
 }
@@ -330,10 +332,12 @@ impl Directory {
     }
 
     fn take_channel(&mut self, channel: records::Channel) -> Result<(), Trouble> {
+        let known = self.channels.get(&channel.id);
         // The summary declares it again. If it differs there, the summary's checksum says so.
-        if self.channels.contains_key(&channel.id) {
+        if known.is_some_and(|known| !known.is_adopted) {
             return Ok(());
         }
+        let (next, forgiven) = known.map_or((0, false), |known| (known.next, known.forgiven));
         let topic = Topic::named(&channel.topic);
         if let Some(topic) = topic {
             let schema = self.schemas.get(&channel.schema_id).map_or("none", String::as_str);
@@ -345,7 +349,7 @@ impl Directory {
                 )));
             }
         }
-        self.channels.insert(channel.id, Channel { topic, next: 0, forgiven: false });
+        self.channels.insert(channel.id, Channel { topic, next, is_adopted: false, forgiven });
         Ok(())
     }
 
@@ -372,7 +376,7 @@ impl Directory {
     /// Takes the channels from the summary of a sealed file, for a file whose beginning is damaged.
     fn adopt(&mut self, repeated: Option<Repeated>, forgiven: bool) {
         for (id, topic) in repeated.into_iter().flat_map(|repeated| repeated.directory.topics()) {
-            self.channels.insert(id, Channel { topic, next: 0, forgiven });
+            self.channels.insert(id, Channel { topic, next: 0, is_adopted: true, forgiven });
         }
     }
 

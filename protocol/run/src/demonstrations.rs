@@ -1,10 +1,10 @@
 //! Reads the demonstrations of a run from their MCAP file.
 
-use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use mcap_log::{Ending, FileReader, Kind, Record, recorded_metadata};
+use protocol::dropped::shortened;
 use protocol::ending::Ending as TrajectoryEnding;
 use protocol::seed::{self, Purpose};
 use protocol::setting::{ACTION_SCALE, EXPERT, Setting, VERSIONS, is_same};
@@ -28,6 +28,9 @@ pub const DEMONSTRATIONS_SHA256: &str = "demonstrations_sha256";
 
 /// Name of the copy, in a run's folder, of the demonstrations that the user gave it.
 const GIVEN_FILE: &str = "given-demonstrations.mcap";
+
+/// Longest message about a file, characters.
+const MESSAGE_CHARS: usize = 1000;
 
 /// Most memory that demonstrations may take, bytes: hundreds of times what the paper's take.
 const MOST_BYTES: usize = 1 << 30;
@@ -84,10 +87,7 @@ pub fn keep_copy(folder: &RunFolder, config: &RunConfig) -> std::io::Result<()> 
     if copy.exists() || is_shared || !given.is_file() {
         return Ok(());
     }
-    let unfinished = durable::unfinished(&copy);
-    fs::copy(given, &unfinished)?;
-    File::open(&unfinished)?.sync_all()?;
-    durable::rename(&unfinished, &copy)
+    durable::copy(given, &copy)
 }
 
 /// Returns the path that a file of this name has in the experiment whose `runs/NAME` is the run's folder.
@@ -202,7 +202,7 @@ fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
 fn setting(reader: &FileReader, file: &Path) -> Result<Option<Setting>, Error> {
     let Some(text) = reader.metadata().get("setting") else { return Ok(None) };
     let setting = serde_json::from_str(text);
-    setting.map(Some).map_err(|error| failed(file, format!("setting {text}: {error}")))
+    setting.map(Some).map_err(|error| failed(file, format!("setting: {error}, found {text}")))
 }
 
 /// Keys of the recorded setting that may differ from the run's, because states stay the same: the
@@ -379,12 +379,16 @@ fn rest(
     }
 }
 
+/// Returns an error whose message may hold texts of the file.
 fn failed(file: &Path, message: String) -> Error {
+    let message = shortened(&message, MESSAGE_CHARS);
     Error::Demonstrations { path: file.to_owned(), message }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

@@ -122,6 +122,17 @@ fn is_temporary_of(prefix: &OsStr, found: &Path) -> bool {
     random.is_some_and(|random| !random.contains(&b'.')) && found.join(LOCK).is_file()
 }
 
+/// Copies a file, replacing an existing one.
+///
+/// # Errors
+/// When copying fails. The old file is then unchanged, unless only syncing the folder failed.
+pub fn copy(from: &Path, to: &Path) -> io::Result<()> {
+    let unfinished = unfinished(to);
+    fs::copy(from, &unfinished)?;
+    File::open(&unfinished)?.sync_all()?;
+    rename(&unfinished, to)
+}
+
 /// Renames a synced file or folder, replacing an existing file, and syncs the folder.
 ///
 /// # Errors

@@ -107,10 +107,16 @@ pub enum Error {
         message: String,
     },
     /// A policy update in a log that lacks part of the update's batch.
-    #[error("iteration {iteration}: expected its whole batch in the log")]
+    #[error(
+        "iteration {iteration}: expected lane {lane} episode {episode} of its batch in the log, found none"
+    )]
     Batch {
         /// The update's iteration.
         iteration: u64,
+        /// Lane of the first trajectory that is missing.
+        lane: u64,
+        /// Episode of the first trajectory that is missing.
+        episode: u64,
     },
     /// Demonstrations that a run cannot learn from.
     #[error("demonstrations {}: {message}", path.display())]

@@ -11,8 +11,8 @@ pub const CHANGES_NO_RESULT: [&str; 3] = ["resources", "checkpoint", "log"];
 /// resumed.
 pub const MODULES: &str = "environment.sources.";
 
-/// Merges `changes` into `table`, table by table. An integer that replaces a float becomes one, so that `2` and `2.0` are
-/// the same configuration.
+/// Merges `changes` into `table`, table by table. An integer that replaces a float becomes one, so that `2` and `2.0`
+/// are the same configuration.
 pub fn merge(table: &mut Table, changes: Table) {
     for (key, change) in changes {
         match (table.get_mut(&key), change) {

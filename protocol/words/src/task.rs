@@ -162,6 +162,14 @@ impl ObservationSpec {
         }
     }
 
+    /// Returns how many numbers of an observation are normalized if that is wanted: none of a grid's.
+    pub fn normalized(&self, wanted: bool) -> usize {
+        match *self {
+            ObservationSpec::Vector { len } if wanted => len,
+            _ => 0,
+        }
+    }
+
     /// Returns the length of one observation in bytes; `None` if it overflows.
     fn checked_bytes(&self) -> Option<usize> {
         match *self {

@@ -1,8 +1,8 @@
 //! Messages between the processes, besides trajectories.
 //!
 //! [`Score`], [`PolicyUpdate`], [`RewardUpdate`] and [`Checkpoint`] are recorded (schema in `schema/goalward.proto`).
-//! Leases, weights, requests to the proximity service and a run's progress are sent over the bus only. Episodes to be
-//! audited go through a pipe.
+//! Leases, weights, requests to the proximity service and a run's progress are not; they go over the bus, those of
+//! other machines through gateways. Episodes to be audited go through a pipe.
 
 mod audit;
 mod leases;
@@ -64,7 +64,7 @@ pub struct PolicyUpdate {
     /// The trajectories of the batch, in order.
     #[prost(message, repeated, tag = "5")]
     pub consumed: Vec<TrajectoryKey>,
-    /// Major number of the random stream of minibatches: the iteration.
+    /// The iteration, which names the random stream of minibatches, except SQIL's.
     #[prost(uint64, tag = "6")]
     pub minibatch_seed: u64,
     /// Learning rate of the update.
