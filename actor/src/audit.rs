@@ -63,7 +63,10 @@ fn next(input: &mut impl BufRead) -> Result<Option<AuditRequest>> {
     let mut length = [0; 8];
     input.read_exact(&mut length).context("reading a request")?;
     let length = u64::from_le_bytes(length) as usize;
-    ensure!(length <= MOST_BYTES, "expected a request, found one of {length} bytes");
+    ensure!(
+        length <= MOST_BYTES,
+        "expected a request of at most {MOST_BYTES} bytes, found {length}"
+    );
     let mut bytes = vec![0; length];
     input.read_exact(&mut bytes).context("reading a request")?;
     Ok(Some(AuditRequest::decode(Bytes::from(bytes))?))

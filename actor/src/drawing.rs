@@ -68,9 +68,10 @@ pub(crate) fn draw(
     let found = environment.state_hash();
     ensure!(
         found == trajectory.state_hash,
-        "lane {} episode {}: expected the recorded state, found another",
+        "lane {} episode {}: expected the recorded state {:016x}, found {found:016x}",
         name.lane,
-        name.episode
+        name.episode,
+        trajectory.state_hash
     );
     Ok(time_ns)
 }

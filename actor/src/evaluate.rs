@@ -18,6 +18,7 @@ use serde::Serialize;
 use crate::drawing::draw;
 use crate::factory::{Factory, Tasks};
 use crate::lane::Lane;
+use crate::pace::LANES_AT_ONCE;
 use crate::policy::Policy;
 
 /// Number of episodes in a file, from the first, that a viewer can draw.
@@ -117,9 +118,11 @@ pub(crate) fn act(
     let mut steps_done = 0;
     let mut teller = Teller::default();
     while !lanes.is_empty() {
-        let ended = policy.step(&version, &mut lanes, config.evaluation.actions)?;
-        steps_done += ended.iter().map(|trajectory| u64::from(trajectory.steps)).sum::<u64>();
-        trajectories.extend(ended);
+        for some in lanes.chunks_mut(LANES_AT_ONCE) {
+            let ended = policy.step(&version, some, config.evaluation.actions)?;
+            steps_done += ended.iter().map(|trajectory| u64::from(trajectory.steps)).sum::<u64>();
+            trajectories.extend(ended);
+        }
         lanes.retain(|lane| !lane.is_done());
         let episodes_done = trajectories.len() as u64;
         teller.tell(Headway { episodes_done, episodes_wanted: episodes, steps_done });

@@ -184,7 +184,9 @@ pub(crate) fn read(link: &mut impl Read) -> io::Result<(Kind, Vec<u8>)> {
         other => return Err(io::Error::other(format!("expected a frame, found kind {other}"))),
     };
     if length > LONGEST_BODY {
-        return Err(io::Error::other(format!("expected a frame, found one of {length} bytes")));
+        return Err(io::Error::other(format!(
+            "expected a frame of at most {LONGEST_BODY} bytes, found {length}"
+        )));
     }
     let mut body = vec![0; length];
     link.read_exact(&mut body)?;

@@ -54,9 +54,10 @@ pub(crate) fn write(
     for (recorded, acted) in episodes.iter().zip(acted) {
         let trajectory = acted?;
         let Trajectory { lane, episode, state_hash, .. } = *recorded;
+        let found = trajectory.state_hash;
         ensure!(
-            trajectory.state_hash == state_hash,
-            "lane {lane} episode {episode}: expected the recorded state, found another"
+            found == state_hash,
+            "lane {lane} episode {episode}: expected the recorded state {state_hash:016x}, found {found:016x}"
         );
         writer.trajectory(&Encoded::encode(trajectory), time_ns)?;
         time_ns = draw(&mut writer, &mut *environment, recorded, time_ns)?;

@@ -10,7 +10,7 @@ use protocol::task::{ActionSpec, Spec, floats};
 ///
 /// # Errors
 /// The errors that [`Environment::step`](crate::Environment::step) documents for refused actions.
-pub fn accept(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
+pub fn check_action(spec: &Spec, running: bool, action: &[u8]) -> Result<(), EnvironmentError> {
     check(spec, action)?;
     if running { Ok(()) } else { Err(EnvironmentError::NotRunning) }
 }
@@ -42,18 +42,18 @@ fn check(spec: &Spec, action: &[u8]) -> Result<(), EnvironmentError> {
 
 /// The factors that multiply the numbers of a continuous action before it acts.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Scale {
+pub struct ActionScale {
     /// One factor for each number, or empty for a scale of one.
     factors: Vec<f32>,
 }
 
-impl Scale {
+impl ActionScale {
     /// Makes the scale for actions of `len` numbers from the factors in a setting.
     ///
     /// # Errors
     /// When `factors` is neither empty nor of length `len`, or when a factor is not above 0 or, in 32 bits, not
     /// finite.
-    pub fn new(factors: &[f64], len: usize) -> Result<Scale, protocol::Error> {
+    pub fn new(factors: &[f64], len: usize) -> Result<ActionScale, protocol::Error> {
         let found = factors.len();
         let expected = format!("empty or {len} numbers, as the action has");
         within(ACTION_SCALE, found == 0 || found == len, &expected, format!("{found} numbers"))?;
@@ -62,7 +62,7 @@ impl Scale {
             let expected = "of numbers above 0 and finite in 32 bits";
             within(ACTION_SCALE, holds(number as f32), expected, number)?;
         }
-        Ok(Scale { factors: factors.iter().map(|&number| number as f32).collect() })
+        Ok(ActionScale { factors: factors.iter().map(|&number| number as f32).collect() })
     }
 
     /// Returns the numbers of a checked action as they act: scaled, then clipped to [-1, 1].
@@ -71,12 +71,12 @@ impl Scale {
         numbers.map(|(index, number)| (number * self.factor(index)).clamp(-1.0, 1.0))
     }
 
-    /// Returns the action that [`Scale::scaled`] maps to these numbers, up to the rounding of the last bit.
+    /// Returns the action that [`ActionScale::scaled`] maps to these numbers, up to the rounding of the last bit.
     pub fn unscaled(&self, numbers: impl Iterator<Item = f32>) -> impl Iterator<Item = f32> {
         numbers.enumerate().map(|(index, number)| number / self.factor(index))
     }
 
-    /// Returns the first `LEN` numbers of [`Scale::scaled`], padded with zeros.
+    /// Returns the first `LEN` numbers of [`ActionScale::scaled`], padded with zeros.
     pub(crate) fn clipped<const LEN: usize>(&self, action: &[u8]) -> [f32; LEN] {
         let mut numbers = [0.0; LEN];
         numbers.iter_mut().zip(self.scaled(action)).for_each(|(number, scaled)| *number = scaled);
@@ -101,13 +101,13 @@ mod tests {
         action
     }
 
-    fn scale(factors: &[f64]) -> Scale {
-        Scale::new(factors, 3).expect("a scale of three numbers")
+    fn scale(factors: &[f64]) -> ActionScale {
+        ActionScale::new(factors, 3).expect("a scale of three numbers")
     }
 
     #[test]
     fn a_scale_fits_the_action() {
-        let refusal = |factors: &[f64]| Scale::new(factors, 3).unwrap_err().to_string();
+        let refusal = |factors: &[f64]| ActionScale::new(factors, 3).unwrap_err().to_string();
         assert!(refusal(&[0.1]).contains("`action_scale` must be empty or 3 numbers"));
         for number in [0.0, 1e-50, -1.0, 1e39, f64::NAN, f64::INFINITY] {
             assert!(refusal(&[0.1, number, 0.2]).contains("above 0"), "{number}");
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_inverse_of_a_scale_undoes_it() {
-        let unscaled = |scale: &Scale, numbers: [f32; 3]| {
+        let unscaled = |scale: &ActionScale, numbers: [f32; 3]| {
             scale.unscaled(numbers.into_iter()).collect::<Vec<_>>()
         };
         assert_eq!(unscaled(&scale(&[]), [0.5, -3.0, 1.5]), [0.5, -3.0, 1.5]);

@@ -34,7 +34,7 @@ mod physics;
 mod registration;
 mod scene;
 
-pub use action::{Scale as ActionScale, accept as check_action};
+pub use action::{ActionScale, check_action};
 pub use error::EnvironmentError;
 pub use protocol::setting::Setting;
 pub use registration::{BUILT_IN, Expert, Registration, create, find};

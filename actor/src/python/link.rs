@@ -10,6 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use environments::EnvironmentError;
+use protocol::dropped::shortened;
 
 use crate::frame::{self, Answer, Failure, Hello, Kind, Request};
 
@@ -24,6 +25,9 @@ const INTERPRETER: &str = "GOALWARD_PYTHON";
 
 /// How long an answer may take, for example the reset of a large scene or the import of many packages.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Longest text of an exception in an error, characters.
+const ERROR_CHARS: usize = 1000;
 
 /// How long a process that has closed its end of the link may take to exit.
 const FAREWELL: Duration = Duration::from_secs(5);
@@ -220,7 +224,9 @@ impl Python {
         if during != "start" {
             tracing::error!("{}", traceback.trim_end());
         }
-        let words = format!("{during} in Python: {error}");
+        // Texts of exceptions may have any number of lines.
+        let error = error.split_whitespace().collect::<Vec<_>>().join(" ");
+        let words = format!("{during} in Python: {}", shortened(&error, ERROR_CHARS));
         self.raised = Some((slot, words.clone()));
         EnvironmentError::Raised(words)
     }

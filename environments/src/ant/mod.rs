@@ -138,7 +138,7 @@ pub struct Ant {
     physics: Physics,
     body: Body,
     sampling: Sampling,
-    scale: action::Scale,
+    scale: action::ActionScale,
     goal: Goal,
     /// Number of steps taken in the episode.
     steps: u32,
@@ -155,7 +155,7 @@ impl Ant {
     /// When a value of the setting is out of its range.
     pub fn new(setting: AntSetting) -> Result<Ant, EnvironmentError> {
         setting.check()?;
-        let scale = action::Scale::new(&setting.action_scale, JOINTS)?;
+        let scale = action::ActionScale::new(&setting.action_scale, JOINTS)?;
         let (physics, body) = body::build();
         Ok(Ant {
             physics,
@@ -224,7 +224,7 @@ impl Environment for Ant {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::accept(&spec, self.running, action)?;
+        action::check_action(&spec, self.running, action)?;
         self.act(&self.scale.clipped(action));
         self.steps += 1;
         // An episode whose physics fails is over.

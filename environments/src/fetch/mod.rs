@@ -125,7 +125,7 @@ impl Default for FetchSetting {
 pub struct Fetch {
     task: FetchTask,
     setting: FetchSetting,
-    scale: action::Scale,
+    scale: action::ActionScale,
     sampling: Sampling,
     scene: Scene,
     expert: Expert,
@@ -146,7 +146,7 @@ impl Fetch {
     pub fn new(task: FetchTask, setting: FetchSetting) -> Result<Fetch, EnvironmentError> {
         Ok(Fetch {
             task,
-            scale: action::Scale::new(&setting.action_scale, task.action_numbers())?,
+            scale: action::ActionScale::new(&setting.action_scale, task.action_numbers())?,
             sampling: Sampling::new(task, &setting)?,
             setting,
             scene: Scene::new(grip_start(task)),
@@ -207,7 +207,7 @@ impl Environment for Fetch {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::accept(&spec, self.running, action)?;
+        action::check_action(&spec, self.running, action)?;
         let [x, y, z, fingers] = self.scale.clipped(action);
         self.scene.pull_palm([x, y, z].map(|number| PALM_REACH * number));
         if self.task == FetchTask::Pick {
@@ -252,6 +252,7 @@ impl Environment for Fetch {
             hasher.update(&number.to_le_bytes());
         }
         hasher.update(&self.steps.to_le_bytes());
+        // 2 where the goal was reached and the episode goes on.
         hasher.update(&[u8::from(self.running) + u8::from(self.running && self.success)]);
         hasher.digest()
     }

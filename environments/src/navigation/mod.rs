@@ -150,7 +150,7 @@ impl Environment for Navigation {
 
     fn step(&mut self, action: &[u8], observation: &mut [u8]) -> Result<Step, EnvironmentError> {
         let spec = self.spec();
-        action::accept(&spec, self.running, action)?;
+        action::check_action(&spec, self.running, action)?;
         let target = self.agent.neighbor(usize::from(action[0]));
         if self.rooms.is_free(target) {
             self.agent = target;
@@ -188,6 +188,7 @@ impl Environment for Navigation {
         rest[0..2].copy_from_slice(&(self.agent.index() as u16).to_le_bytes());
         rest[2..4].copy_from_slice(&(self.goal.index() as u16).to_le_bytes());
         rest[4..8].copy_from_slice(&self.steps.to_le_bytes());
+        // 2 where the goal was reached and the episode goes on.
         rest[8] = u8::from(self.running) + u8::from(self.running && self.success);
         xxh3_64(&state)
     }
