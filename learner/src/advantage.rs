@@ -1,5 +1,5 @@
-//! Generalized advantage estimation over one whole episode (Schulman et al., 2016): the advantage of step `t` is the sum
-//! over `k >= 0` of `(gamma lambda)^k d(t + k)`, where `d(t) = r(t) + gamma V(s(t + 1)) - V(s(t))`.
+//! Generalized advantage estimation over one whole episode (Schulman et al., 2016): the advantage of step `t` is the
+//! sum over `k >= 0` of `(gamma lambda)^k d(t + k)`, where `d(t) = r(t) + gamma V(s(t + 1)) - V(s(t))`.
 
 /// Computes the advantages and returns of one episode's steps.
 ///

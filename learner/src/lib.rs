@@ -26,7 +26,7 @@ use crate::trainer::Trainer;
 
 /// Trains a run to its end, from its newest checkpoint if it has one.
 ///
-/// Returns early, with a checkpoint written, when a stop is requested.
+/// Returns early when a stop is requested, with a checkpoint written if an iteration has ended.
 ///
 /// # Errors
 /// When the folder holds no run, the bus or the disk fails, or learning diverges.

@@ -112,21 +112,25 @@ mod tests {
     }
 
     #[test]
-    fn lanes_are_walked_side_by_side() {
-        let rewards = [[0.5f32, -1.0], [2.0, 0.25]];
+    fn lanes_are_walked_side_by_side_and_their_episodes_one_after_another() {
         let mut together = RewardScale::default();
-        let mut copies = rewards;
-        let [first, second] = &mut copies;
+        let (mut short, mut long, mut other) = ([0.5f32], [-1.0f32, 0.75], [2.0f32, 0.25]);
         let mut episodes = [
-            EpisodeRewards { lane: 0, rewards: first },
-            EpisodeRewards { lane: 1, rewards: second },
+            EpisodeRewards { lane: 0, rewards: &mut short },
+            EpisodeRewards { lane: 0, rewards: &mut long },
+            EpisodeRewards { lane: 1, rewards: &mut other },
         ];
         together.apply(&mut episodes, 0.9);
         let mut by_hand = RewardScale::default();
         by_hand.include(&[0.5, 2.0]);
         let scale = by_hand.returns.standard_deviation();
-        assert_eq!(copies[1][0], (2.0 / scale) as f32);
-        by_hand.include(&[0.5 * 0.9 - 1.0, 2.0 * 0.9 + 0.25]);
+        assert_eq!((short[0], other[0]), ((0.5 / scale) as f32, (2.0 / scale) as f32));
+        // The return begins anew with the second episode of lane 0.
+        by_hand.include(&[-1.0, 2.0 * 0.9 + 0.25]);
+        let scale = by_hand.returns.standard_deviation();
+        assert_eq!((long[0], other[1]), ((-1.0 / scale) as f32, (0.25 / scale) as f32));
+        by_hand.include(&[0.75 - 0.9]);
+        assert_eq!(long[1], (0.75 / by_hand.returns.standard_deviation()) as f32);
         assert_eq!(together, by_hand);
     }
 }

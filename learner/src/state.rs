@@ -204,11 +204,40 @@ fn countable(name: &str, counts: Vec<u64>) -> Result<Vec<u64>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::trajectory::Trajectory;
 
     fn fresh(lag: u64) -> State {
         let normalizer = RunningNormalizer::new(1);
         let policy = PolicyState { parameters: vec![0.0, 0.0], normalizer };
         State::fresh(policy, &RolloutConfig { lanes: 2, lane_steps: 10, lag })
+    }
+
+    fn episode(lane: u64, steps: u32, success: bool) -> Encoded {
+        Encoded::encode(Trajectory { lane, steps, success, ..Trajectory::default() })
+    }
+
+    #[test]
+    fn a_lane_owes_what_all_its_steps_lack() {
+        let mut state = fresh(0);
+        state.count(&[episode(0, 7, true), episode(0, 9, false), episode(1, 25, true)]);
+        let owed = |iteration| {
+            let plans = state.plans(iteration, 10);
+            plans.iter().map(|plan| (plan.first_episode, plan.steps_owed)).collect::<Vec<_>>()
+        };
+        assert_eq!([owed(1), owed(2)], [[(2, 4), (1, 0)], [(2, 14), (1, 5)]]);
+        assert_eq!((state.episodes, state.environment_steps), (3, 41));
+    }
+
+    #[test]
+    fn success_is_that_of_the_last_hundred_episodes() {
+        let mut state = fresh(0);
+        assert_eq!(state.success_rate(), 0.0);
+        state.count(&vec![episode(0, 1, true); 30]);
+        assert_eq!(state.success_rate(), 1.0);
+        state.count(&vec![episode(1, 1, false); 30]);
+        assert_eq!(state.success_rate(), 0.5);
+        state.count(&vec![episode(1, 1, false); 50]);
+        assert_eq!(state.success_rate(), 0.2, "ten of the thirty are too long ago");
     }
 
     /// Returns what a run saves after some iterations, and the state that it continues with.

@@ -110,12 +110,9 @@ fn ensembles(criterion: &mut Criterion) {
         let bytes = observations(spec, rows);
         let batch = Batch::new(&bytes);
         let mut workspace = Workspace::default();
-        let (mut outputs, mut scores) = (Vec::new(), Vec::new());
         group.throughput(Throughput::Elements(rows as u64));
         group.bench_function(format!("{name}: score"), |bencher| {
-            bencher.iter(|| {
-                ensemble.score(&prepared, batch, &mut workspace, &mut outputs, &mut scores);
-            });
+            bencher.iter(|| ensemble.score(&prepared, batch, &mut workspace));
         });
         let gradients = DMatrix::from_element(1, rows, 1e-3);
         let mut gradient = vec![0.0; ensemble.network.parameter_count()];

@@ -113,7 +113,7 @@ impl Ensemble {
         PreparedEnsemble { members: all(&self.members), priors: all(&self.priors) }
     }
 
-    /// Scores every row of a batch. `outputs` is reused memory and afterwards holds `members x rows` outputs.
+    /// Scores every row of a batch.
     ///
     /// # Panics
     /// As [`Network::forward`].
@@ -122,10 +122,24 @@ impl Ensemble {
         prepared: &PreparedEnsemble,
         batch: Batch<'_>,
         workspace: &mut Workspace,
-        outputs: &mut Vec<f32>,
-        scores: &mut Vec<RowScore>,
-    ) {
-        outputs.clear();
+    ) -> Vec<RowScore> {
+        let outputs = self.outputs(prepared, batch, workspace);
+        let rows = outputs.len() / prepared.members.len();
+        let row = |row: usize| {
+            let members = 0..prepared.members.len();
+            RowScore::of(members.map(|member| outputs[member * rows + row]))
+        };
+        (0..rows).map(row).collect()
+    }
+
+    /// Returns `members x rows` outputs, priors included.
+    fn outputs(
+        &self,
+        prepared: &PreparedEnsemble,
+        batch: Batch<'_>,
+        workspace: &mut Workspace,
+    ) -> Vec<f32> {
+        let mut outputs = Vec::new();
         for member in &prepared.members {
             let own = self.network.forward(member, batch, workspace);
             outputs.extend_from_slice(own.as_slice());
@@ -138,12 +152,7 @@ impl Ensemble {
         if self.squashing == Squashing::MeanOfSigmoids {
             outputs.iter_mut().for_each(|output| *output = sigmoid(*output));
         }
-        let row = |row: usize| {
-            let members = 0..prepared.members.len();
-            RowScore::of(members.map(|member| outputs[member * rows + row]))
-        };
-        scores.clear();
-        scores.extend((0..rows).map(row));
+        outputs
     }
 }
 
@@ -165,10 +174,9 @@ mod tests {
         let mut bytes = vec![0; 3 * 8];
         write_floats([0.3, -0.2, 1.5, 0.4, -2.0, 0.1], &mut bytes);
         let means = |ensemble: &Ensemble| {
-            let (mut outputs, mut scores) = (Vec::new(), Vec::new());
             let (batch, prepared) = (Batch::new(&bytes), ensemble.prepare());
-            ensemble.score(&prepared, batch, &mut Workspace::default(), &mut outputs, &mut scores);
-            assert_eq!((outputs.len(), scores.len()), (2 * 3, 3));
+            let outputs = ensemble.outputs(&prepared, batch, &mut Workspace::default());
+            assert_eq!(outputs.len(), 2 * 3);
             outputs
         };
         let priors =

@@ -1,14 +1,15 @@
 //! The small neural networks of the paper (Appendix G.2), their losses and their optimizer, with
 //! explicit back-propagation.
 //!
-//! Inputs are observation bytes in the environments' layout, vectors normalized by the caller. Outputs are action parameters, values and
-//! proximities, as `features x rows` matrices, so that a row of a batch is one contiguous column. All parameters of
-//! a network are one flat slice. This slice is optimized, clipped, hashed, published and checkpointed; the network
-//! itself holds only shapes.
+//! Inputs are observation bytes in the environments' layout, vectors normalized by the caller. Outputs are action
+//! parameters, values and proximities, as `features x rows` matrices, so that a row of a batch is one contiguous
+//! column. All parameters of a network are one flat slice. This slice is optimized, clipped, hashed, published and
+//! checkpointed; the network itself holds only shapes.
 //!
 //! The crate uses no clock and no files. Its only randomness is the stream passed in, and only [`ShardedTrainer`]
 //! and [`evaluate`] use threads. Every sum has a fixed order, so the bits of a row never depend on neighboring
 //! rows, and the bits of a gradient never depend on the thread that computed it.
+
 mod batch;
 mod distribution;
 mod encoder;

@@ -71,13 +71,17 @@ impl RunningNormalizer {
     /// Creates a normalizer from the moments of observations of `len` numbers in demonstrations. A number that
     /// hardly varies there is not scaled: otherwise the first different value would outweigh all other numbers. If
     /// such a number would be clipped, it is centered, so that differences remain visible.
-    pub fn of_demonstrations(len: usize, observations: &[u8]) -> Self {
+    pub fn of_demonstrations<'a>(
+        len: usize,
+        observations: impl IntoIterator<Item = &'a [u8]>,
+    ) -> Self {
+        let observations = observations.into_iter().collect::<Vec<_>>().concat();
         let mut normalizer = Self::new(len);
-        normalizer.update(observations);
+        normalizer.update(&observations);
         // With the initial weight, a number that is constant far from 0 would seem to vary.
         let alone = RunningMoments { count: 0.0, ..RunningMoments::default() };
         let mut own = Self { moments: vec![alone; len] };
-        own.update(observations);
+        own.update(&observations);
         for (moments, own) in normalizer.moments.iter_mut().zip(own.moments) {
             if own.standard_deviation() < LEAST_SCALED_DEVIATION {
                 let mean = if own.mean.abs() < Self::CLIP { 0.0 } else { own.mean };
@@ -185,7 +189,7 @@ mod tests {
     fn numbers_that_hardly_vary_are_left_alone_or_centered() {
         let bytes = |numbers: [f32; 4]| numbers.map(f32::to_le_bytes).concat();
         let shown = [bytes([1.0, 5.0, 20.0, 100.0]), bytes([3.0, 5.002, 20.0, 100.0])].concat();
-        let normalizer = RunningNormalizer::of_demonstrations(4, &shown.repeat(500));
+        let normalizer = RunningNormalizer::of_demonstrations(4, [&shown.repeat(500)[..]]);
         let mut normalized = bytes([3.0, 7.0, 20.5, 99.0]);
         normalizer.normalize(&mut normalized);
         let numbers: Vec<f32> = floats(&normalized).collect();
@@ -197,7 +201,7 @@ mod tests {
     /// Returns the largest number as networks see it, of numbers in demonstrations with this standard deviation.
     fn seen(deviation: f64) -> f32 {
         let shown = [deviation, -deviation].map(|number| (number as f32).to_le_bytes());
-        let normalizer = RunningNormalizer::of_demonstrations(1, &shown.concat().repeat(500));
+        let normalizer = RunningNormalizer::of_demonstrations(1, [&shown.concat().repeat(500)[..]]);
         let mut largest = shown[0];
         normalizer.normalize(&mut largest);
         floats(&largest).sum()

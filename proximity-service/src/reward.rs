@@ -3,8 +3,8 @@
 use networks::{RowScore, softplus};
 use run::config::{RewardConfig, RewardForm};
 
-/// Computes the rewards of one episode, one per step (Eq. 5): `f(s') - f(s) - lambda U(s')`, and in the last step `f(s')`
-/// besides.
+/// Computes the rewards of one episode, one per step (Eq. 5): `f(s') - f(s) - lambda U(s')`, and in the last step
+/// `f(s')` besides.
 ///
 /// `proximity` and `uncertainty` have one number per observation, so one more than there are steps. With
 /// `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6), and with

@@ -3,6 +3,7 @@
 //! The result of a request that changes something is remembered with its iteration, so a request repeated after a
 //! lost answer changes nothing further. Invalid input is refused or dropped, and the service continues.
 
+use std::fmt::Display;
 use std::path::Path;
 use std::time::Duration;
 
@@ -203,11 +204,7 @@ impl Service {
             Ask::Batch(batch) => {
                 // Scores and updates need a batch. A refused save would count as a full disk, so the learner checks
                 // what was saved.
-                ensure!(
-                    self.is_begun,
-                    "expected the request to begin before a batch, found the batch of iteration {}",
-                    batch.iteration
-                );
+                self.expect_begun(format_args!("the batch of iteration {}", batch.iteration))?;
                 Ok(Answer::Missing(self.intake.take(batch)?))
             }
             Ask::Score(request) => {
@@ -226,6 +223,12 @@ impl Service {
             }
             Ask::Query(query) => self.estimate(&query),
         }
+    }
+
+    /// Refuses what needs the run's model before the learner has begun: it is still trained offline, or not restored.
+    fn expect_begun(&self, found: impl Display) -> Result<()> {
+        ensure!(self.is_begun, "expected the learner to begin first, found {found}");
+        Ok(())
     }
 
     fn begin(&mut self, begin: &Begin) -> Result<Answer> {
@@ -271,6 +274,7 @@ impl Service {
     }
 
     fn estimate(&self, query: &Query) -> Result<Answer> {
+        self.expect_begun("a query")?;
         let count = query.observations.len() / self.spec.observation.bytes();
         ensure!(
             count <= MOST_QUERIED,

@@ -144,3 +144,28 @@ impl RowLoss for Likelihood<'_> {
         (metrics, 0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deviations_are_fitted_only_where_they_are_wanted() {
+        let gradients = |deviations| {
+            let loss = Likelihood {
+                distribution: Distribution::Gaussian { len: 1 },
+                actions: &0.5f32.to_le_bytes(),
+                action_bytes: 4,
+                deviations,
+                weight: 1.0,
+            };
+            let mut gradients = [9.0; 2];
+            let output = RowOutput { parameters: &[0.2, -1.0], value: 0.0 };
+            loss.of_row(0, output, &mut gradients);
+            gradients
+        };
+        let [fitted, fixed] = [true, false].map(gradients);
+        assert!(fitted[0] < 0.0 && fitted[0] == fixed[0], "{fitted:?}, {fixed:?}");
+        assert!(fitted[1].abs() > 0.1 && fixed[1] == 0.0, "{fitted:?}, {fixed:?}");
+    }
+}

@@ -15,7 +15,6 @@ use anyhow::Result;
 use networks::{ActorCritic, PolicyArchitecture, RunningNormalizer};
 use protocol::messages::Score;
 use protocol::seed::{self, Purpose};
-use protocol::task::{ObservationSpec, Spec};
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use run::config::RunConfig;
@@ -89,10 +88,14 @@ pub fn create(
         ActorCritic::new(spec.observation, spec.action, &PolicyArchitecture::from(&config.policy));
     let mut stream = seed::stream(config.seed, Purpose::PolicyWeights, 0, 0);
     let parameters = network.initial_parameters(&mut stream);
+    let normalized = spec.observation.normalized(config.policy.normalize_observations);
     let normalizer = match config.learner.imitates() {
         // A learner that imitates demonstrations itself normalizes by the demonstrations' moments throughout the run.
-        true => moments(config, &spec, demonstrations),
-        false => RunningNormalizer::new(normalized(config, &spec)),
+        true => {
+            let observations = demonstrations.iter().map(Trajectory::observations);
+            RunningNormalizer::of_demonstrations(normalized, observations)
+        }
+        false => RunningNormalizer::new(normalized),
     };
     let setup = Setup { config, network, normalizer: &normalizer, demonstrations };
     let name = config.learner.name();
@@ -110,21 +113,6 @@ struct Setup<'a> {
     normalizer: &'a RunningNormalizer,
     /// The demonstrations; empty for a learner that needs none.
     demonstrations: &'a [Trajectory],
-}
-
-/// Returns how many numbers of an observation are normalized.
-fn normalized(config: &RunConfig, spec: &Spec) -> usize {
-    match spec.observation {
-        ObservationSpec::Vector { len } if config.policy.normalize_observations => len,
-        _ => 0,
-    }
-}
-
-/// Returns the moments of the demonstrations' observations.
-fn moments(config: &RunConfig, spec: &Spec, demonstrations: &[Trajectory]) -> RunningNormalizer {
-    let observations: Vec<&[u8]> =
-        demonstrations.iter().map(|demonstration| demonstration.observations()).collect();
-    RunningNormalizer::of_demonstrations(normalized(config, spec), &observations.concat())
 }
 
 /// Metrics of one update, means over its minibatches.

@@ -2,6 +2,7 @@
 //!
 //! A row of parameters is the actor's output for one observation; an action is bytes in the layout of
 //! [`ActionSpec`]. Exponentials and logarithms come from the `libm` crate, so they have the same bits everywhere.
+
 mod categorical;
 mod gaussian;
 mod squashed;

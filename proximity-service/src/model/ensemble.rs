@@ -138,11 +138,9 @@ impl TrainableEnsemble {
     /// Scores rows, in order.
     pub fn scores(&self, rows: &[u8]) -> Vec<RowScore> {
         let score = |(workspace, windows): &mut (Workspace, WindowIndex), shard: &[u8]| {
-            let (mut outputs, mut scores) = (Vec::new(), Vec::new());
             let rows = self.normalized(shard.to_vec());
             let batch = rows.indexed(&self.ensemble.network, windows);
-            self.ensemble.score(&self.prepared, batch, workspace, &mut outputs, &mut scores);
-            scores
+            self.ensemble.score(&self.prepared, batch, workspace)
         };
         let shards = rows.par_chunks(SHARD_ROWS * self.input.row_bytes());
         let scores = || shards.map_init(Default::default, score).collect::<Vec<_>>();
@@ -234,10 +232,51 @@ fn differentiate(
 
 #[cfg(test)]
 mod tests {
-    use run::config::RewardConfig;
-
+    use super::*;
     use crate::model::{GoalProximity, Learned, RewardModel};
     use crate::tests::{assert_reproducible, config, learned, place, pretrained};
+
+    #[test]
+    fn members_are_as_large_as_the_configuration_foresees() {
+        for settings in [
+            "fetch-pick reward.hidden=[1,2,3]",
+            "fetch-push reward.input=state-action",
+            "ant-reach method=gaifo",
+            "ant-reach method=gaifo-next-state",
+            "navigation reward.hidden=[] reward.pool=4",
+            "navigation reward.convolution_channels=[2,3,4,5]",
+            "navigation reward.input=state-action",
+            "navigation method=gail reward.hidden=[9,33] reward.features=5",
+        ] {
+            let words: Vec<String> = settings.split(' ').map(str::to_owned).collect();
+            let config = run::tasks::configuration(&words[0], None, &words[1..]).unwrap();
+            let input = Input::new(&config.task.spec(), config.reward.input);
+            let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            let ensemble = TrainableEnsemble::new(
+                input,
+                &config.reward,
+                1,
+                RunningNormalizer::new(0),
+                Squashing::ClampedMean,
+                threads,
+            );
+            let parameters = ensemble.ensemble.members[0].len() as f64;
+            assert_eq!(config.member_size().parameters, parameters, "{settings}");
+        }
+    }
+
+    #[test]
+    fn weight_decay_keeps_the_members_small() {
+        let size = |weight_decay| -> f32 {
+            let mut model: Learned<GoalProximity> =
+                learned(&RewardConfig { weight_decay, ..config() }, 2);
+            pretrained(&mut model);
+            let member = model.save().f32("member0.parameters").unwrap();
+            member.iter().map(|weight| weight * weight).sum()
+        };
+        let [without, with] = [0.0, 1.0].map(size);
+        assert!(with < 0.8 * without, "{with} with decay, {without} without");
+    }
 
     fn with_priors(prior: f64) -> Learned<GoalProximity> {
         let mut model = learned(&RewardConfig { prior, ..config() }, 2);

@@ -101,9 +101,11 @@ impl Input {
     /// steps, each of which stands for the observation it leads to.
     ///
     /// # Panics
-    /// If the model sees transitions, since none begins at the last observation.
+    /// If the model sees transitions, since none begins at the last observation, or next states, since none is
+    /// the first.
     pub fn append_places(&self, observations: &[u8], actions: &[u8], rows: &mut Vec<u8>) {
-        assert_ne!(self.sees, RewardInput::Transition, "a single observation is no transition");
+        let fits = matches!(self.sees, RewardInput::State | RewardInput::StateAction);
+        assert!(fits, "a place is an observation or a step, not a {:?}", self.sees);
         self.append_steps(observations, actions, rows);
         if self.sees == RewardInput::State {
             rows.extend(&observations[observations.len() - self.observation.bytes()..]);

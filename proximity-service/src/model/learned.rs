@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use networks::RunningNormalizer;
 use protocol::messages::{Estimates, RewardUpdate, Score};
 use protocol::seed::{self, Purpose, Stream};
-use protocol::task::{ObservationSpec, Spec};
+use protocol::task::Spec;
 use protocol::tensors::Tensors;
 use protocol::trajectory::{Encoded, Trajectory};
 use rayon::ThreadPool;
@@ -74,7 +74,10 @@ impl<O: Objective> Learned<O> {
             );
             counts.push((rows.len() - before) / O::kept_bytes(&input));
         }
-        let normalizer = normalizer(spec.observation, config, demonstrations);
+        let normalizer = RunningNormalizer::of_demonstrations(
+            spec.observation.normalized(config.normalize_observations),
+            demonstrations.iter().map(Trajectory::observations),
+        );
         let ensemble =
             TrainableEnsemble::new(input, config, run_seed, normalizer, O::SQUASHING, threads);
         Learned {
@@ -219,22 +222,6 @@ impl<O: Objective> Learned<O> {
 
 fn diverged(message: &str) -> Final {
     Final(format!("the reward model diverged: {message}"))
-}
-
-/// Returns the normalizer of observations.
-pub(super) fn normalizer(
-    observation: ObservationSpec,
-    config: &RewardConfig,
-    demonstrations: &[Trajectory],
-) -> RunningNormalizer {
-    match observation {
-        ObservationSpec::Vector { len } if config.normalize_observations => {
-            let observations: Vec<&[u8]> =
-                demonstrations.iter().map(Trajectory::observations).collect();
-            RunningNormalizer::of_demonstrations(len, &observations.concat())
-        }
-        _ => RunningNormalizer::new(0),
-    }
 }
 
 impl<O: Objective> RewardModel for Learned<O> {

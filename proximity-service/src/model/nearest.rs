@@ -15,7 +15,6 @@ use run::config::{RewardConfig, RunConfig};
 use run::folder::RunFolder;
 
 use super::RewardModel;
-use super::learned::normalizer;
 use super::threads::threads;
 
 /// The states of the demonstrations.
@@ -50,7 +49,10 @@ impl NearestState {
                 demonstrated[config.segment(step, steps)].extend(state);
             }
         }
-        let normalizer = normalizer(observation, config, demonstrations);
+        let normalizer = RunningNormalizer::of_demonstrations(
+            observation.normalized(config.normalize_observations),
+            demonstrations.iter().map(Trajectory::observations),
+        );
         for states in &mut demonstrated {
             normalizer.normalize(states);
         }

@@ -100,6 +100,7 @@ impl Sampler<'_> {
         let draw = |count, stream: &mut _| rand::seq::index::sample(stream, count, samples);
         let mut own = draw(self.demonstrations, stream).into_vec();
         let mut agent = draw(agent, stream).into_vec();
+        // `sample` has shuffled them already; these draws are part of the weights of all recorded runs.
         own.shuffle(stream);
         agent.shuffle(stream);
         let size = self.config.batch;

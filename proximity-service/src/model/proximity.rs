@@ -49,8 +49,8 @@ impl Objective for GoalProximity {
         minibatches
     }
 
-    /// Computes Eq. 4, or Eq. 1 without rows of the agent: the mean of `(f(s) - label)^2` over the demonstrated states, and
-    /// `agent_weight` times the mean of `f(s)^2` over the agent's.
+    /// Computes Eq. 4, or Eq. 1 without rows of the agent: the mean of `(f(s) - label)^2` over the demonstrated states,
+    /// and `agent_weight` times the mean of `f(s)^2` over the agent's.
     fn losses(&self, minibatch: &Minibatch, outputs: &[f32], gradients: &mut [f32]) -> Losses {
         let Positions { demonstrations, agent } = &minibatch.positions;
         let targets: Vec<f32> = demonstrations.iter().map(|&at| self.targets[at]).collect();

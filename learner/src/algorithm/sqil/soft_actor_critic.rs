@@ -72,8 +72,8 @@ impl SoftActorCritic {
         drawn
     }
 
-    /// Fits both Q-functions to `r + gamma (min Q'(s', a') - alpha log pi(a' | s'))`, where `Q'` are the slow copies and
-    /// the policy draws `a'`.
+    /// Fits both Q-functions to `r + gamma (min Q'(s', a') - alpha log pi(a' | s'))`, where `Q'` are the slow copies
+    /// and the policy draws `a'`.
     fn improve_q_functions(
         &mut self,
         policy: &[f32],
@@ -224,5 +224,31 @@ impl RowLoss for Improvement<'_> {
             ..Metrics::default()
         };
         (metrics, 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use networks::PolicyArchitecture;
+
+    use super::*;
+
+    #[test]
+    fn the_temperature_rises_while_there_is_too_little_entropy() {
+        let config = run::tasks::configuration("fetch-push", None, &["method=sqil".to_owned()]);
+        let config = config.unwrap();
+        let spec = config.task.spec();
+        let architecture = PolicyArchitecture::from(&config.policy);
+        let network = ActorCritic::new(spec.observation, spec.action, &architecture);
+        let mut learner = SoftActorCritic::new(&config, config.sqil.as_ref().unwrap(), network);
+        let wanted = -(learner.action_len as f32);
+        let mut tuned = |entropy: f32| {
+            let before = learner.temperature();
+            learner.tune_temperature(&[-entropy - 1.0, -entropy + 1.0], 0.01);
+            learner.temperature() - before
+        };
+        assert!(tuned(wanted - 2.0) > 0.0);
+        // Adam keeps some momentum.
+        assert!((0..5).map(|_| tuned(wanted + 2.0)).last().unwrap() < 0.0);
     }
 }

@@ -1,7 +1,7 @@
 //! Soft Q-learning for discrete actions: `V(s) = temperature x log sum exp(Q(s, a) / temperature)`, and the
 //! corresponding policy has the logits `Q / temperature`.
 
-use networks::{ActorCritic, WindowIndex, log_sum_exp};
+use networks::{ActorCritic, Distribution, WindowIndex, log_sum_exp};
 use protocol::seed::Stream;
 use protocol::tensors::Tensors;
 use run::config::{PpoConfig, RunConfig, SqilConfig};
@@ -51,6 +51,8 @@ impl SoftLearner for SoftQ {
         let loss = Bellman {
             targets: minibatch.targets(&next_values, gamma as f32),
             actions: &minibatch.actions,
+            temperature: temperature as f32,
+            distribution: self.trainer.network().distribution(),
             weight: 1.0 / minibatch.len() as f32,
         };
         let rows: Vec<u32> = (0..minibatch.len() as u32).collect();
@@ -84,6 +86,8 @@ impl SoftLearner for SoftQ {
 struct Bellman<'a> {
     targets: Vec<f32>,
     actions: &'a [u8],
+    temperature: f32,
+    distribution: Distribution,
     /// One over the number of rows.
     weight: f32,
 }
@@ -97,6 +101,49 @@ impl RowLoss for Bellman<'_> {
         gradients.fill(0.0);
         gradients[action] = self.weight * error;
         let value_loss = 0.5 * f64::from(self.weight * error * error);
-        (Metrics { value_loss, ..Metrics::default() }, 0.0)
+        let logits: Vec<f32> = output.parameters.iter().map(|q| q / self.temperature).collect();
+        let entropy = f64::from(self.weight * self.distribution.entropy(&logits));
+        (Metrics { value_loss, entropy, ..Metrics::default() }, 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::seed::{Purpose, stream};
+
+    use super::*;
+    use networks::PolicyArchitecture;
+
+    #[test]
+    fn the_policy_is_the_softmax_of_q_over_the_temperature() {
+        let settings = ["method=sqil", "sqil.temperature=0.1"].map(str::to_owned);
+        let config = run::tasks::configuration("navigation", None, &settings).unwrap();
+        let spec = config.task.spec();
+        let architecture = PolicyArchitecture::from(&config.policy);
+        let network = ActorCritic::new(spec.observation, spec.action, &architecture);
+        let mut draws = stream(1, Purpose::PolicyWeights, 0, 0);
+        let mut policy = network.initial_parameters(&mut draws);
+        network.scale_actor(&mut policy, 1000.0);
+        let distribution = network.distribution();
+        let mut learner = SoftQ::new(&config, config.sqil.as_ref().unwrap(), network);
+        let observations = vec![1; 2 * spec.observation.bytes()];
+        let minibatch = Minibatch {
+            observations: observations.clone(),
+            actions: vec![0, 3],
+            next_observations: observations.clone(),
+            rewards: vec![1.0, 0.0],
+            end_values: vec![None, None],
+        };
+        // With a rate of 0 the entropy is of the weights that act afterwards.
+        let metrics = learner.update(&mut policy, &minibatch, &mut draws, 0.0);
+        let (trainer, q) = (&mut learner.trainer, &learner.parameters);
+        let [q, logits] =
+            [q, &policy].map(|own| trainer.outputs(own, &observations, <[f32]>::to_vec));
+        for (q, logit) in q.concat().iter().zip(logits.concat()) {
+            assert!((logit * 0.1 - q).abs() < 1e-5, "{logit} for {q}");
+        }
+        let entropy = f64::from(distribution.entropy(&logits[0]));
+        assert!((metrics.entropy - entropy).abs() < 1e-5, "{metrics:?}, {entropy}");
+        assert!((0.1..1.386).contains(&entropy), "{entropy}");
     }
 }
