@@ -12,7 +12,7 @@ use tokio::sync::oneshot;
 use tonic::{Request, Response, Status};
 
 use super::audit::{Trial, Verdict};
-use super::guest::{Guest, Opened, Order, places};
+use super::guest::{BUILD_CHARS, Guest, Opened, Order, places};
 use super::stand_in::Refusal;
 use super::{Hub, is_name};
 use crate::calls::gateway_server::Gateway;
@@ -26,6 +26,9 @@ const WEIGHTS_PATIENCE: Duration = Duration::from_millis(500);
 
 /// How long a host's thread may take to open the bus. A host waits a little longer for its welcome, and asks again.
 const OPEN_PATIENCE: Duration = Duration::from_secs(4);
+
+/// Largest number of threads of earlier sessions that may be ending. Each holds places on the bus.
+const ENDING: usize = 8;
 
 /// Number of expelled hosts to remember; it is bounded because whoever has the key can cause any number of them.
 const EXPELLED: usize = 1024;
@@ -134,6 +137,7 @@ impl Calls {
     fn check(&self, hello: &Hello) -> Result<(), Status> {
         check_protocol(hello.protocol)?;
         let refused = |what, expected: &str, found: &str| {
+            let found = shortened(found, BUILD_CHARS);
             Err(Status::failed_precondition(format!("expected {what} {expected}, found {found}")))
         };
         if hello.build != build::version() && !hello.other_build {
@@ -144,7 +148,7 @@ impl Calls {
         }
         if !is_name(&hello.host, NAME_CHARS) {
             let expected = format!("of 1 to {NAME_CHARS} letters, digits, -, _ and .");
-            return refused("a name", &expected, &format!("{:?}", hello.host));
+            return refused("a name", &expected, &hello.host);
         }
         Ok(())
     }
@@ -179,6 +183,9 @@ impl Calls {
         // A host that comes back starts afresh: its earlier leases are granted to others.
         guests.remove(&hello.session);
         guests.retain(|_, guest| guest.is_there());
+        if self.hub.setup.threads() > guests.len() + ENDING {
+            return Err(Status::unavailable("the threads of earlier sessions have not ended yet"));
+        }
         self.check_room(hello.actors, guests.values())?;
         let is_taken = |name: &str| guests.values().any(|guest| guest.host() == name);
         let numbered = (2..).map(|number| format!("{}-{number}", hello.host));
@@ -192,34 +199,33 @@ impl Calls {
             return Err(Status::permission_denied(words));
         }
         let (guest, opened) = Guest::start(&self.hub.setup, &host, hello).map_err(internal)?;
-        tracing::info!("host {host} joins, build {}", hello.build);
+        tracing::info!("host {host} joins, build {}", guest.about.build);
         guests.insert(hello.session, guest);
         Ok((host, opened))
     }
 
     /// Returns how many actors a host is to run, according to the user's latest request.
     fn actors_of(&self, session: u64) -> Option<u64> {
-        let mut guests = self.hub.guests();
+        let guests = self.hub.guests();
         let guest = guests.get(&session)?;
         let wanted = ActorsWanted::of_host(&self.hub.setup.folder, guest.host());
         let count = match wanted.take() {
-            Ok(None) => return Some(guest.actors),
+            Ok(None) => return Some(guest.actors()),
             Ok(Some(count)) => count,
             Err(error) => {
                 tracing::warn!("{error}");
-                return Some(guest.actors);
+                return Some(guest.actors());
             }
         };
         // Hosts that have left stay in the map until another host joins.
         let is_other = |(other, guest): &(&u64, &Guest)| **other != session && guest.is_there();
         let others = guests.iter().filter(is_other).map(|(_, guest)| guest);
         let room = self.check_room(count, others);
-        let guest = guests.get_mut(&session)?;
         match room {
-            Ok(()) => guest.actors = count,
+            Ok(()) => guest.scale(count),
             Err(why) => tracing::warn!("host {}: {}", guest.host(), why.message()),
         }
-        Some(guest.actors)
+        Some(guest.actors())
     }
 }
 
@@ -261,7 +267,7 @@ impl Gateway for Calls {
         }
         let (host, opened) = self.admit(&hello).inspect_err(|why| {
             let name = shortened(&hello.host, NAME_CHARS);
-            tracing::warn!("host {name:?} is refused: {}", why.message());
+            self.hub.note_refusal(&format!("host {name:?}: {}", why.message()));
         })?;
         is_open(opened).await?;
         Ok(Response::new(Welcome { host }))

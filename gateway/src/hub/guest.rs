@@ -1,6 +1,7 @@
 //! A host at the hub: the thread that acts for it on the learner's bus.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -35,8 +36,8 @@ const PATIENCE: Duration = Duration::from_secs(4);
 /// Longest name of an actor, bytes: with the host's name it has to fit into the bus's limit of 128.
 const NAME_BYTES: usize = 80;
 
-/// Longest build name that is kept, characters.
-const BUILD_CHARS: usize = 200;
+/// Longest build name that is kept or told, characters.
+pub(super) const BUILD_CHARS: usize = 200;
 
 /// Longest part of a host's text in a message, characters.
 const SHOWN_CHARS: usize = 40;
@@ -54,6 +55,15 @@ pub(super) struct GuestSetup {
     pub(super) run_seed: u64,
     /// Takes the threads that are to be woken.
     pub(super) wake: mpsc::Sender<Sleeper>,
+    /// Held by every thread.
+    pub(super) threads: Arc<()>,
+}
+
+impl GuestSetup {
+    /// Returns how many threads there are.
+    pub(super) fn threads(&self) -> usize {
+        Arc::strong_count(&self.threads) - 1
+    }
 }
 
 /// A host's order, with the channel for its outcome.
@@ -62,6 +72,8 @@ pub(super) enum Order {
     Beat { actors: Vec<String>, done: oneshot::Sender<()> },
     /// Publish the host's trajectories, and then request leases if it asks for them.
     Exchange { exchange: Exchange, done: oneshot::Sender<Result<Answer, Refusal>> },
+    /// End.
+    Leave,
 }
 
 /// Tells when a host's thread has opened the bus, or why it cannot.
@@ -72,7 +84,7 @@ pub(super) struct Guest {
     /// What the run's folder says about the host.
     pub(super) about: Host,
     /// Number of actors that it is to run.
-    pub(super) actors: u64,
+    actors: Arc<AtomicU64>,
     orders: SyncSender<Order>,
     thread: JoinHandle<()>,
     /// The thread, once it has opened the bus.
@@ -89,8 +101,10 @@ impl Guest {
         let (orders, incoming) = sync_channel(ORDERS);
         let (told, opened) = oneshot::channel();
         let sleeper = Arc::new(OnceLock::new());
+        let actors = Arc::new(AtomicU64::new(hello.actors));
         let (work, name, own) = (setup.clone(), host.to_owned(), Arc::clone(&sleeper));
-        let body = move || match Work::open(work, &name) {
+        let wanted = Arc::clone(&actors);
+        let body = move || match Work::open(work, &name, wanted) {
             Ok(mut work) => {
                 own.set(work.doorbell.sleeper()).ok();
                 told.send(Ok(())).ok();
@@ -108,7 +122,7 @@ impl Guest {
         let wake = setup.wake.clone();
         let build = shortened(&hello.build, BUILD_CHARS);
         let about = Host { name: host.to_owned(), build, actors: 0, distance_ms: None };
-        let guest = Guest { about, actors: hello.actors, orders, thread, sleeper, wake };
+        let guest = Guest { about, actors, orders, thread, sleeper, wake };
         Ok((guest, opened))
     }
 
@@ -117,9 +131,19 @@ impl Guest {
         !self.thread.is_finished()
     }
 
+    /// Returns how many actors the host is to run.
+    pub(super) fn actors(&self) -> u64 {
+        self.actors.load(Ordering::Relaxed)
+    }
+
+    /// Changes how many actors the host is to run.
+    pub(super) fn scale(&self, actors: u64) {
+        self.actors.store(actors, Ordering::Relaxed);
+    }
+
     /// Returns how many of the run's places for actors the host takes.
     pub(super) fn places(&self) -> u64 {
-        places(self.actors)
+        places(self.actors())
     }
 
     pub(super) fn host(&self) -> &str {
@@ -137,6 +161,13 @@ impl Guest {
     }
 }
 
+impl Drop for Guest {
+    /// Ends the thread at once: it holds places on the bus that others need.
+    fn drop(&mut self) {
+        self.order(Order::Leave);
+    }
+}
+
 /// Returns how many of the run's places for actors a host with `actors` actors takes: at least one, so that there are
 /// never more hosts than places.
 pub(super) fn places(actors: u64) -> u64 {
@@ -148,6 +179,8 @@ struct Work {
     setup: GuestSetup,
     address: BusAddress,
     host: String,
+    /// Number of actors that the host is to run.
+    actors: Arc<AtomicU64>,
     bus: Bus,
     doorbell: Doorbell,
     trajectories: TrajectoryPublisher,
@@ -161,13 +194,14 @@ struct Work {
 }
 
 impl Work {
-    fn open(setup: GuestSetup, host: &str) -> Result<Work> {
+    fn open(setup: GuestSetup, host: &str, actors: Arc<AtomicU64>) -> Result<Work> {
         let address = BusAddress::of_run(setup.folder.path())?;
         let bus = Bus::open(&address, &format!("gateway@{host}"))?;
         Ok(Work {
             setup,
             address,
             host: host.to_owned(),
+            actors,
             doorbell: bus.doorbell(Role::Actors)?,
             trajectories: bus.rollout_publisher(READER_PATIENCE)?,
             bus,
@@ -182,27 +216,23 @@ impl Work {
     /// Works until the host is gone.
     fn run(&mut self, orders: &Receiver<Order>) -> Result<()> {
         while self.heard.elapsed() < PATIENCE {
-            self.doorbell.wait(TICK)?;
             loop {
                 match orders.try_recv() {
-                    Ok(order) => self.follow(order)?,
+                    Ok(Order::Leave) | Err(TryRecvError::Disconnected) => return Ok(()),
+                    Ok(Order::Beat { actors, done }) => {
+                        self.heard = Instant::now();
+                        self.stand_ins.retain(|actor, _| actors.contains(actor));
+                        done.send(()).ok();
+                    }
+                    Ok(Order::Exchange { exchange, done }) => {
+                        self.heard = Instant::now();
+                        self.exchange(exchange, done)?;
+                    }
                     Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => return Ok(()),
                 }
             }
             self.look_for_answers();
-        }
-        Ok(())
-    }
-
-    fn follow(&mut self, order: Order) -> Result<()> {
-        self.heard = Instant::now();
-        match order {
-            Order::Beat { actors, done } => {
-                self.stand_ins.retain(|actor, _| actors.contains(actor));
-                done.send(()).ok();
-            }
-            Order::Exchange { exchange, done } => self.exchange(exchange, done)?,
+            self.doorbell.wait(TICK)?;
         }
         Ok(())
     }
@@ -242,6 +272,12 @@ impl Work {
                 is_actor(actor),
                 "expected the name of an actor, found {}",
                 shortened(actor, SHOWN_CHARS)
+            );
+            let own = places(self.actors.load(Ordering::Relaxed));
+            ensure!(
+                (self.stand_ins.len() as u64) < own,
+                "expected at most {own} actors of {}, found another one",
+                self.host
             );
             let actors = self.bus.alive()?.iter().filter(|name| name.starts_with("actor")).count();
             ensure!(

@@ -20,6 +20,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use bus::{Bus, BusAddress, Sleeper};
 use protocol::MAX_ACTORS;
+use protocol::dropped::Dropped;
 use run::folder::RunFolder;
 use run::hosts::{Expelled, Hosts};
 use run::process::Stop;
@@ -79,6 +80,8 @@ struct Hub {
     guests: Mutex<BTreeMap<u64, Guest>>,
     /// Expelled hosts, the oldest first, with their sessions; those of an earlier gateway of the run have none.
     expelled: Mutex<VecDeque<(Option<u64>, Expelled)>>,
+    /// Hosts that were refused.
+    refused: Mutex<Dropped>,
     weights: watch::Receiver<Newest>,
     auditor: Option<Auditor>,
     is_ending: AtomicBool,
@@ -91,6 +94,11 @@ impl Hub {
 
     fn expelled(&self) -> MutexGuard<'_, VecDeque<(Option<u64>, Expelled)>> {
         self.expelled.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes that a host was refused. Whoever has the key can cause any number of refusals.
+    fn note_refusal(&self, why: &str) {
+        self.refused.lock().unwrap_or_else(PoisonError::into_inner).note(why);
     }
 
     /// Returns the reason why a session was expelled, if it was.
@@ -155,11 +163,13 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
                 spec,
                 run_seed: config.seed,
                 wake,
+                threads: Arc::default(),
             },
             configuration: config.to_text(),
             golden: setup.golden.clone(),
             guests: Mutex::default(),
             expelled: Mutex::new(expelled.map(|who| (None, who)).collect()),
+            refused: Mutex::new(Dropped::new("hosts that were refused")),
             weights,
             auditor,
             is_ending: AtomicBool::new(false),
