@@ -37,7 +37,7 @@ pub(crate) fn of_run(run: &RunFolder, folder: &Path) -> Result<PathBuf> {
     Ok(place)
 }
 
-/// Checks that a run's event file may be written within `folder`. That of a new run replaces none.
+/// Checks that a run's event file may be written within `folder`, where it replaces only the same run's.
 ///
 /// # Errors
 /// Wrong usage, as [`of_run`], or when there is one of its name.
@@ -45,9 +45,10 @@ pub(crate) fn check(run: &RunFolder, folder: &Path, is_resumed: bool) -> Result<
     destination::folder(folder, true)?;
     let place = of_run(run, folder)?;
     let is_empty = fs::read_dir(&place).map_or(true, |mut entries| entries.next().is_none());
+    let is_own = is_resumed && TensorBoard::is_of(run, &place);
     let shown = place.display();
     ensure!(
-        is_resumed || is_empty,
+        is_empty || is_own,
         wrong_usage(format!(
             "--tensorboard: expected no {shown} yet, found the curves of another run"
         ))
@@ -118,6 +119,14 @@ mod tests {
         fs::write(curves.join("one/events"), "").unwrap();
         let refused = check(&run, &curves, false).unwrap_err().to_string();
         assert!(refused.contains("the curves of another run"), "{refused}");
+        assert!(check(&run, &curves, true).is_err(), "nobody knows whose they are");
+        let namesake = RunFolder::new(directory.path().join("others/one"));
+        for run in [&run, &namesake] {
+            fs::create_dir_all(run.path()).unwrap();
+            fs::write(run.config_file(), "").unwrap();
+        }
+        TensorBoard::of(run.clone(), &curves.join("one")).unwrap();
         check(&run, &curves, true).unwrap();
+        assert!(check(&namesake, &curves, true).is_err());
     }
 }

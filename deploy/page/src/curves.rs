@@ -59,11 +59,6 @@ impl Curves {
     /// Reads the curves of a run. Rows after a damaged record may be missing.
     pub(crate) fn of(folder: &RunFolder) -> Curves {
         let mut curves = Curves { origin: collections::begun_ms(folder), ..Curves::default() };
-        let model = folder.config().ok().map(|config| config.reward.model);
-        let gives = Gives {
-            rewards: model.is_none_or(|model| model.rewards),
-            proximity: model.is_none_or(|model| model.imitates),
-        };
         // A run that has only begun has no log yet, which is not an error.
         if !folder.log().exists() {
             return curves;
@@ -75,9 +70,9 @@ impl Curves {
                 return curves;
             }
         };
-        for update in updates(reader.by_ref()) {
+        for update in updates(folder, reader.by_ref()) {
             match update {
-                Ok(update) => curves.rows.push(row(update, gives)),
+                Ok(update) => curves.rows.push(row(update)),
                 Err(error) => curves.trouble.push(error.to_string()),
             }
         }
@@ -93,35 +88,24 @@ impl Curves {
     }
 }
 
-/// What the reward model of a run gives.
-#[derive(Clone, Copy)]
-struct Gives {
-    rewards: bool,
-    proximity: bool,
-}
-
-/// Returns the numbers of an update; a quantity that method or model do not have is missing, though recorded as 0.
-fn row(Update { policy: update, reward }: Update, gives: Gives) -> Row {
-    let if_there = |is_there: bool, number: f64| if is_there { number } else { f64::NAN };
-    let acts = update.episodes > 0;
-    let trained = reward.filter(|reward| reward.gradient_steps > 0);
-    let losses = trained.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
+/// Returns the numbers of an update.
+fn row(Update { policy: update, reward }: Update) -> Row {
+    let losses = reward.map_or([f64::NAN; 2], |loss| [loss.demonstration_loss, loss.agent_loss]);
     [
         update.iteration as f64,
         update.environment_steps as f64,
         update.episodes as f64,
         update.wall_s,
         update.success_rate,
-        if_there(acts && gives.rewards, update.mean_reward),
-        if_there(acts && gives.proximity, update.mean_proximity),
-        if_there(acts && gives.proximity, update.mean_uncertainty),
-        if_there(acts, update.mean_episode_steps),
+        update.mean_reward,
+        update.mean_proximity,
+        update.mean_uncertainty,
+        update.mean_episode_steps,
         update.entropy,
         update.approximate_kl,
         update.clip_fraction,
         update.policy_loss,
-        // 0 means that no demonstrations are held out.
-        if_there(update.held_out_loss != 0.0, update.held_out_loss),
+        update.held_out_loss,
         update.value_loss,
         update.gradient_norm,
         update.learning_rate,
@@ -131,32 +115,4 @@ fn row(Update { policy: update, reward }: Update, gives: Gives) -> Row {
         update.scoring_s,
         update.update_s,
     ]
-}
-
-#[cfg(test)]
-mod tests {
-    use protocol::messages::{PolicyUpdate, RewardUpdate};
-
-    use super::*;
-
-    #[test]
-    fn quantities_that_a_method_does_not_have_are_missing() {
-        let found = |policy, gives, column| {
-            let place = COLUMNS.iter().position(|&name| name == column).unwrap();
-            let reward = Some(RewardUpdate::default());
-            Some(row(Update { policy, reward }, gives)[place]).filter(|number| !number.is_nan())
-        };
-        let nothing = Gives { rewards: false, proximity: false };
-        let rewards = Gives { rewards: true, ..nothing };
-        let all = Gives { rewards: true, proximity: true };
-        let cloning = |held_out_loss| PolicyUpdate { held_out_loss, ..PolicyUpdate::default() };
-        assert_eq!(found(cloning(0.25), nothing, "held_out_loss"), Some(0.25));
-        assert_eq!(found(cloning(0.0), nothing, "held_out_loss"), None);
-        assert_eq!(found(cloning(0.25), nothing, "mean_episode_steps"), None);
-        let acting = || PolicyUpdate { episodes: 8, ..PolicyUpdate::default() };
-        assert_eq!(found(acting(), rewards, "mean_reward"), Some(0.0));
-        assert_eq!(found(acting(), rewards, "mean_proximity"), None);
-        assert_eq!(found(acting(), all, "mean_proximity"), Some(0.0));
-        assert_eq!(found(acting(), all, "agent_loss"), None, "there were no gradient steps");
-    }
 }

@@ -1,6 +1,7 @@
 //! The details of a run: its configuration, settings that are not the default, its summary.
 
 use anyhow::Result;
+use protocol::setting;
 use run::folder::RunFolder;
 use run::overview::{self, State};
 use run::repeat::{self, Difference};
@@ -56,7 +57,7 @@ impl Details {
             published: published::success(&config),
             summary,
             command: repeat::command(folder, &config),
-            renders: config.environment.0.contains_key("make") && config.task.deterministic,
+            renders: config.environment.0.contains_key(setting::MAKE) && config.task.deterministic,
             collections: collections::names(folder, &config),
             checkpoints: folder
                 .checkpoint_folders()

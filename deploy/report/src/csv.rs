@@ -18,7 +18,7 @@ const WRITES: &str = "a text takes what is written to it";
 /// Columns that identify the run of a line.
 const RUN: &str = "figure,panel,task,curve,seed,run";
 
-/// Returns all points of all runs.
+/// Returns all points of all runs. A quantity that a method does not have is empty.
 pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
     let mut text = format!(
         "{RUN},iteration,environment_steps,wall_s,episodes,success_rate,mean_reward,mean_proximity,\
@@ -29,17 +29,17 @@ pub(crate) fn results(figures: &[MeasuredFigure]) -> String {
             write_line(
                 &mut text,
                 format_args!(
-                    "{names},{},{},{:.1},{},{:.2},{:.6},{:.6},{:.6},{:.4},{:.6}",
+                    "{names},{},{},{:.1},{},{},{},{},{},{},{}",
                     point.iteration,
                     point.environment_steps,
                     point.wall_s,
                     point.episodes,
-                    point.success_rate,
-                    point.mean_reward,
-                    point.mean_proximity,
-                    point.mean_uncertainty,
-                    point.entropy,
-                    point.approximate_kl,
+                    known(point.success_rate, 2),
+                    known(point.mean_reward, 6),
+                    known(point.mean_proximity, 6),
+                    known(point.mean_uncertainty, 6),
+                    known(point.entropy, 4),
+                    known(point.approximate_kl, 6),
                 ),
             );
         }
@@ -165,6 +165,11 @@ fn write_line(text: &mut String, line: std::fmt::Arguments<'_>) {
 }
 
 /// Formats a text as a CSV field, quoted if needed.
+/// Formats a number; NaN is an empty field.
+fn known(number: f64, decimals: usize) -> String {
+    if number.is_nan() { String::new() } else { format!("{number:.decimals$}") }
+}
+
 fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))

@@ -83,11 +83,11 @@ pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
     };
     let tells_success = panel.task.tells_success;
     let y = |point: &Point| if tells_success { point.success_rate } else { point.mean_proximity };
-    let end_of_seed = |point: &Point| [x(point) / unit, y(point)];
     let line = |curve: &MeasuredCurve| {
         let acting = || curve.runs.iter().filter(|run| run.acts());
-        let points =
-            |run: &Measured| run.points.iter().map(|point| [x(point) / unit, y(point)]).collect();
+        let known = |point: &&Point| y(point).is_finite();
+        let place = |point: &Point| [x(point) / unit, y(point)];
+        let points = |run: &Measured| run.points.iter().filter(known).map(place).collect();
         let means = mean(&acting().map(points).collect::<Vec<_>>(), common_end(curve, &x) / unit);
         let band =
             |(x, estimate): &(f64, Estimate)| estimate.share().map(|[low, high]| [*x, low, high]);
@@ -96,7 +96,7 @@ pub(crate) fn chart(panel: &MeasuredPanel, palette: &Palette, against: Against) 
             style: palette.style(&curve.name),
             points: means.iter().map(|(x, estimate)| [*x, estimate.mean]).collect(),
             band: means.iter().filter_map(band).collect(),
-            seeds: acting().filter_map(|run| run.points.last()).map(end_of_seed).collect(),
+            seeds: acting().filter_map(|run| run.points.iter().rfind(known)).map(place).collect(),
             level: level(curve),
             anchor: curve.anchor.filter(|_| tells_success && against == Against::Steps),
         }

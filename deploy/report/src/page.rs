@@ -242,7 +242,8 @@ fn runs(figures: &[MeasuredFigure], folder: &Path) -> Markup {
                     thead {
                         tr {
                             th { "run" } th { "seed" } th { "steps" } th { "last 100" } th { "evaluation" }
-                            th { "time" } th { "time to 50, 90, 95, 98 %" } th.text { "policy sha256" } th.text { "to repeat it" }
+                            th { "time" } th { "time to 50, 90, 95, 98 %" }
+                            th.text { "policy sha256" } th.text { "to repeat it" }
                         }
                     }
                     tbody { @for run in different_runs(figures) { (run_row(run, folder)) } }
@@ -303,8 +304,8 @@ fn reading() -> Markup {
                       and values in brackets are 95 % intervals of the mean over seeds (Student's; none for \
                       fewer than three seeds). A dot is the end of a seed." }
                 li { "Against the first: ahead or behind where the 95 % interval of the difference of the \
-                      evaluations' means excludes 0 (Welch's); otherwise every seed above or below, if that is so; otherwise not \
-                      told apart." }
+                      evaluations' means excludes 0 (Welch's); otherwise every seed above or \
+                      below, if that is so; otherwise not told apart." }
                 li { "Over all panels: the mean of the middle half of all evaluations, and the share of pairs \
                       of seeds in which a method is better than the first one, with stratified bootstrap \
                       intervals (Agarwal et al., 2021), which are somewhat narrow for few seeds." }

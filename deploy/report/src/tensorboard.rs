@@ -1,5 +1,6 @@
 //! The curves of a run, finished or in progress, for TensorBoard.
 
+use std::fs;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
@@ -10,6 +11,9 @@ use run::summary::Summary;
 use run::updates::{Update, begun, updates};
 
 use crate::event_file::EventFile;
+
+/// File beside an event file with the path of its run.
+const OWNER: &str = "run.txt";
 
 /// The event file of a run.
 pub struct TensorBoard {
@@ -31,7 +35,15 @@ impl TensorBoard {
         let begun = begun.duration_since(UNIX_EPOCH)?.as_secs_f64();
         let shown = || folder.display().to_string();
         let file = EventFile::create(folder, begun).with_context(shown)?;
+        let path = run.path().canonicalize()?;
+        fs::write(folder.join(OWNER), path.as_os_str().as_encoded_bytes()).with_context(shown)?;
         Ok(TensorBoard { run, file, begun, next: 0 })
+    }
+
+    /// Returns whether the event file in `folder` is of this run.
+    pub fn is_of(run: &RunFolder, folder: &Path) -> bool {
+        let (path, owner) = (run.path().canonicalize(), fs::read(folder.join(OWNER)));
+        path.is_ok_and(|path| owner.is_ok_and(|owner| owner == path.as_os_str().as_encoded_bytes()))
     }
 
     /// Writes the updates that were added to the log since the last call. An update that is repeated after a process
@@ -43,7 +55,7 @@ impl TensorBoard {
         if !self.run.log().exists() {
             return Ok(());
         }
-        for update in updates(read_contents(&self.run.log(), Contents::Updates)?) {
+        for update in updates(&self.run, read_contents(&self.run.log(), Contents::Updates)?) {
             self.update(&update?)?;
         }
         Ok(self.file.flush()?)

@@ -6,9 +6,10 @@ use mcap_log::{Contents, Entry, FileReader, Record, log_files, read_contents};
 use protocol::Error;
 use protocol::messages::{PolicyUpdate, RewardUpdate};
 
+use crate::config::RunConfig;
 use crate::folder::RunFolder;
 
-/// An update of the policy.
+/// An update of the policy. A quantity that the run's method does not have is NaN; its log has 0.
 #[derive(Clone, Debug)]
 pub struct Update {
     /// Its record in the log.
@@ -17,15 +18,67 @@ pub struct Update {
     pub reward: Option<RewardUpdate>,
 }
 
-/// Returns the updates among the entries of a log, in order.
-pub fn updates(
-    entries: impl Iterator<Item = Result<Entry, Error>>,
-) -> impl Iterator<Item = Result<Update, Error>> {
+impl Update {
+    /// Returns an update of a run from its records.
+    pub fn new(config: &RunConfig, policy: PolicyUpdate, reward: Option<RewardUpdate>) -> Update {
+        Measured::by(Some(config)).update(policy, reward)
+    }
+}
+
+/// What the method of a run measures.
+#[derive(Clone, Copy, Debug)]
+struct Measured {
+    rewards: bool,
+    proximity: bool,
+    /// How far the policy moved, as PPO does.
+    divergence: bool,
+}
+
+impl Measured {
+    /// Returns what a run with this configuration measures; everything if that is not known.
+    fn by(config: Option<&RunConfig>) -> Measured {
+        Measured {
+            rewards: config.is_none_or(|config| config.reward.model.rewards),
+            proximity: config.is_none_or(|config| config.reward.model.imitates),
+            divergence: config.is_none_or(|config| config.learner.is_rewarded()),
+        }
+    }
+
+    fn update(self, mut policy: PolicyUpdate, mut reward: Option<RewardUpdate>) -> Update {
+        let keep = |quantity: &mut f64, is_measured: bool| {
+            if !is_measured {
+                *quantity = f64::NAN;
+            }
+        };
+        let acts = policy.episodes > 0;
+        keep(&mut policy.mean_episode_steps, acts);
+        keep(&mut policy.mean_reward, acts && self.rewards);
+        keep(&mut policy.mean_proximity, acts && self.proximity);
+        keep(&mut policy.mean_uncertainty, acts && self.proximity);
+        keep(&mut policy.approximate_kl, self.divergence);
+        keep(&mut policy.clip_fraction, self.divergence);
+        // A learner without values, and one that holds no demonstrations out, have a loss of exactly 0.
+        for loss in [&mut policy.value_loss, &mut policy.held_out_loss] {
+            let is_measured = *loss != 0.0;
+            keep(loss, is_measured);
+        }
+        if let Some(reward) = &mut reward {
+            keep(&mut reward.demonstration_loss, reward.gradient_steps > 0);
+            keep(&mut reward.agent_loss, reward.gradient_steps > 0);
+        }
+        Update { policy, reward }
+    }
+}
+
+/// Returns the updates among the entries of a run's log, in order.
+pub fn updates<E: Iterator<Item = Result<Entry, Error>>>(
+    folder: &RunFolder,
+    entries: E,
+) -> impl Iterator<Item = Result<Update, Error>> + use<E> {
+    let measured = Measured::by(folder.config().ok().as_ref());
     let mut reward = None;
     entries.filter_map(move |entry| match entry.map(|entry| entry.record) {
-        Ok(Record::PolicyUpdate(policy)) => {
-            Some(Ok(Update { policy: *policy, reward: reward.take() }))
-        }
+        Ok(Record::PolicyUpdate(policy)) => Some(Ok(measured.update(*policy, reward.take()))),
         Ok(Record::RewardUpdate(update)) => {
             reward = Some(update);
             None
@@ -35,7 +88,7 @@ pub fn updates(
     })
 }
 
-/// Returns the policy's updates in the log so far, in order; items fail as those of the log do.
+/// Returns the policy's updates in the log so far, in order, as in an [`Update`]; items fail as those of the log do.
 ///
 /// # Errors
 /// If the log does not exist or cannot be read.
@@ -43,7 +96,7 @@ pub fn policy_updates(
     folder: &RunFolder,
 ) -> Result<impl Iterator<Item = Result<PolicyUpdate, Error>>, Error> {
     let entries = read_contents(&folder.log(), Contents::Updates)?;
-    Ok(updates(entries).map(|update| update.map(|update| update.policy)))
+    Ok(updates(folder, entries).map(|update| update.map(|update| update.policy)))
 }
 
 /// Returns when a run began: when its configuration was written, which happens again at every resumption, or the
@@ -76,6 +129,33 @@ mod tests {
     use mcap_log::{Kind, LogOptions, LogWriter, Metadata};
 
     use super::*;
+    use crate::tasks::configuration;
+
+    #[test]
+    fn quantities_that_a_method_does_not_have_are_missing() {
+        let update = |method, policy| {
+            let method = [format!("method={method}")];
+            let config = configuration("navigation", None, &method).unwrap();
+            Update::new(&config, policy, Some(RewardUpdate::default()))
+        };
+        let cloning = |held_out_loss| {
+            let policy = PolicyUpdate { held_out_loss, ..PolicyUpdate::default() };
+            update("bc", policy).policy
+        };
+        assert_eq!(cloning(0.25).held_out_loss, 0.25);
+        let cloned = cloning(0.0);
+        let lacks = [cloned.held_out_loss, cloned.value_loss, cloned.mean_reward];
+        assert!(lacks.iter().all(|number| number.is_nan()), "{cloned:?}");
+        assert!(cloned.mean_episode_steps.is_nan() && cloned.approximate_kl.is_nan());
+
+        let acting = || PolicyUpdate { episodes: 8, ..PolicyUpdate::default() };
+        let expert = update("environment-reward", acting()).policy;
+        assert_eq!([expert.mean_reward, expert.clip_fraction], [0.0, 0.0]);
+        assert!(expert.mean_proximity.is_nan() && expert.mean_uncertainty.is_nan());
+        let Update { policy, reward } = update("goal-proximity", acting());
+        assert_eq!([policy.mean_reward, policy.mean_proximity], [0.0, 0.0]);
+        assert!(reward.unwrap().agent_loss.is_nan(), "there were no gradient steps");
+    }
 
     fn lay_out(folder: &RunFolder, time: SystemTime) {
         fs::write(folder.config_file(), "").unwrap();

@@ -83,6 +83,8 @@ fn of_update(update: &PolicyUpdate) -> Value {
         "episodes": update.episodes,
         "success_rate": update.success_rate,
         "approximate_kl": update.approximate_kl,
+        "policy_loss": update.policy_loss,
+        "held_out_loss": update.held_out_loss,
         "value_loss": update.value_loss,
     })
 }

@@ -75,7 +75,10 @@ pub(crate) fn trouble(processes: &Processes, progress: Option<&Progress>) -> Opt
 fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, String)> {
     let mut rows = common_rows(config);
     rows.push(("doing", doing(progress)));
-    rows.push(("environment steps", steps(progress.environment_steps(), progress.steps_wanted)));
+    if progress.steps_wanted > 0 {
+        let steps = steps(progress.environment_steps(), progress.steps_wanted);
+        rows.push(("environment steps", steps));
+    }
     rows.extend(progress.update.iter().flat_map(update_rows));
     // A fixed reward has no versions. A model just read from a checkpoint has no losses yet.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
@@ -148,15 +151,21 @@ fn place_of(iteration: u64, folder: &Path) -> String {
 }
 
 fn update_rows(update: &PolicyUpdate) -> Vec<(&'static str, String)> {
-    vec![
-        ("iterations", numbers::count(update.iteration + 1)),
-        ("episodes", numbers::count(update.episodes)),
-        ("success, last 100 training episodes", numbers::percent(update.success_rate, 1)),
-        ("policy KL, value loss", {
-            let (divergence, value) = (update.approximate_kl, update.value_loss);
-            format!("{}, {}", numbers::number(divergence), numbers::number(value))
-        }),
-    ]
+    let mut rows = vec![("iterations", numbers::count(update.iteration + 1))];
+    if update.episodes > 0 {
+        let success = numbers::percent(update.success_rate, 1);
+        rows.push(("episodes", numbers::count(update.episodes)));
+        rows.push(("success, last 100 training episodes", success));
+    }
+    let measured = [
+        ("policy KL", update.approximate_kl),
+        ("policy loss", update.policy_loss),
+        ("held-out loss", update.held_out_loss),
+        ("value loss", update.value_loss),
+    ];
+    let known = measured.into_iter().filter(|(_, number)| number.is_finite());
+    rows.extend(known.map(|(name, number)| (name, numbers::number(number))));
+    rows
 }
 
 fn steps(done: u64, wanted: u64) -> String {
@@ -267,9 +276,10 @@ mod tests {
 
     #[test]
     fn a_live_run_without_an_update_has_a_table() {
-        let table = numbers::table(&live_rows(&Progress::default(), &config()));
+        let begun = Progress { steps_wanted: 8, ..Progress::default() };
+        let table = numbers::table(&live_rows(&begun, &config()));
         assert!(table.contains("waiting for the proximity service"), "{table}");
-        assert!(table.contains("0 of 0 (0 %)"), "{table}");
+        assert!(table.contains("0 of 8 (0 %)"), "{table}");
         assert!(table.contains("navigation, goal-proximity, preset goalward"), "{table}");
         let pretraining = Some(Pretraining { done: 30, total: 120 });
         let reward_update =
