@@ -12,6 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use bus::BusAddress;
+use run::actors_wanted::ActorsWanted;
 use system_tests::{Hashes, PATIENCE, Signal, TestRun, await_some, programs, send};
 
 /// Much longer than a correct ending takes, and much shorter than a run that does not end.
@@ -226,6 +227,27 @@ fn spoil_actor(run: &TestRun) {
     fs::remove_file(&actor).unwrap();
     fs::write(&actor, "#!/bin/sh\necho no room for me >&2\nexit 1\n").unwrap();
     fs::set_permissions(&actor, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[test]
+fn more_actors_than_the_supervisor_can_have_are_refused() {
+    let run = TestRun::new(programs!());
+    let mut training = run.train(&["steps=40000", "resources.actors=1"]);
+    training.await_checkpoint(4);
+    let wanted = || ActorsWanted::here(&run.folder()).count().unwrap();
+    let programs = run.all_processes();
+    let supervisor = programs.iter().find(|process| process.name == "goalward").unwrap();
+    supervisor.limit_open_files(Some(190));
+    let (took, said) = run.goalward(&["scale", "run", "--actors", "3"]);
+    assert!(!took && said.contains("the number of actors stays 1"), "{said}");
+    assert!(run.remarks().contains("expected 196 open files"), "{}", run.remarks());
+    assert_eq!(wanted(), Some(1));
+    supervisor.limit_open_files(None);
+    scale(&run, "3");
+    run.process("actor-2");
+    assert_eq!(wanted(), Some(3));
+    training.signal(Signal::Interrupt);
+    assert_eq!(training.end(), Some(130));
 }
 
 fn scale(run: &TestRun, actors: &str) {

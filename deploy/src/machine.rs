@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use run::config::{Estimate, RunConfig};
 
 use terminal::numbers;
@@ -44,13 +44,13 @@ impl Machine {
         Machine { cores, memory }
     }
 
-    /// Refuses more actors than the machine can usefully run.
+    /// Refuses more actors than the machine can usefully run. `asked_by` is the flag or setting that asks for them.
     ///
     /// # Errors
     /// Wrong usage, stating what the machine has.
-    pub(crate) fn require_room_for_actors(&self, actors: u64) -> Result<()> {
+    pub(crate) fn require_room_for_actors(&self, asked_by: &str, actors: u64) -> Result<()> {
         let most = ACTORS_PER_CORE * self.cores as u64;
-        self.require("resources.actors", actors, most, ACTORS_PER_CORE)
+        self.require(asked_by, actors, most, ACTORS_PER_CORE)
     }
 
     /// Refuses a run that the machine cannot train. Returns a remark about a run that takes long.
@@ -59,13 +59,14 @@ impl Machine {
     /// Wrong usage, stating the size and what the machine has.
     pub(crate) fn require_room_for(&self, config: &RunConfig) -> Result<Option<String>> {
         let resources = &config.resources;
-        self.require_room_for_actors(resources.actors)?;
+        let setting = |key: &str| format!("configuration: `resources.{key}`");
+        self.require_room_for_actors(&setting("actors"), resources.actors)?;
         for (key, threads) in [
-            ("resources.learner_threads", resources.learner_threads),
-            ("resources.service_threads", resources.service_threads),
+            ("learner_threads", resources.learner_threads),
+            ("service_threads", resources.service_threads),
         ] {
             let most = THREADS_PER_CORE * self.cores;
-            self.require(key, threads as u64, most as u64, THREADS_PER_CORE as u64)?;
+            self.require(&setting(key), threads as u64, most as u64, THREADS_PER_CORE as u64)?;
         }
         let estimate = config.estimate(self.cores);
         if let Some(memory) = self.memory.filter(|&memory| estimate.bytes() > memory) {
@@ -78,13 +79,10 @@ impl Machine {
         Ok(is_long.then(|| words_of_work(&estimate)))
     }
 
-    fn require(&self, key: &str, found: u64, most: u64, each: u64) -> Result<()> {
-        if found <= most {
-            return Ok(());
-        }
-        let cores = self.cores;
-        let expected = format!("at most {most}, {each} for each core of {cores}");
-        Err(wrong_usage(format!("configuration: `{key}` must be {expected}, found {found}")))
+    fn require(&self, asked_by: &str, found: u64, most: u64, each: u64) -> Result<()> {
+        let expected = format!("expected at most {most}, {each} for each core of {}", self.cores);
+        ensure!(found <= most, wrong_usage(format!("{asked_by}: {expected}, found {found}")));
+        Ok(())
     }
 }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rustix::process::{Pid, Resource, Rlimit, prlimit};
+use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
 
 use crate::{TestRun, await_some};
 
@@ -55,6 +55,13 @@ impl Process {
     pub fn limit_files(&self, bytes: Option<u64>) {
         let limit = Rlimit { current: bytes, maximum: None };
         prlimit(Pid::from_raw(self.id as i32), Resource::Fsize, limit).ok();
+    }
+
+    /// Limits the files that it may open, or lifts the limit to what this process has.
+    pub fn limit_open_files(&self, count: Option<u64>) {
+        let own = getrlimit(Resource::Nofile);
+        let limit = Rlimit { current: count.or(own.current), ..own };
+        prlimit(Pid::from_raw(self.id as i32), Resource::Nofile, limit).expect("it is ours");
     }
 
     /// Whether it was started for the test's run, by a supervisor or by hand; `goalward` itself does not count.

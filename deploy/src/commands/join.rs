@@ -89,7 +89,7 @@ impl Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Program::Gateway.check()?;
     let (key, count) = (arguments.key()?, arguments.actors());
-    Machine::here().require_room_for_actors(count)?;
+    Machine::here().require_room_for_actors("--actors", count)?;
     check_shared_memory_room(limits::SHARED_MEMORY_BYTES)?;
     let temporary = std::env::temp_dir();
     sweep(&temporary);
@@ -115,7 +115,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let source = Source::Environments { count, program, listening: None };
     let view = ProgressView::new();
     let joining = Joining { folder, gateway, source };
-    match runtime()?.block_on(take_part(&joining, &view))? {
+    let outcome = runtime()?.block_on(take_part(&joining, &view));
+    if outcome.is_err() {
+        // The error names files in it. The next `join` sweeps it.
+        tracing::debug!("{} is kept", place.keep().display());
+    }
+    match outcome? {
         Outcome::Stopped => Err(stopped()),
         Outcome::Finished | Outcome::EndOfLog => {
             print_remark("the training has ended");

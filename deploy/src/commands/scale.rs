@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use bus::BusAddress;
 use protocol::MAX_ACTORS;
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::hosts::{Host, Hosts};
 
-use crate::listening::require_an_actor;
+use crate::listening::{node_name, require_an_actor};
 use crate::lock;
 use crate::machine::Machine;
 use crate::processes::Processes;
@@ -19,6 +19,9 @@ use terminal::refusal::wrong_usage;
 
 /// How long another machine may take to have the wanted number of actors.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long the supervisor may take to refuse a number of actors; it looks many times in between.
+const ANSWER: Duration = Duration::from_secs(2);
 
 /// Time between two looks at the machine.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -41,14 +44,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { run, actors, host } = arguments;
     let folder = RunFolder::new(run);
     folder.config()?;
-    lock::trainer(&folder, &format!("; `train --resume` takes --actors {actors}"))?;
+    let otherwise = format!("; `train --resume` takes --actors {actors}");
+    let trainer = lock::trainer(&folder, &otherwise)?;
     let listens = folder.listening_file().exists();
     let present = Hosts::of_run(&folder).present;
     let Some(host) = host else {
         require_an_actor(*actors, listens)?;
         require_places(*actors, places_of_others(&present, ""))?;
-        Machine::here().require_room_for_actors(*actors)?;
-        ActorsWanted::here(&folder).want(*actors)?;
+        let (is_here, wanted) = (trainer.machine == node_name(), ActorsWanted::here(&folder));
+        if is_here {
+            Machine::here().require_room_for_actors("--actors", *actors)?;
+        }
+        wanted.want(*actors)?;
+        if is_here {
+            expect_actors(&folder, &wanted, *actors)?;
+        }
         print_line(&format!("actors: {actors}"));
         return Ok(());
     };
@@ -66,6 +76,22 @@ fn actors_here(folder: &RunFolder) -> Result<u64> {
     let address = BusAddress::if_started(folder.path())?;
     let found = address.map(|address| Processes::on(&address)).transpose()?;
     Ok(found.map_or(0, |processes| processes.actors_here() as u64))
+}
+
+/// Waits until the run has `actors` actors on the learner's machine, its supervisor refuses them, the run ends, or the
+/// supervisor has not refused them within [`ANSWER`].
+///
+/// # Errors
+/// When the supervisor refuses them.
+fn expect_actors(folder: &RunFolder, wanted: &ActorsWanted, actors: u64) -> Result<()> {
+    let begun = Instant::now();
+    while actors_here(folder)? != actors && begun.elapsed() < ANSWER && folder.is_trained() {
+        if let Some(kept) = wanted.count()?.filter(|count| *count != actors) {
+            bail!("the number of actors stays {kept}: the run's `goalward train` says why");
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
 }
 
 /// Returns the places of a run that other machines than `host` take, at least one each.

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use run::actors_wanted::ActorsWanted;
 use run::folder::RunFolder;
 use run::hosts::Hosts;
@@ -98,12 +98,12 @@ impl Actors {
     pub(super) fn take_on(&mut self) {
         match self.source {
             Source::Environments { count, .. } => self.scale(count),
-            Source::Log { .. } => self.add(),
+            Source::Log { .. } => self.scale(1),
         }
     }
 
-    /// Changes to the wanted number of actors if it is a new one, and says so. With `are_others`, it may be 0, since
-    /// other machines can do the work.
+    /// Changes to the wanted number of actors if it is a new one, and says so. One that cannot be had is taken back.
+    /// With `are_others`, it may be 0, since other machines can do the work.
     pub(super) fn follow(
         &mut self,
         wanted: &mut ActorsWanted,
@@ -111,8 +111,10 @@ impl Actors {
         view: &ProgressView,
     ) {
         let allowed = |count: u64| {
+            let is_log = matches!(self.source, Source::Log { .. });
+            ensure!(!is_log, "one actor replays the log");
             require_an_actor(count, are_others)?;
-            Machine::here().require_room_for_actors(count)?;
+            Machine::here().require_room_for_actors("--actors", count)?;
             limits::check(count)?;
             Ok(count)
         };
@@ -123,15 +125,17 @@ impl Actors {
                 view.note(&format!("actors: {count} from now on"));
                 self.scale(count);
             }
-            Some(Err(error)) => view.note(&format!("the number of actors is unchanged: {error:#}")),
+            Some(Err(error)) => {
+                view.note(&format!("the number of actors is unchanged: {error:#}"));
+                if let Err(error) = wanted.refuse(self.working.len() as u64) {
+                    view.note(&error.to_string());
+                }
+            }
         }
     }
 
-    /// Adds actors, or asks the last ones to stop, until there are `count`. The one actor of a log stays the only one.
+    /// Adds actors, or asks the last ones to stop, until there are `count`.
     fn scale(&mut self, count: u64) {
-        if matches!(self.source, Source::Log { .. }) {
-            return;
-        }
         while (self.working.len() as u64) < count {
             self.add();
         }

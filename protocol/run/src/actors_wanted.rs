@@ -68,6 +68,15 @@ impl ActorsWanted {
         count.map(Some)
     }
 
+    /// Takes a number back that cannot be had: `count` actors stay, which is no change.
+    ///
+    /// # Errors
+    /// As [`ActorsWanted::want`].
+    pub fn refuse(&mut self, count: u64) -> Result<(), Error> {
+        self.known = Some(count.to_string());
+        self.want(count)
+    }
+
     /// Returns the number wanted and removes the file.
     ///
     /// # Errors
@@ -139,6 +148,8 @@ mod tests {
         assert!(wanted.changed().unwrap_err().to_string().contains("found \"many\""));
         assert!(wanted.count().unwrap_err().to_string().contains("found \"many\""));
         assert_eq!(wanted.changed().unwrap(), None, "said once");
+        wanted.refuse(3).unwrap();
+        assert_eq!((wanted.changed().unwrap(), wanted.count().unwrap()), (None, Some(3)));
         wanted.forget().unwrap();
         wanted.forget().unwrap();
         assert_eq!(wanted.count().unwrap(), None);

@@ -42,7 +42,7 @@ pub struct Holder {
     pub process: Option<u32>,
     /// Name of its machine.
     pub machine: String,
-    /// Why its work failed, in one line.
+    /// Why its work failed, as its user was told.
     pub failure: Option<String>,
 }
 

@@ -59,8 +59,7 @@ impl RunConfig {
     ) -> Result<(), Error> {
         for (key, value) in set {
             if before.get(key) != Some(value)
-                && let Some((table, name)) = key.split_once('.')
-                && let Some(why) = self.unread(table, name)
+                && let Some(why) = self.why_unread(key)
             {
                 within(key, false, &format!("left out: {why}"), value)?;
             }
@@ -68,7 +67,12 @@ impl RunConfig {
         Ok(())
     }
 
-    /// Returns why the run does not read this key; `None` if it does.
+    /// Returns why the run does not read a key such as `ppo.clip`; `None` if it does.
+    pub fn why_unread(&self, key: &str) -> Option<String> {
+        key.split_once('.').and_then(|(table, name)| self.unread(table, name))
+    }
+
+    /// Returns why the run does not read a key of a table; `None` if it does.
     fn unread(&self, table: &str, name: &str) -> Option<String> {
         if let ("cloning", "patience", Some(why)) = (table, name, self.nothing_held_out()) {
             return Some(why);

@@ -11,7 +11,7 @@ use crate::config::estimate::{Memory, Work};
 use crate::learning_rate::LearningRate;
 
 /// Soft Q imitation learning: soft Q-learning for discrete actions, a soft actor-critic for
-/// continuous ones (paper, Appendix F).
+/// continuous ones (paper, Appendix F). Soft Q-learning has the optimizer's settings of the table `ppo`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SqilConfig {
