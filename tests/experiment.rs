@@ -190,12 +190,13 @@ for task in $(cat all/tasks); do
 done
 "#;
 
-/// Mocks `kubectl` for a cluster without Jobs: it keeps what is applied.
+/// Mocks `kubectl` for a cluster that keeps what is applied, a Job that does not end.
 const KUBECTL: &str = r#"#!/bin/sh
 case "$*" in
     'delete job --ignore-not-found '*) ;;
-    'apply --filename -') cat > applied ;;
-    *) echo 'Error from server (NotFound): jobs.batch not found' >&2; exit 1 ;;
+    'apply --filename -') cat >> applied ;;
+    'get job '*) [ -e applied ] || { echo 'Error from server (NotFound): jobs.batch not found' >&2; exit 1; } ;;
+    *) exit 1 ;;
 esac
 "#;
 
@@ -211,15 +212,22 @@ fn programs_in(test: &TestRun, folder: &str, programs: &[(&str, &str)]) -> Strin
 }
 
 #[test]
-fn a_job_is_submitted_to_kubernetes_where_there_was_none() {
+fn a_job_is_submitted_to_kubernetes_only_where_there_is_none() {
     let test = TestRun::new(programs!());
     let path = programs_in(&test, "kubernetes", &[("kubectl", KUBECTL)]);
-    let mut command = experiment(&test);
-    let output = command.args(["--on", "kubernetes"]).env("PATH", path).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
+    let submit = || {
+        let mut command = experiment(&test);
+        let output = command.args(["--on", "kubernetes"]).env("PATH", &path).output().unwrap();
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let said = submit();
     assert!(said.contains("submitted as goalward-experiment-"), "{said}");
-    let applied = fs::read_to_string(test.path("applied")).unwrap();
-    assert!(applied.contains("kind: Job") && applied.contains("kind: ConfigMap"), "{applied}");
+    let applied = || fs::read_to_string(test.path("applied")).unwrap();
+    let once = applied();
+    assert!(once.contains("kind: Job") && once.contains("kind: ConfigMap"), "{once}");
+    let said = submit();
+    assert!(said.contains("is at work on them already: runs: 4"), "{said}");
+    assert_eq!(applied(), once);
 }
 
 #[test]

@@ -9,8 +9,8 @@
 #
 #   sbatch --nodes=5 --cpus-per-task=16 --time=8:00:00 deploy/cluster/slurm_run.sh RUN [TASK] [flags of `goalward train`]
 #
-# RUN must be on a file system that all nodes share. `goalward` and `goalward-gateway` must be on the path, or GOALWARD
-# must name the former. A job that is requeued, by Slurm or because its time is over, continues the run.
+# RUN must be on a file system that all nodes share. `goalward` must be on the path, or GOALWARD must name it; its
+# programs lie beside it, also `goalward-gateway`. A job that is requeued, by Slurm or because its time is over, continues the run.
 set -euo pipefail
 
 [ $# -gt 0 ] || { printf 'slurm_run: expected the folder of the run\n' >&2; exit 2; }
@@ -24,6 +24,7 @@ port=${GOALWARD_PORT:-$((20000 + SLURM_JOB_ID % 10000))}
 # Beside the run, because the node's clock may differ from that of the file server.
 mkdir -p "$(dirname "$run")"
 started=$(mktemp "$(dirname "$run")/.started.XXXXXX")
+trap 'rm -f "$started"' EXIT
 if [ -e "$run/config.toml" ]; then
     set -- "$@" --resume
 fi
@@ -44,7 +45,6 @@ fi
 
 # A signal ends `wait` but not the learner, unless it came before the learner listened for it.
 until wait "$learner"; code=$?; [ "$code" -ne 143 ] || ! kill -0 "$learner" 2>/dev/null; do :; done
-rm -f "$started"
 if { [ "$code" -eq 130 ] || [ "$code" -eq 143 ]; } && [ "${is_stopped:-}" ]; then
     scontrol requeue "$SLURM_JOB_ID"
 fi

@@ -42,10 +42,10 @@ pub(crate) struct ClusterArguments {
     #[arg(long, requires = "on", value_parser = clap::value_parser!(u16).range(1..=1000))]
     tasks: Option<u16>,
     /// The image of Kubernetes' pods, see deploy/cluster/Dockerfile.
-    #[arg(long, default_value = "goalward")]
+    #[arg(long, requires = "on", default_value = "goalward")]
     image: String,
     /// PersistentVolumeClaim of the volume that has the folder of the runs at its root.
-    #[arg(long, default_value = "goalward-runs")]
+    #[arg(long, requires = "on", default_value = "goalward-runs")]
     claim: String,
     /// Shows the progress of the runs until all are finished, wherever they train; Ctrl-C ends only this display.
     #[arg(long, conflicts_with = "dry_run")]
@@ -130,6 +130,8 @@ pub(crate) struct Submitted {
     engine: Engine,
     /// Name by which the engine knows the job.
     pub(crate) name: String,
+    /// Whether it was not there before.
+    pub(crate) is_new: bool,
 }
 
 impl ClusterArguments {
@@ -197,7 +199,7 @@ impl Order {
         }
     }
 
-    /// Submits the job to the engine.
+    /// Submits the job to the engine. A Job of the same plans and folder that Kubernetes still has is left as it is.
     ///
     /// # Errors
     /// As [`Order::text`]; also when the engine's command is missing or fails.
@@ -212,18 +214,19 @@ impl Order {
                 told.trim().split(';').next().unwrap_or_default().to_owned()
             }
             Engine::Kubernetes => {
-                let earlier = Submitted { engine, name: self.name() };
-                // Applying a finished Job again does not restart it, and its number of tasks may have been another one.
-                // A Job that was never there is over, too.
-                if earlier.is_over() {
-                    let delete = ["delete", "job", "--ignore-not-found", &earlier.name];
-                    told_by(Command::new("kubectl").args(delete), "")?;
+                let earlier = Submitted { engine, name: self.name(), is_new: false };
+                // Its number of tasks cannot be changed. A Job that was never there is over.
+                if !earlier.is_over() {
+                    return Ok(earlier);
                 }
+                // Applying a finished Job again does not restart it.
+                let delete = ["delete", "job", "--ignore-not-found", &earlier.name];
+                told_by(Command::new("kubectl").args(delete), "")?;
                 told_by(Command::new("kubectl").args(["apply", "--filename", "-"]), &text)?;
                 earlier.name
             }
         };
-        Ok(Submitted { engine, name })
+        Ok(Submitted { engine, name, is_new: true })
     }
 
     fn command(&self, goalward: &Path, plans: Vec<PathBuf>, out: &Path) -> Vec<String> {

@@ -30,8 +30,8 @@ pub(crate) struct Arguments {
     /// Folder of the runs and the demonstrations.
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// Runs to train at once; by default half the number of cores. With more than one, each run has one actor and one
-    /// thread per process. Results do not depend on it.
+    /// Runs to train at once; by default half the number of cores, on a cluster one in each task. With more than one,
+    /// each run has one actor and one thread per process. Results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: Option<u16>,
     /// Counts runs that another build of goalward finished, and continues those that it began. Curves keep the builds
@@ -138,7 +138,10 @@ fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
         let order = order(arguments, engine, missing)?;
         let taken = order.submit()?;
         let (name, tasks) = (&taken.name, order.tasks);
-        print_remark(&format!("submitted as {name}: runs: {missing}, tasks: {tasks}"));
+        print_remark(&match taken.is_new {
+            true => format!("submitted as {name}: runs: {missing}, tasks: {tasks}"),
+            false => format!("{name} is at work on them already: runs: {missing}"),
+        });
         if !arguments.cluster.watch {
             print_remark(&look_on);
             return Ok(());

@@ -74,7 +74,8 @@ struct Cost {
 pub(crate) fn measured(config: &RunConfig) -> Option<f64> {
     let of_learner = MEASURED.get(&config.task.name)?.get(config.learner.name())?;
     let Cost { beside, million_steps } = of_learner.get(config.reward.model.name)?;
-    Some(beside + million_steps * config.steps as f64 / 1e6)
+    // `beside` is the constant of a fitted line, which may lie below 0.
+    Some((beside + million_steps * config.steps as f64 / 1e6).max(0.0))
 }
 
 /// The work that is left of the runs of plans.
