@@ -43,5 +43,9 @@ while [ $# -gt 0 ]; do
     shift 2
 done
 test=faults
-[ -z "${GOALWARD_SOAK_HOSTS:-}" ] || test=hosts
+if [ "${GOALWARD_SOAK_HOSTS:-}" ]; then
+    test=hosts
+    [ -z "${GOALWARD_SOAK_MINUTES:-}${GOALWARD_SOAK_JOBS:-}" ] ||
+        refuse "expected --hosts with --seed at most, found --minutes or --jobs"
+fi
 exec cargo test --locked --workspace --test "$test" -- --ignored --exact --nocapture soak

@@ -29,8 +29,8 @@ pub(crate) struct ListenOptions {
     /// Accepts actors of other machines, started there by `goalward join`, at this address, such as 0.0.0.0:7447.
     #[arg(long, value_name = "ADDRESS", value_parser = own_address)]
     listen: Option<SocketAddr>,
-    /// Fraction of other machines' episodes that is re-simulated here; a machine whose episodes differ is expelled. By default
-    /// 0.01, or 0 for a task that is not deterministic.
+    /// Fraction of other machines' episodes that is re-simulated here; a machine whose episodes differ is expelled. By
+    /// default 0.01, or 0 for a task that is not deterministic.
     #[arg(long, value_name = "SHARE", requires = "listen")]
     audit: Option<f64>,
 }

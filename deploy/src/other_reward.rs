@@ -20,8 +20,8 @@ pub(crate) struct OtherReward {
 }
 
 impl OtherReward {
-    /// Returns the reward that results from `changes`, each `key=value`, where the key is of the reward or `model`. With
-    /// a trained model, only what scoring reads can be changed, and nothing is asked of the run's own reward.
+    /// Returns the reward that results from `changes`, each `key=value`, where the key is of the reward or `model`.
+    /// With a trained model, only what scoring reads can be changed, and nothing is asked of the run's own reward.
     ///
     /// # Errors
     /// Wrong usage, when a key is another one, or several models are named; when the reward is not valid.

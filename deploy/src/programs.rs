@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -155,12 +155,41 @@ pub(crate) fn run_unless_stopped(
     program: &mut Command,
     doing: &'static str,
 ) -> Result<Option<Ended>> {
+    attended(program, doing, None)
+}
+
+/// Does the same as [`run_unless_stopped`] for a program that reads `input` before it prints. If the user stops it, it
+/// is killed, since it does not watch its input.
+///
+/// # Errors
+/// As [`run_unless_stopped`], and when the program does not read its input.
+pub(crate) fn run_for_unless_stopped(
+    program: &mut Command,
+    doing: &'static str,
+    input: &[u8],
+) -> Result<Option<Ended>> {
+    attended(program, doing, Some(input))
+}
+
+fn attended(
+    program: &mut Command,
+    doing: &'static str,
+    input: Option<&[u8]>,
+) -> Result<Option<Ended>> {
     runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         // The program has a process group of its own, so that Ctrl-C reaches `goalward` alone.
         let mut started = Started::new(program.process_group(0), doing)?;
-        let stopped = started.attend(&mut signals).await?;
+        let mut pipe = started.child.stdin.take();
+        let written = match input {
+            Some(input) => pipe.take().map_or(Ok(()), |mut pipe| pipe.write_all(input)),
+            None => Ok(()),
+        };
+        let stopped = started.attend(&mut signals, pipe).await?;
         let ended = started.end()?;
+        if ended.status.success() {
+            written.context("writing to a program")?;
+        }
         Ok((!stopped).then_some(ended))
     })
 }
@@ -203,15 +232,20 @@ impl Started {
         Ok(Started { child, printed })
     }
 
-    /// Waits until the program has ended; returns whether the user has stopped it.
-    async fn attend(&mut self, signals: &mut Signals) -> Result<bool> {
+    /// Waits until the program has ended; returns whether the user has stopped it. It is asked to by closing `input`.
+    async fn attend(&mut self, signals: &mut Signals, input: Option<ChildStdin>) -> Result<bool> {
         const WAITING: &str = "waiting for a program";
-        let input = self.child.stdin.take();
         while self.child.try_wait().context(WAITING)?.is_none() {
             tokio::select! {
                 () = signals.stop.next() => {
-                    drop(input);
-                    return self.expect_end(signals).await.context(WAITING).map(|()| true);
+                    let ended = match input {
+                        Some(input) => {
+                            drop(input);
+                            self.expect_end(signals).await
+                        }
+                        None => self.child.kill(),
+                    };
+                    return ended.context(WAITING).map(|()| true);
                 }
                 () = signals.child.next() => {}
                 () = tokio::time::sleep(TICK) => {}

@@ -29,26 +29,33 @@ pub(crate) fn refuse_other_program(config: &RunConfig) -> Result<()> {
     )))
 }
 
+/// Returns how this build differs from the one that last trained the run, in one line that names both; `None` if it
+/// does not, or if the run has no log.
+///
+/// # Errors
+/// Wrong usage, when the log cannot be read.
+pub(crate) fn other_build(folder: &RunFolder) -> Result<Option<String>> {
+    if !folder.log().exists() {
+        return Ok(None);
+    }
+    let (builds, own) = (recorded_builds(&folder.log()).map_err(Refusal::usage)?, Build::own());
+    let other = builds.last().and_then(|last| Some((last, last.difference(own)?)));
+    Ok(other.map(|(last, (what, _))| {
+        let run = folder.path().display();
+        let expected = format!("{run}: expected the build that trained the run, {last}");
+        format!("{expected}, found {own} (different {what})")
+    }))
+}
+
 /// Checks that this build is the one that last trained the run, since another build may give another result.
 ///
 /// # Errors
-/// Wrong usage, in one line that names both.
+/// Wrong usage, as [`other_build`].
 pub(crate) fn refuse_other_build(folder: &RunFolder) -> Result<()> {
-    if !folder.log().exists() {
-        return Ok(());
+    match other_build(folder)? {
+        Some(words) => Err(wrong_usage(format!("{words}; --other-build continues it anyway"))),
+        None => Ok(()),
     }
-    let builds = recorded_builds(&folder.log()).map_err(Refusal::usage)?;
-    let Some((last, (what, _))) =
-        builds.last().and_then(|last| Some((last, last.difference(Build::own())?)))
-    else {
-        return Ok(());
-    };
-    Err(wrong_usage(format!(
-        "{}: expected the build that trained the run, {last}, found {} (different {what}); \
-         --other-build continues it anyway",
-        folder.path().display(),
-        Build::own()
-    )))
 }
 
 /// Checks that the configuration was not edited since the run began, since it would give another result.

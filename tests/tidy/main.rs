@@ -18,6 +18,9 @@ use source::{Source, files, root, sources};
 /// A source file must have fewer lines than this.
 const FILE_LINES: usize = 500;
 
+/// A line must have at most this many characters. Code is formatted to fewer, which leaves comments and texts alone.
+const LINE_CHARS: usize = 120;
+
 /// A function must have fewer lines than this.
 const FUNCTION_LINES: usize = 70;
 
@@ -160,6 +163,20 @@ fn files_are_short() {
         }
     }
     keep(&format!("a file has fewer than {FILE_LINES} lines"), long);
+}
+
+#[test]
+fn lines_are_short() {
+    let mut long = Vec::new();
+    for source in sources() {
+        for (line, number) in source.text.lines().zip(1..) {
+            let chars = line.chars().count();
+            if chars > LINE_CHARS {
+                long.push(format!("{}:{number}: {chars} characters", source.path));
+            }
+        }
+    }
+    keep(&format!("a line has at most {LINE_CHARS} characters"), long);
 }
 
 #[test]

@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
 struct Key {
     key: String,
     value: toml::Value,
-    remark: Option<&'static str>,
+    remark: Option<String>,
 }
 
 /// Prints the keys that `--set` can change, with the values that they have without it.
@@ -45,8 +45,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let method: Vec<String> = method.iter().map(|method| format!("method={method}")).collect();
     let config = tasks::configuration(task, preset.as_deref(), &method)?;
     let values = listed(&config, parts)?.into_iter();
+    let remark = |key: &str| {
+        let unread = config.why_unread(key).map(|why| format!("not read: {why}"));
+        unread.or_else(|| config.remark(key).map(str::to_owned))
+    };
     let keys: Vec<Key> =
-        values.map(|(key, value)| Key { remark: config.remark(&key), key, value }).collect();
+        values.map(|(key, value)| Key { remark: remark(&key), key, value }).collect();
     if keys.is_empty() {
         let expected =
             format!("expected a part of a key such as ppo.clip, found {}", parts.join(" "));
@@ -91,7 +95,7 @@ fn of_other_methods(arguments: &Arguments) -> Option<(String, Vec<String>)> {
 fn table(keys: &[Key]) -> String {
     let head = ["key", "value", ""].map(str::to_owned);
     let rows = keys.iter().map(|Key { key, value, remark }| {
-        [key.clone(), value.to_string(), remark.unwrap_or_default().to_owned()]
+        [key.clone(), value.to_string(), remark.clone().unwrap_or_default()]
     });
     numbers::columns(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
 }

@@ -76,10 +76,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let &Arguments { ref task, episodes, ref policy, seed, ref out, force, .. } = arguments;
     destination::file(out, force)?;
     let named = own_settings(arguments)?;
-    if let Some(run) = policy {
-        RunFolder::new(run).config()?;
-    }
+    let of_policy = policy.as_ref().map(|run| RunFolder::new(run).config()).transpose()?;
     let config = tasks::configuration(task, None, &arguments.settings)?;
+    if let Some(RunConfig { task, .. }) =
+        of_policy.filter(|other| other.task.name != config.task.name)
+    {
+        let expected = format!("expected a run of {}", config.task.name);
+        return Err(wrong_usage(format!("--policy: {expected}, found one of {}", task.name)));
+    }
     refuse_expert_unless_of_python(arguments, &config)?;
     let task = &config.task;
     machine::require_end(episodes as f64 * f64::from(task.spec().horizon_steps), 0.0)?;

@@ -90,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         actor.arg("--out").arg(file);
     }
-    arguments.output.print(&programs::result(&mut actor, "evaluating")?, table)
+    arguments.output.print(&programs::result_unless_stopped(&mut actor, "evaluating")?, table)
 }
 
 fn table(evaluation: &Evaluation) -> String {

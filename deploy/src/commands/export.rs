@@ -110,7 +110,7 @@ fn export_all(parts: &[Part], iteration: u64, arguments: &Arguments) -> Result<V
         let mut command: Command = part.program.command()?;
         command.arg("export").arg("--run").arg(run).arg("--out").arg(file(made.path(), part));
         command.args(["--checkpoint", &iteration.to_string()]);
-        programs::result::<u64>(&mut command, "exporting")?;
+        programs::result_unless_stopped::<u64>(&mut command, "exporting")?;
     }
     durable::create_folder(out)?;
     let place = |part: &Part| -> Result<Exported> {

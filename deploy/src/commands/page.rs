@@ -1,5 +1,6 @@
 //! `goalward page`: the live page of runs.
 
+use std::io::ErrorKind;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
@@ -69,7 +70,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             server = listen(0).await;
         }
         let server = server.map_err(|error| {
-            wrong_usage(format!("{error:#}; --port chooses another port, 0 a free one"))
+            let kind = error.root_cause().downcast_ref().map(std::io::Error::kind);
+            let is_port = matches!(kind, Some(ErrorKind::AddrInUse | ErrorKind::PermissionDenied));
+            let advice = if is_port { "; --port chooses another port, 0 a free one" } else { "" };
+            wrong_usage(format!("{error:#}{advice}"))
         })?;
         print_line(&format!("{}  (Ctrl-C ends it)", server.address()?));
         let mut signals = Signals::listen()?;

@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use report::TensorBoard;
 use report::figure::Figure;
 use report::programs::{Estimates, ReportPrograms};
@@ -34,9 +34,9 @@ pub(crate) struct Arguments {
     /// Takes the plans at the reduced size of their table `quick`.
     #[arg(long)]
     quick: bool,
-    /// Folder of the plans' runs, as given to `goalward experiment --out`.
-    #[arg(long, value_name = "DIR", default_value = "experiments")]
-    experiments: PathBuf,
+    /// Folder of the plans' runs, as given to `goalward experiment --out`; by default `experiments`.
+    #[arg(long, value_name = "DIR")]
+    experiments: Option<PathBuf>,
     /// Also writes the curves of every run for TensorBoard, to DIR/NAME, where NAME is that of the run's folder.
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
@@ -47,9 +47,11 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let Arguments { what, out, force, quick, experiments, tensorboard } = arguments;
     let is_plan = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml");
     let (plans, folders): (Vec<_>, Vec<_>) = what.into_iter().partition(is_plan);
-    if quick && plans.is_empty() {
-        return Err(wrong_usage("--quick: expected a plan, found runs only"));
+    for (flag, is_given) in [("--quick", quick), ("--experiments", experiments.is_some())] {
+        let words = format!("{flag}: expected a plan, found runs only");
+        ensure!(!(is_given && plans.is_empty()), wrong_usage(words));
     }
+    let experiments = experiments.unwrap_or_else(|| PathBuf::from("experiments"));
     destination::folder(&out, force)?;
     tensorboard.as_deref().map(|folder| destination::folder(folder, true)).transpose()?;
     let figure = |plan: &PathBuf| figure_of_plan(plan, &experiments, quick);

@@ -131,10 +131,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     let check_place = |folder| event_files::check(&prepared.folder, folder, prepared.resumed);
     tensorboard.as_deref().map(check_place).transpose()?;
     if let Some(summary) = Summary::of_finished(&prepared.folder, print_remark) {
-        clean_up_after(&prepared.folder)?;
         let shown = prepared.folder.path().display();
         print_remark(&format!("the run in {shown} is finished already"));
-        drop(tensorboard.map(|folder| EventFiles::start(&prepared.folder, &folder)).transpose()?);
+        if !dry_run {
+            clean_up_after(&prepared.folder)?;
+            let write = |folder: PathBuf| EventFiles::start(&prepared.folder, &folder);
+            drop(tensorboard.map(write).transpose()?);
+        }
         return print_end(output, &prepared.folder, summary);
     }
     let changes = dry_run.then(|| Changes::of(&prepared.config, task.as_deref(), &settings));

@@ -23,7 +23,7 @@ use crate::lock::Lock;
 use crate::output_format::OutputFormat;
 use crate::{destination, programs, scenes};
 use terminal::numbers;
-use terminal::refusal::{Refusal, wrong_usage};
+use terminal::refusal::{Refusal, stopped, wrong_usage};
 
 /// The verbs of `goalward log`.
 #[derive(Debug, clap::Subcommand)]
@@ -82,7 +82,7 @@ impl FromStr for EpisodeName {
     }
 }
 
-/// Flags of both.
+/// Flags of the verbs that read files.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// MCAP files, or folders of runs.
@@ -265,7 +265,8 @@ fn scene(run: &RunFolder, named: &[EpisodeName], out: &Path, output: OutputForma
     let made = TemporaryFolder::beside(out).with_context(|| out.display().to_string())?;
     let file = made.path().join("scene.mcap");
     let (mut actor, input) = scenes::command(run, None, &episodes, true, &file)?;
-    let written: Written = programs::result_for(&mut actor, "acting again", &input)?;
+    let ended = programs::run_for_unless_stopped(&mut actor, "acting again", &input)?;
+    let written: Written = ended.ok_or_else(stopped)?.result()?;
     if written.frames == 0 {
         return Err(wrong_usage(format!(
             "{task} has no solids to draw; `goalward page` shows its episodes"

@@ -22,6 +22,7 @@ use crate::lock::Lock;
 use crate::output_format::OutputFormat;
 use crate::prepared_run::PreparedRun;
 use crate::progress::ProgressView;
+use crate::provenance;
 use crate::supervisor::{Outcome, Source, block_on_supervision};
 use terminal::numbers;
 use terminal::print::print_remark;
@@ -52,6 +53,9 @@ pub(super) fn retrain(
     ensure!(!expected.is_empty(), "expected updates in {}, found none", recorded.log().display());
     let full = FullLog::of(recorded)?;
     let log = fs::canonicalize(full.folder()).context("the log")?;
+    if let Some(words) = provenance::other_build(recorded)? {
+        print_remark(&format!("{words}; the weights may differ"));
+    }
     let lock = prepared.lay_out()?;
     let mut view = ProgressView::new();
     let source = Source::Log { log, iterations: until };

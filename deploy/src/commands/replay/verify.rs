@@ -25,7 +25,7 @@ struct Verification {
 pub(super) fn verify(folder: &RunFolder, output: OutputFormat) -> Result<()> {
     let mut actor = Program::acting_in(&folder.config()?.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
-    let verification: Verification = programs::result(actor, "acting again")?;
+    let verification: Verification = programs::result_unless_stopped(actor, "acting again")?;
     output.print(&verification, table)?;
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
