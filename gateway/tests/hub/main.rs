@@ -44,6 +44,15 @@ fn question_after(session: u64, number: u64, seconds: Option<ActorSeconds>) -> E
     Exchange { session, number, request, ..Exchange::default() }
 }
 
+/// Waits until a request for leases has reached the learner, which does not reply.
+async fn await_question(stage: &Stage) {
+    let start = Instant::now();
+    while stage.leases.receive().unwrap().is_none() {
+        assert!(start.elapsed() < PATIENCE, "expected a question");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
 /// Has an actor of the host node-7 ask the learner for leases, which grants lane 3.
 async fn granted(stage: &Stage, hub: &GatewayClient<Channel>, session: u64) -> LeaseReply {
     let mut asker = hub.clone();
@@ -210,15 +219,29 @@ fn a_host_stays_when_an_actor_of_its_is_gone_that_had_asked() {
         hub.hello(stage.hello(1)).await.unwrap();
         let mut asker = hub.clone();
         let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
-        let start = Instant::now();
-        while stage.leases.receive().unwrap().is_none() {
-            assert!(start.elapsed() < PATIENCE, "expected a question");
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
+        await_question(&stage).await;
         let nobody = || Beat { session: 1, ..Beat::default() };
         hub.beat(nobody()).await.unwrap();
         assert_eq!(asked.await.unwrap().unwrap().into_inner().reply, None);
         hub.beat(nobody()).await.unwrap();
+    });
+}
+
+#[test]
+fn a_host_has_no_more_actors_than_it_was_admitted_with() {
+    let stage = Stage::new();
+    block_on(async {
+        let mut hub = connect(&stage.key).unwrap();
+        hub.hello(Hello { actors: 1, ..stage.hello(1) }).await.unwrap();
+        let mut asker = hub.clone();
+        let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
+        await_question(&stage).await;
+        let other = LeaseRequest { actor: "actor-0-8".to_owned(), ..LeaseRequest::default() };
+        let request = Some(other.encode_to_vec().into());
+        let refused = hub.exchange(Exchange { request, ..question(1, 2) }).await.unwrap_err();
+        assert_eq!(refused.code(), Code::ResourceExhausted, "{refused}");
+        assert!(refused.message().contains("at most 1 actors of node-7"), "{refused}");
+        asked.abort();
     });
 }
 
