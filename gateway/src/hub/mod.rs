@@ -169,7 +169,7 @@ pub fn serve(setup: &Setup, key: &HubKey, stop: &Stop) -> Result<()> {
             golden: setup.golden.clone(),
             guests: Mutex::default(),
             expelled: Mutex::new(expelled.map(|who| (None, who)).collect()),
-            refused: Mutex::new(Dropped::new("hosts that were refused")),
+            refused: Mutex::new(Dropped::new("requests of hosts to join")),
             weights,
             auditor,
             is_ending: AtomicBool::new(false),

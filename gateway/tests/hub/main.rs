@@ -228,20 +228,26 @@ fn a_host_stays_when_an_actor_of_its_is_gone_that_had_asked() {
 }
 
 #[test]
-fn a_host_has_no_more_actors_than_it_was_admitted_with() {
+fn a_host_has_no_more_actors_than_it_was_admitted_with_and_those_they_replaced() {
     let stage = Stage::new();
     block_on(async {
         let mut hub = connect(&stage.key).unwrap();
         hub.hello(Hello { actors: 1, ..stage.hello(1) }).await.unwrap();
-        let mut asker = hub.clone();
-        let asked = tokio::spawn(async move { asker.exchange(question(1, 1)).await });
+        let asked = |number: u64| {
+            let (mut asker, actor) = (hub.clone(), format!("actor-0-{number}"));
+            let request = LeaseRequest { actor, ..LeaseRequest::default() };
+            let request = Some(request.encode_to_vec().into());
+            let exchange = Exchange { request, ..question(1, number) };
+            tokio::spawn(async move { asker.exchange(exchange).await })
+        };
+        // The second may have replaced the first.
+        let waiting = [asked(1), asked(2)];
         await_question(&stage).await;
-        let other = LeaseRequest { actor: "actor-0-8".to_owned(), ..LeaseRequest::default() };
-        let request = Some(other.encode_to_vec().into());
-        let refused = hub.exchange(Exchange { request, ..question(1, 2) }).await.unwrap_err();
+        await_question(&stage).await;
+        let refused = asked(3).await.unwrap().unwrap_err();
         assert_eq!(refused.code(), Code::ResourceExhausted, "{refused}");
-        assert!(refused.message().contains("at most 1 actors of node-7"), "{refused}");
-        asked.abort();
+        assert!(refused.message().contains("no more than 2 actors of node-7"), "{refused}");
+        waiting.iter().for_each(|asked| asked.abort());
     });
 }
 
