@@ -215,18 +215,20 @@ fn programs_in(test: &TestRun, folder: &str, programs: &[(&str, &str)]) -> Strin
 fn a_job_is_submitted_to_kubernetes_only_where_there_is_none() {
     let test = TestRun::new(programs!());
     let path = programs_in(&test, "kubernetes", &[("kubectl", KUBECTL)]);
-    let submit = || {
+    let submit = |path: &str| {
         let mut command = experiment(&test);
-        let output = command.args(["--on", "kubernetes"]).env("PATH", &path).output().unwrap();
+        let output = command.args(["--on", "kubernetes"]).env("PATH", path).output().unwrap();
         String::from_utf8(output.stderr).unwrap()
     };
-    let said = submit();
+    let said = submit("/nowhere");
+    assert!(said.contains("expected kubectl on the path"), "{said}");
+    let said = submit(&path);
     assert!(said.contains("submitted as goalward-experiment-"), "{said}");
     let applied = || fs::read_to_string(test.path("applied")).unwrap();
     let once = applied();
     assert!(once.contains("kind: Job") && once.contains("kind: ConfigMap"), "{once}");
-    let said = submit();
-    assert!(said.contains("is at work on them already: runs: 4"), "{said}");
+    let said = submit(&path);
+    assert!(said.contains("is still there and is left as it is; runs missing: 4"), "{said}");
     assert_eq!(applied(), once);
 }
 

@@ -214,16 +214,16 @@ impl Order {
                 told.trim().split(';').next().unwrap_or_default().to_owned()
             }
             Engine::Kubernetes => {
-                let earlier = Submitted { engine, name: self.name(), is_new: false };
-                // Its number of tasks cannot be changed. A Job that was never there is over.
-                if !earlier.is_over() {
-                    return Ok(earlier);
+                let name = self.name();
+                // The number of tasks of a Job cannot be changed.
+                if is_unfinished(&name)? {
+                    return Ok(Submitted { engine, name, is_new: false });
                 }
                 // Applying a finished Job again does not restart it.
-                let delete = ["delete", "job", "--ignore-not-found", &earlier.name];
+                let delete = ["delete", "job", "--ignore-not-found", &name];
                 told_by(Command::new("kubectl").args(delete), "")?;
                 told_by(Command::new("kubectl").args(["apply", "--filename", "-"]), &text)?;
-                earlier.name
+                name
             }
         };
         Ok(Submitted { engine, name, is_new: true })
@@ -260,15 +260,19 @@ impl Submitted {
                 }
             }
             Engine::Kubernetes => {
-                let path = "--output=jsonpath={.status.conditions[?(@.status==\"True\")].type}";
-                let mut kubectl = Command::new("kubectl");
-                let told = told_by(kubectl.args(["get", "job", &self.name, path]), "");
-                match told {
-                    Ok(told) => told.contains("Complete") || told.contains("Failed"),
-                    Err(error) => error.to_string().contains("NotFound"),
-                }
+                is_unfinished(&self.name).is_ok_and(|is_unfinished| !is_unfinished)
             }
         }
+    }
+}
+
+/// Returns whether Kubernetes has a Job that has neither completed nor failed.
+fn is_unfinished(job: &str) -> Result<bool> {
+    let path = "--output=jsonpath={.status.conditions[?(@.status==\"True\")].type}";
+    match told_by(Command::new("kubectl").args(["get", "job", job, path]), "") {
+        Ok(told) => Ok(!told.contains("Complete") && !told.contains("Failed")),
+        Err(error) if error.to_string().contains("NotFound") => Ok(false),
+        Err(error) => Err(error),
     }
 }
 

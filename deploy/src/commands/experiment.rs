@@ -140,7 +140,7 @@ fn by_others(arguments: &Arguments, planned: &mut Planned) -> Result<()> {
         let (name, tasks) = (&taken.name, order.tasks);
         print_remark(&match taken.is_new {
             true => format!("submitted as {name}: runs: {missing}, tasks: {tasks}"),
-            false => format!("{name} is at work on them already: runs: {missing}"),
+            false => format!("{name} is still there and is left as it is; runs missing: {missing}"),
         });
         if !arguments.cluster.watch {
             print_remark(&look_on);
