@@ -50,7 +50,7 @@ pub(crate) fn check(run: &RunFolder, folder: &Path, is_resumed: bool) -> Result<
     ensure!(
         is_empty || is_own,
         wrong_usage(format!(
-            "--tensorboard: expected no {shown} yet, found the curves of another run"
+            "--tensorboard: expected no {shown} yet, found curves that are not known to be this run's"
         ))
     );
     Ok(())
@@ -104,6 +104,8 @@ fn tell(written: Result<()>) {
 
 #[cfg(test)]
 mod tests {
+    use run::tasks::configuration;
+
     use super::*;
 
     #[test]
@@ -118,15 +120,18 @@ mod tests {
         check(&run, &curves, false).unwrap();
         fs::write(curves.join("one/events"), "").unwrap();
         let refused = check(&run, &curves, false).unwrap_err().to_string();
-        assert!(refused.contains("the curves of another run"), "{refused}");
+        assert!(refused.contains("not known to be this run's"), "{refused}");
         assert!(check(&run, &curves, true).is_err(), "nobody knows whose they are");
         let namesake = RunFolder::new(directory.path().join("others/one"));
-        for run in [&run, &namesake] {
+        for (run, seed) in [(&run, 1), (&namesake, 2)] {
+            let config = configuration("navigation", None, &[format!("seed={seed}")]).unwrap();
             fs::create_dir_all(run.path()).unwrap();
-            fs::write(run.config_file(), "").unwrap();
+            fs::write(run.config_file(), config.to_text()).unwrap();
         }
         TensorBoard::of(run.clone(), &curves.join("one")).unwrap();
         check(&run, &curves, true).unwrap();
         assert!(check(&namesake, &curves, true).is_err());
+        fs::rename(directory.path().join("runs"), directory.path().join("moved")).unwrap();
+        check(&RunFolder::new(directory.path().join("moved/one")), &curves, true).unwrap();
     }
 }

@@ -1,6 +1,6 @@
 //! TensorBoard event files: records of protobuf messages, each with its length and checksums.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
@@ -54,9 +54,8 @@ pub(crate) struct EventFile<W: Write = File> {
 }
 
 impl EventFile {
-    /// Creates the event file in a folder, which is made if needed; an existing file is overwritten.
+    /// Creates the event file in a folder; an existing file is overwritten.
     pub(crate) fn create(folder: &Path, wall_time: f64) -> io::Result<EventFile> {
-        fs::create_dir_all(folder)?;
         let mut file = EventFile { file: BufWriter::new(File::create(folder.join(NAME))?) };
         file.record(&Event {
             wall_time,
@@ -109,6 +108,8 @@ fn masked_crc(bytes: &[u8]) -> [u8; 4] {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     /// The bytes that TensorBoard 2.21 writes for the same two events with its own `RecordWriter`.
@@ -119,8 +120,8 @@ mod tests {
     #[test]
     fn the_bytes_are_those_of_tensorboard() {
         let directory = tempfile::tempdir().unwrap();
-        let folder = directory.path().join("a/b");
-        let mut file = EventFile::create(&folder, 1_700_000_000.25).unwrap();
+        let folder = directory.path();
+        let mut file = EventFile::create(folder, 1_700_000_000.25).unwrap();
         let scalars = [("rollout/success_rate", 0.5), ("policy/entropy", f64::NAN)];
         file.scalars(1_700_000_001.5, 4096, &scalars).unwrap();
         file.flush().unwrap();

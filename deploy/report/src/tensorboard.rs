@@ -6,14 +6,16 @@ use std::time::UNIX_EPOCH;
 
 use anyhow::{Context, Result};
 use mcap_log::{Contents, read_contents};
+use protocol::durable;
+use run::config::RunConfig;
 use run::folder::RunFolder;
 use run::summary::Summary;
 use run::updates::{Update, begun, updates};
 
 use crate::event_file::EventFile;
 
-/// File beside an event file with the path of its run.
-const OWNER: &str = "run.txt";
+/// File beside an event file with the configuration of its run.
+const CONFIGURATION: &str = "configuration.toml";
 
 /// The event file of a run.
 pub struct TensorBoard {
@@ -34,16 +36,23 @@ impl TensorBoard {
         let begun = begun(&run).context("when the run was begun")?;
         let begun = begun.duration_since(UNIX_EPOCH)?.as_secs_f64();
         let shown = || folder.display().to_string();
+        fs::create_dir_all(folder).with_context(shown)?;
+        // Before the event file, whose folder could not be told from that of another run otherwise.
+        let configuration = durable::write(&folder.join(CONFIGURATION), run.config()?.to_text());
+        configuration.with_context(shown)?;
         let file = EventFile::create(folder, begun).with_context(shown)?;
-        let path = run.path().canonicalize()?;
-        fs::write(folder.join(OWNER), path.as_os_str().as_encoded_bytes()).with_context(shown)?;
         Ok(TensorBoard { run, file, begun, next: 0 })
     }
 
-    /// Returns whether the event file in `folder` is of this run.
+    /// Returns whether the event file in `folder` is of this run, or of one that gives the same curves.
     pub fn is_of(run: &RunFolder, folder: &Path) -> bool {
-        let (path, owner) = (run.path().canonicalize(), fs::read(folder.join(OWNER)));
-        path.is_ok_and(|path| owner.is_ok_and(|owner| owner == path.as_os_str().as_encoded_bytes()))
+        let file = folder.join(CONFIGURATION);
+        let of_file = fs::read_to_string(&file).ok();
+        let of_file = of_file.map(|text| RunConfig::from_text(&text, &file.display().to_string()));
+        match (of_file, run.config()) {
+            (Some(Ok(of_file)), Ok(config)) => config.same_result_as(&of_file),
+            _ => false,
+        }
     }
 
     /// Writes the updates that were added to the log since the last call. An update that is repeated after a process
