@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const ANSWER: Duration = Duration::from_secs(2);
 
 /// Time between two looks at the machine.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// Flags of `goalward scale`.
 #[derive(Debug, clap::Args)]
@@ -87,7 +87,9 @@ fn expect_actors(folder: &RunFolder, wanted: &ActorsWanted, actors: u64) -> Resu
     let begun = Instant::now();
     while actors_here(folder)? != actors && begun.elapsed() < ANSWER && folder.is_trained() {
         if let Some(kept) = wanted.count()?.filter(|count| *count != actors) {
-            bail!("the number of actors stays {kept}: the run's `goalward train` says why");
+            bail!(
+                "{kept} actors are wanted instead: if nobody else asked for them, see what `goalward train` says"
+            );
         }
         std::thread::sleep(LOOK_EVERY);
     }

@@ -68,13 +68,18 @@ impl ActorsWanted {
         count.map(Some)
     }
 
-    /// Takes a number back that cannot be had: `count` actors stay, which is no change.
+    /// Takes the number of the last look back, which cannot be had: `count` actors stay, which is no change. A newer
+    /// number stays, too.
     ///
     /// # Errors
     /// As [`ActorsWanted::want`].
     pub fn refuse(&mut self, count: u64) -> Result<(), Error> {
+        if self.known != self.beginning() {
+            return Ok(());
+        }
+        self.want(count)?;
         self.known = Some(count.to_string());
-        self.want(count)
+        Ok(())
     }
 
     /// Returns the number wanted and removes the file.
