@@ -46,6 +46,6 @@ test=faults
 if [ "${GOALWARD_SOAK_HOSTS:-}" ]; then
     test=hosts
     [ -z "${GOALWARD_SOAK_MINUTES:-}${GOALWARD_SOAK_JOBS:-}" ] ||
-        refuse "expected --hosts with --seed at most, found --minutes or --jobs"
+        refuse "--hosts: expected no other flag than --seed, found --minutes or --jobs"
 fi
 exec cargo test --locked --workspace --test "$test" -- --ignored --exact --nocapture soak

@@ -9,8 +9,9 @@
 #
 #   sbatch --nodes=5 --cpus-per-task=16 --time=8:00:00 deploy/cluster/slurm_run.sh RUN [TASK] [flags of `goalward train`]
 #
-# RUN must be on a file system that all nodes share. `goalward` must be on the path, or GOALWARD must name it; its
-# programs lie beside it, also `goalward-gateway`. A job that is requeued, by Slurm or because its time is over, continues the run.
+# RUN must be on a file system that all nodes share. `goalward` must be on the path, or GOALWARD must name it, with
+# its programs beside it, `goalward-gateway` among them. A job that is requeued, by Slurm or because
+# its time is over, continues the run.
 set -euo pipefail
 
 [ $# -gt 0 ] || { printf 'slurm_run: expected the folder of the run\n' >&2; exit 2; }

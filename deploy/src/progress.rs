@@ -112,10 +112,10 @@ fn line(progress: &Progress, per_second: f64) -> String {
     let (done, wanted) = (update.environment_steps, progress.steps_wanted);
     if wanted == 0 {
         return format!(
-            "{phase}epoch {} over the demonstrations  loss {}  held-out loss {}",
+            "{phase}epoch {} over the demonstrations{}{}",
             numbers::count(update.iteration + 1),
-            numbers::number(update.policy_loss),
-            numbers::number(update.held_out_loss),
+            measured("loss", update.policy_loss),
+            measured("held-out loss", update.held_out_loss),
         );
     }
     let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
@@ -128,19 +128,23 @@ fn line(progress: &Progress, per_second: f64) -> String {
         format!("  reward loss {demonstrations}+{agent} in {steps} gradient steps")
     });
     format!(
-        "{phase}{}/{} steps  {} %  success {}  {}  {} left  KL {}  value loss {}{reward_loss}  \
-         actors {}  leases {}",
+        "{phase}{}/{} steps  {} %  success {}  {}  {} left{}{}{reward_loss}  actors {}  leases {}",
         numbers::count(done),
         numbers::count(wanted),
         numbers::percent_done(done, wanted),
         numbers::percent(update.success_rate, 0),
         numbers::rate(per_second),
         numbers::duration(seconds_left),
-        numbers::number(update.approximate_kl),
-        numbers::number(update.value_loss),
+        measured("KL", update.approximate_kl),
+        measured("value loss", update.value_loss),
         progress.actors,
         progress.leases,
     )
+}
+
+/// Returns a part of the line; nothing for a quantity that the method does not have, which is 0.
+fn measured(name: &str, number: f64) -> String {
+    if number == 0.0 { String::new() } else { format!("  {name} {}", numbers::number(number)) }
 }
 
 /// Describes the progress of offline training. There is none before the service has begun it, or if the method has no

@@ -164,12 +164,12 @@ fn write_line(text: &mut String, line: std::fmt::Arguments<'_>) {
     writeln!(text, "{line}").expect(WRITES);
 }
 
-/// Formats a text as a CSV field, quoted if needed.
 /// Formats a number; NaN is an empty field.
 fn known(number: f64, decimals: usize) -> String {
     if number.is_nan() { String::new() } else { format!("{number:.decimals$}") }
 }
 
+/// Formats a text as a CSV field, quoted if needed.
 fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))

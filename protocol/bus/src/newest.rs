@@ -97,7 +97,7 @@ impl NewestPublisher {
         self.bell.ring()
     }
 
-    /// Delivers the newest values to readers that have joined since. They wait for the next call.
+    /// Delivers the newest values to readers that have joined since. Until then they have none.
     ///
     /// # Errors
     /// When the connection to a reader fails.

@@ -109,16 +109,16 @@ mod tests {
         let mut child = Command::new("sh").args(["-c", "while :; do :; done"]).spawn().unwrap();
         let begun = Instant::now();
         let mut counted = 0.0;
-        while counted < 0.1 && begun.elapsed() < Duration::from_secs(30) {
+        while counted < 0.5 && begun.elapsed() < Duration::from_secs(30) {
             std::thread::sleep(Duration::from_millis(20));
             counted += clock.lap();
         }
-        assert!(counted >= 0.1, "a child at work has added {counted} s");
+        assert!(counted >= 0.5, "a child at work has added {counted} s");
         let busy = || family_busy().unwrap().as_secs_f64();
         let before = busy();
         child.kill().unwrap();
         child.wait().unwrap();
         let ended = busy() - before;
-        assert!((0.0..0.08).contains(&ended), "by its end {counted} s became {ended} s more");
+        assert!((0.0..0.4).contains(&ended), "by its end {counted} s became {ended} s more");
     }
 }

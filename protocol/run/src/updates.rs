@@ -12,7 +12,7 @@ use crate::folder::RunFolder;
 /// An update of the policy. A quantity that the run's method does not have is NaN; its log has 0.
 #[derive(Clone, Debug)]
 pub struct Update {
-    /// Its record in the log.
+    /// What was recorded of it.
     pub policy: PolicyUpdate,
     /// The last update of the reward model since the previous update of the policy, if there was one.
     pub reward: Option<RewardUpdate>,
@@ -57,8 +57,9 @@ impl Measured {
         keep(&mut policy.mean_uncertainty, acts && self.proximity);
         keep(&mut policy.approximate_kl, self.divergence);
         keep(&mut policy.clip_fraction, self.divergence);
-        // A learner without values, and one that holds no demonstrations out, have a loss of exactly 0.
-        for loss in [&mut policy.value_loss, &mut policy.held_out_loss] {
+        // A learner that has no such loss records exactly 0.
+        let PolicyUpdate { policy_loss, value_loss, held_out_loss, .. } = &mut policy;
+        for loss in [policy_loss, value_loss, held_out_loss] {
             let is_measured = *loss != 0.0;
             keep(loss, is_measured);
         }

@@ -247,6 +247,9 @@ mod tests {
             "navigation reward.convolution_channels=[2,3,4,5]",
             "navigation reward.input=state-action",
             "navigation method=gail reward.hidden=[9,33] reward.features=5",
+            "navigation",
+            "navigation method=gaifo",
+            "fetch-pick method=gail",
         ] {
             let words: Vec<String> = settings.split(' ').map(str::to_owned).collect();
             let config = run::tasks::configuration(&words[0], None, &words[1..]).unwrap();

@@ -83,9 +83,11 @@ fn live_rows(progress: &Progress, config: &RunConfig) -> Vec<(&'static str, Stri
     // A fixed reward has no versions. A model just read from a checkpoint has no losses yet.
     let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
     if let Some(update) = learned {
-        let losses = [update.demonstration_loss, update.agent_loss].map(numbers::number);
-        let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
-        rows.push(("reward loss", losses));
+        if update.demonstration_loss.is_finite() {
+            let losses = [update.demonstration_loss, update.agent_loss].map(numbers::number);
+            let losses = format!("{} on demonstrations, {} on the agent", losses[0], losses[1]);
+            rows.push(("reward loss", losses));
+        }
         let steps = numbers::count(update.gradient_steps);
         rows.push(("reward model", format!("{steps} gradient steps in its last update")));
     }
