@@ -43,6 +43,7 @@
 mod answer;
 mod child;
 mod choices;
+mod chosen_checkpoint;
 mod cli;
 mod cluster;
 mod commands;

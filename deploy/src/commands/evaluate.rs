@@ -5,7 +5,6 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use run::checkpoint;
 use run::config::ActionChoice;
 use run::folder::{POLICY_FILE, RunFolder};
 use serde::{Deserialize, Serialize};
@@ -13,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use crate::summary::success;
-use crate::{choices, destination, machine};
+use crate::{choices, chosen_checkpoint, destination, machine};
 use terminal::numbers;
-use terminal::refusal::{Refusal, wrong_usage};
+use terminal::refusal::wrong_usage;
 
 /// Flags of `goalward evaluate`.
 #[derive(Debug, clap::Args)]
@@ -69,12 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let actions = arguments.actions.unwrap_or(config.evaluation.actions);
     let other_seed = arguments.seed.filter(|seed| *seed != config.seed);
     machine::require_end(episodes as f64 * f64::from(config.task.spec().horizon_steps), 0.0)?;
-    // A live run may save another checkpoint before the actor looks.
-    let chosen = checkpoint::chosen(&folder, arguments.checkpoint, &[POLICY_FILE]);
-    let iteration = match arguments.checkpoint {
-        Some(_) => chosen.map_err(Refusal::usage)?.iteration,
-        None => chosen?.iteration,
-    };
+    let iteration = chosen_checkpoint::iterations(&folder, arguments.checkpoint, &[POLICY_FILE])?;
     match &arguments.out {
         Some(file) => destination::file(file, arguments.force)?,
         None => {

@@ -6,15 +6,13 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 use protocol::durable::{self, TemporaryFolder};
-use run::checkpoint;
 use run::folder::{POLICY_FILE, PROXIMITY_FILE, RunFolder};
 use serde::Serialize;
 
-use crate::destination;
 use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
+use crate::{chosen_checkpoint, destination};
 use terminal::numbers;
-use terminal::refusal::Refusal;
 
 /// Flags of `goalward export`.
 #[derive(Debug, clap::Args)]
@@ -68,13 +66,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let has_ensemble = folder.config()?.reward.model.is_one_ensemble();
     destination::folder(&arguments.out, arguments.force)?;
     let parts = if has_ensemble { &PARTS[..] } else { &PARTS[..1] };
-    // One checkpoint for both files: a live run may save another one in between.
     let files: Vec<&str> = parts.iter().map(|part| part.weights).collect();
-    let chosen = checkpoint::chosen(&folder, arguments.checkpoint, &files);
-    let iteration = match arguments.checkpoint {
-        Some(_) => chosen.map_err(Refusal::usage)?.iteration,
-        None => chosen?.iteration,
-    };
+    let iteration = chosen_checkpoint::iterations(&folder, arguments.checkpoint, &files)?;
     let out = arguments.out.display().to_string();
     let exported = export_all(parts, iteration, arguments).with_context(|| out)?;
     arguments.output.print(&exported, |exported| table(exported))
