@@ -5,8 +5,8 @@ use run::checkpoint;
 use run::folder::RunFolder;
 use terminal::refusal::Refusal;
 
-/// Returns the iterations of the checkpoint whose `files` a verb takes. A live run may save another one before the verb's
-/// programs look, so they are told this number.
+/// Returns the iterations of the checkpoint whose `files` a verb takes. A live run may save another one before the
+/// verb's programs look, so they are told this number.
 ///
 /// # Errors
 /// When there is none; wrong usage, when it is one that the user has named.
