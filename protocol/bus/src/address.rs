@@ -174,10 +174,8 @@ impl BusAddress {
     pub fn remove(&self) -> Result<(), Error> {
         const OPERATION: &str = "removal";
         if check_folder(&self.root)? {
-            let config = self.config()?;
-            self.remove_sizeless(Duration::ZERO)?;
-            clean_up(self, &config)?;
-            let alive = alive(&config)?;
+            clean_up(self, Duration::ZERO)?;
+            let alive = alive(&self.config()?)?;
             if !alive.is_empty() {
                 let message = format!("still alive: {}", alive.join(", "));
                 return Err(Error::Bus {

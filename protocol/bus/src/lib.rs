@@ -110,7 +110,7 @@ impl Bus {
     /// itself, so the supervisor and the learner call this every half second. Returns how many dead processes were
     /// cleaned up.
     pub fn clean_up(&self) -> u64 {
-        clean_up(&self.address, self.node.config()).unwrap_or_else(|error| {
+        clean_up(&self.address, CREATION_TIMEOUT).unwrap_or_else(|error| {
             tracing::debug!("dead processes could not be cleaned away yet: {error}");
             0
         })
@@ -254,15 +254,16 @@ fn alive(config: &Config) -> Result<Vec<String>, Error> {
     Ok(living.map(|member| member.name).collect())
 }
 
-/// Frees what dead processes left; returns how many of them were cleaned up.
-fn clean_up(address: &BusAddress, config: &Config) -> Result<u64, Error> {
+/// Frees what dead processes left; returns how many of them were cleaned up. The creator of an object without a size is
+/// taken for dead after `patience`; before that, nothing is cleaned up.
+fn clean_up(address: &BusAddress, patience: Duration) -> Result<u64, Error> {
     // iceoryx2 would wait for the size of an object whose creator has died.
-    if address.remove_sizeless(CREATION_TIMEOUT)? {
+    if address.remove_sizeless(patience)? {
         // Its creator is still at work or has just died: the next call will know.
         return Ok(0);
     }
     let mut cleaned = 0;
-    Node::<SharedMemory>::list(config, |state| {
+    Node::<SharedMemory>::list(&address.config()?, |state| {
         if let NodeState::Dead(view) = state {
             match view.try_remove_stale_resources() {
                 Ok(()) => cleaned += 1,

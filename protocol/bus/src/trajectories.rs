@@ -15,7 +15,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo, LoanError};
 use iceoryx2::prelude::{
-    AllocationStrategy, BackpressureStrategy, CallbackProgression, Config, PayloadHeader as _,
+    AllocationStrategy, BackpressureStrategy, CallbackProgression, PayloadHeader as _,
     PortFactory as _, PortName, ZeroCopySend,
 };
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
@@ -24,7 +24,8 @@ use protocol::Error;
 use protocol::trajectory::Encoded;
 
 use super::{
-    Bus, BusAddress, MAX_NODES, Ringer, Role, SharedMemory, clean_up, failed, opened, service_name,
+    Bus, BusAddress, MAX_NODES, Ringer, Role, SharedMemory, address::CREATION_TIMEOUT, clean_up,
+    failed, opened, service_name,
 };
 
 const SERVICE: &str = "trajectories";
@@ -111,7 +112,6 @@ pub struct TrajectoryPublisher {
     service: PortFactory<SharedMemory, [u8], TrajectoryHeader>,
     bells: [Rc<Ringer>; 2],
     address: BusAddress,
-    config: Config,
     patience: Duration,
     queues: Arc<Mutex<Queues>>,
 }
@@ -119,7 +119,7 @@ pub struct TrajectoryPublisher {
 impl TrajectoryPublisher {
     pub(super) fn new(bus: &Bus, rule: Rule, patience: Duration) -> Result<Self, Error> {
         let service = open_service(bus)?;
-        let (address, config) = (bus.address.clone(), bus.node.config().clone());
+        let address = bus.address.clone();
         let queues = Arc::new(Mutex::new(Queues::default()));
         let publisher = opened("creation of a publisher", SERVICE, || {
             service
@@ -129,7 +129,7 @@ impl TrajectoryPublisher {
                 .max_loaned_samples(1)
                 .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
                 .set_backpressure_handler(wait_for_reader(
-                    (address.clone(), config.clone()),
+                    address.clone(),
                     rule,
                     patience,
                     Arc::clone(&queues),
@@ -137,7 +137,7 @@ impl TrajectoryPublisher {
                 .create()
         })?;
         let bells = [bus.ringer(Role::Learner)?, bus.ringer(Role::ProximityService)?];
-        Ok(TrajectoryPublisher { publisher, service, bells, address, config, patience, queues })
+        Ok(TrajectoryPublisher { publisher, service, bells, address, patience, queues })
     }
 
     /// Returns the number of readers, including dead ones that have not been cleaned up.
@@ -200,7 +200,7 @@ impl TrajectoryPublisher {
         loop {
             match self.publisher.loan_slice_uninit(length) {
                 Err(LoanError::OutOfMemory) if start.elapsed() < self.patience => {
-                    clean_up(&self.address, &self.config)?;
+                    clean_up(&self.address, CREATION_TIMEOUT)?;
                     std::thread::sleep(CLEAN_UP_EVERY);
                 }
                 other => return other.map_err(failed("loan of a place", SERVICE)),
@@ -226,7 +226,7 @@ fn queues(shared: &Mutex<Queues>) -> MutexGuard<'_, Queues> {
 
 /// Returns the handler for full queues, which waits for a reader or skips it, and regularly cleans up dead readers.
 fn wait_for_reader(
-    (address, config): (BusAddress, Config),
+    address: BusAddress,
     rule: Rule,
     patience: Duration,
     shared: Arc<Mutex<Queues>>,
@@ -253,7 +253,7 @@ fn wait_for_reader(
         let round = waited.as_millis() / CLEAN_UP_EVERY.as_millis();
         let mut cleaned = cleaned.lock().unwrap_or_else(PoisonError::into_inner);
         if std::mem::replace(&mut *cleaned, round) < round
-            && let Err(error) = clean_up(&address, &config)
+            && let Err(error) = clean_up(&address, CREATION_TIMEOUT)
         {
             tracing::debug!("a blocked publisher could not clean up: {error}");
         }
