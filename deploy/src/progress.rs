@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::Write;
 use std::time::Instant;
 
-use protocol::messages::{Phase, Pretraining, Progress};
+use protocol::messages::{Phase, Pretraining, Progress, RewardUpdate};
 
 use crate::output::Output;
 use terminal::numbers;
@@ -40,7 +40,8 @@ impl ProgressView {
         self.line.say(text);
     }
 
-    /// Shows the newest progress; in a pipe only if a line is due.
+    /// Shows the newest progress, with its quantities as in an [`Update`](run::updates::Update); in a pipe only if a
+    /// line is due.
     pub(crate) fn show(&mut self, progress: &Progress) {
         let phase = Phase::try_from(progress.phase).unwrap_or(Phase::Training);
         let is_new_phase = self.phase.replace(phase) != Some(phase);
@@ -119,14 +120,14 @@ fn line(progress: &Progress, per_second: f64) -> String {
         );
     }
     let seconds_left = wanted.saturating_sub(done) as f64 / per_second;
-    // The environment's own reward is not learned and has no versions.
-    let learned = progress.reward_update.as_ref().filter(|update| update.model_version > 0);
-    let reward_loss = learned.map_or(String::new(), |update| {
-        let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
-        let (demonstrations, agent) = (numbers::number(demonstrations), numbers::number(agent));
-        let steps = numbers::count(update.gradient_steps);
-        format!("  reward loss {demonstrations}+{agent} in {steps} gradient steps")
-    });
+    let trained = |update: &&RewardUpdate| update.demonstration_loss.is_finite();
+    let reward_loss =
+        progress.reward_update.as_ref().filter(trained).map_or(String::new(), |update| {
+            let (demonstrations, agent) = (update.demonstration_loss, update.agent_loss);
+            let (demonstrations, agent) = (numbers::number(demonstrations), numbers::number(agent));
+            let steps = numbers::count(update.gradient_steps);
+            format!("  reward loss {demonstrations}+{agent} in {steps} gradient steps")
+        });
     format!(
         "{phase}{}/{} steps  {} %  success {}  {}  {} left{}{}{reward_loss}  actors {}  leases {}",
         numbers::count(done),
@@ -142,9 +143,9 @@ fn line(progress: &Progress, per_second: f64) -> String {
     )
 }
 
-/// Returns a part of the line; nothing for a quantity that the method does not have, which is 0.
+/// Returns a part of the line; nothing for a quantity that the method does not have.
 fn measured(name: &str, number: f64) -> String {
-    if number == 0.0 { String::new() } else { format!("  {name} {}", numbers::number(number)) }
+    if number.is_nan() { String::new() } else { format!("  {name} {}", numbers::number(number)) }
 }
 
 /// Describes the progress of offline training. There is none before the service has begun it, or if the method has no
@@ -200,7 +201,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use protocol::messages::{PolicyUpdate, RewardUpdate};
+    use protocol::messages::PolicyUpdate;
 
     use super::*;
 

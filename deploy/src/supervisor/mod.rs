@@ -23,8 +23,10 @@ use bus::BusAddress;
 use protocol::messages::Progress;
 use run::actors_wanted::ActorsWanted;
 use run::checkpoint;
+use run::config::RunConfig;
 use run::folder::{Place, RunFolder};
 use run::hosts::Hosts;
+use run::updates::measured;
 
 use crate::progress::ProgressView;
 use crate::progress_file;
@@ -108,9 +110,9 @@ async fn supervise(
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
-    let bus = BusFolder::of(&address);
+    let (bus, config) = (BusFolder::of(&address), folder.config()?);
     let mut supervision =
-        Supervision { folder, place, bus, view, signals, watch, fleet, restarts, wanted };
+        Supervision { folder, config, place, bus, view, signals, watch, fleet, restarts, wanted };
     let outcome = supervision.run().await;
     let Supervision { mut fleet, mut signals, watch, view, .. } = supervision;
     let ended = fleet.end(&mut signals).await;
@@ -175,6 +177,7 @@ async fn await_predecessors(
 
 struct Supervision<'a> {
     folder: &'a RunFolder,
+    config: RunConfig,
     place: Place,
     bus: BusFolder,
     view: &'a mut ProgressView,
@@ -194,7 +197,7 @@ impl Supervision<'_> {
             tokio::select! {
                 () = self.signals.stop.next() => return self.stop().await,
                 () = self.signals.child.next() => {}
-                progress = self.watch.next() => self.show(&progress?),
+                progress = self.watch.next() => self.show(progress?),
                 () = tokio::time::sleep(TICK) => self.view.tick(),
             }
             if let Some(outcome) = self.look_after().await? {
@@ -204,11 +207,11 @@ impl Supervision<'_> {
     }
 
     /// Shows progress on the terminal and writes it to the run's folder.
-    fn show(&mut self, progress: &Progress) {
-        self.view.show(progress);
-        if let Err(error) = progress_file::write(self.folder, progress) {
+    fn show(&mut self, progress: Progress) {
+        if let Err(error) = progress_file::write(self.folder, &progress) {
             tracing::debug!("progress could not be written: {error}");
         }
+        self.view.show(&measured(&self.config, progress));
     }
 
     /// Notices deaths and restarts what died; returns the outcome if the run has ended.

@@ -4,7 +4,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use mcap_log::{Contents, Entry, FileReader, Record, log_files, read_contents};
 use protocol::Error;
-use protocol::messages::{PolicyUpdate, RewardUpdate};
+use protocol::messages::{PolicyUpdate, Progress, RewardUpdate};
 
 use crate::config::RunConfig;
 use crate::folder::RunFolder;
@@ -23,6 +23,13 @@ impl Update {
     pub fn new(config: &RunConfig, policy: PolicyUpdate, reward: Option<RewardUpdate>) -> Update {
         Measured::by(Some(config)).update(policy, reward)
     }
+}
+
+/// Returns the progress of a run with its quantities as in an [`Update`].
+pub fn measured(config: &RunConfig, progress: Progress) -> Progress {
+    let Progress { update: Some(policy), reward_update, .. } = progress else { return progress };
+    let Update { policy, reward } = Update::new(config, policy, reward_update);
+    Progress { update: Some(policy), reward_update: reward, ..progress }
 }
 
 /// What the method of a run measures.

@@ -21,7 +21,7 @@ use run::hosts::Hosts;
 use run::overview;
 use run::summary::Summary;
 use run::time_to_success::TimeToSuccess;
-use run::updates::{Update, policy_updates};
+use run::updates::{measured, policy_updates};
 
 use crate::listening::node_name;
 use crate::output_format::OutputFormat;
@@ -85,7 +85,7 @@ fn begun(folder: &RunFolder, config: &RunConfig, trainer: Holder) -> Standing {
         let records = config.imitates() && !file_of(folder, config).exists();
         return Standing::Beginning { records };
     }
-    let progress = progress_file::read(folder).map(|progress| measured(progress, config));
+    let progress = progress_file::read(folder).map(|progress| Box::new(measured(config, progress)));
     let (age, times) = (progress_file::age(folder), times_to_success(folder));
     Standing::Elsewhere { trainer, progress, age, times }
 }
@@ -118,7 +118,8 @@ impl Status {
             found => found?,
         };
         let standing = if let Some((address, processes)) = training {
-            let progress = listen(&address)?.map(|progress| measured(progress, &config));
+            let progress = listen(&address)?;
+            let progress = progress.map(|progress| Box::new(measured(&config, progress)));
             let (times, hosts) = (times_to_success(&folder), Hosts::of_run(&folder));
             Standing::Live { processes, progress, times, hosts }
         } else if let Some(summary) = Summary::of_finished(&folder, print_remark) {
@@ -158,15 +159,6 @@ fn in_training(folder: &RunFolder) -> Result<Option<(BusAddress, Processes)>> {
     let Some(address) = BusAddress::if_started(folder.path())? else { return Ok(None) };
     let processes = Processes::on(&address)?;
     Ok(processes.train().then_some((address, processes)))
-}
-
-/// Returns the progress of a run without the quantities that its method does not have.
-fn measured(progress: Progress, config: &RunConfig) -> Box<Progress> {
-    let Progress { update: Some(policy), reward_update, .. } = progress else {
-        return Box::new(progress);
-    };
-    let Update { policy, reward } = Update::new(config, policy, reward_update);
-    Box::new(Progress { update: Some(policy), reward_update: reward, ..progress })
 }
 
 /// Waits for the newest progress of a run; `None` if its learner says nothing.
