@@ -171,6 +171,11 @@ impl Slot {
         Slot::of(link(&setting)?, setting)
     }
 
+    /// Takes another slot of the same process.
+    pub(super) fn another(&self) -> Result<Slot, EnvironmentError> {
+        Slot::of(Arc::clone(&self.link), self.setting.clone())
+    }
+
     /// Takes a slot of a process that nothing else uses.
     pub(super) fn on(link: Link, setting: PythonSetting) -> Result<Slot, EnvironmentError> {
         Slot::of(Arc::new(Mutex::new(link)), setting)
@@ -186,8 +191,8 @@ impl Slot {
             steps => steps,
         };
         let some = horizon_steps > 0;
-        let expected = "the longest episode: the environment has no limit of its own";
-        within("horizon_steps", some, expected, horizon_steps)?;
+        let expected = "at least 1: the environment has no limit of its own";
+        within("environment.horizon_steps", some, expected, horizon_steps)?;
         let scale = match action {
             ActionSpec::Continuous { len } => ActionScale::new(&setting.action_scale, len)?,
             ActionSpec::Discrete { .. } => ActionScale::new(&setting.action_scale, 0)?,

@@ -73,7 +73,7 @@ fn is_pure(setting: &PythonSetting) -> Result<bool, EnvironmentError> {
         return Ok(false);
     }
     // Lanes share a process, and with it the process's global random number generators.
-    let mut beside = Slot::new(setting.clone())?;
+    let mut beside = slot.another()?;
     if play_beside(&mut slot, &mut beside)? != [first, other] {
         return Ok(false);
     }

@@ -318,7 +318,10 @@ impl RunConfig {
     pub fn described(mut self, description: Description) -> Result<Self, Error> {
         let Description { task, environment, demonstrations, has_expert } = description;
         let needs_expert = self.imitates() && self.demonstrations.file.is_none();
-        let expected = format!("a file: the task {} has no expert to record one", self.task);
+        let expected = format!(
+            "a file (--demonstrations): the task {} has no expert to record one",
+            self.task
+        );
         within("demonstrations.file", has_expert || !needs_expert, &expected, "none")?;
         let shapes = |task: &Task| {
             [
