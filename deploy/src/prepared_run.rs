@@ -212,9 +212,9 @@ fn with_absolute_paths(mut config: RunConfig, began_with: Option<&Path>) -> Resu
     }
     if let Some(program) = &mut config.task.program {
         let shown = program.display();
-        *program = program
-            .canonicalize()
-            .map_err(|error| wrong_usage(format!("the task's program {shown}: {error}")))?;
+        *program = program.canonicalize().map_err(|error| {
+            wrong_usage(format!("the task's program {shown}, which its user builds: {error}"))
+        })?;
         refuse_unless_text(program)?;
     }
     Ok(config)

@@ -87,10 +87,14 @@ impl Program {
         };
         let own = std::env::current_exe().context("finding the folder of goalward")?;
         let path = own.with_file_name(name);
-        let build = if *self == Program::Gateway { " --package gateway" } else { "" };
+        let (build, install) = match self {
+            Program::Gateway => (" --package gateway", "gateway"),
+            _ => ("", "deploy"),
+        };
         ensure!(
             path.is_file(),
-            "expected the program {} in goalward's folder; build it with `cargo build --release{build}`",
+            "expected the program {} in goalward's folder; `cargo build --release{build}` builds it, \
+             `cargo install --path {install} --locked` installs it",
             path.display()
         );
         Ok(path)

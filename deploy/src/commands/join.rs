@@ -33,15 +33,16 @@ const YOUNG: Duration = Duration::from_secs(10);
 
 /// Flags of `goalward join`.
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("run_or_key").required(true).args(["key", "run"]))]
 pub(crate) struct Arguments {
     /// Address at which the run listens; by default the one in its key.
     #[arg(value_name = "HOST:PORT", value_parser = host_and_port)]
     address: Option<String>,
     /// The run's file join.toml, or a copy of it.
-    #[arg(long, value_name = "FILE", required_unless_present = "run")]
+    #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
     /// Folder of the run, if both machines share it.
-    #[arg(long, value_name = "DIR", conflicts_with = "key")]
+    #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
     /// Actor processes on this machine; by default one for each core, but at most 32: a run has 64 in all.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=MAX_ACTORS as u64))]

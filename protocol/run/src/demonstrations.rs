@@ -190,12 +190,24 @@ fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
     }
     match recorded_task(metadata) {
         Some(found) if found.spec() != task.spec() => {
-            let message =
-                format!("expected demonstrations with {:?}, found {:?}", task.spec(), found.spec());
-            Err(failed(file, message))
+            Err(failed(file, format!("expected demonstrations with {}", difference(task, &found))))
         }
         _ => Ok(reader),
     }
+}
+
+/// Names what `task` has and the task of a file, `found`, has not.
+fn difference(task: &Task, found: &Task) -> String {
+    let shapes = |task: &Task| {
+        [
+            ("observation", format!("{:?}", task.observation)),
+            ("action", format!("{:?}", task.action)),
+            ("horizon_steps", task.horizon_steps.to_string()),
+        ]
+    };
+    let pairs = shapes(task).into_iter().zip(shapes(found)).filter(|(ours, theirs)| ours != theirs);
+    let parts = pairs.map(|((key, ours), (_, theirs))| format!("{key} = {ours}, found {theirs}"));
+    parts.collect::<Vec<_>>().join("; ")
 }
 
 /// Returns the setting that demonstrations were recorded in, if their file has it.

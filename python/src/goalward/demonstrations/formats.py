@@ -127,5 +127,7 @@ def _format(source: Path, name: str) -> Format:
         return FORMATS[name]
     found = next((candidate for candidate in FORMATS.values() if candidate.is_at(source)), None)
     if found is None:
-        raise Error(f"{source}: expected a data set of {', '.join(FORMATS)}, found none of them; say which")
+        raise Error(
+            f"{source}: expected a data set of {', '.join(FORMATS)}, found none of them; --format says which"
+        )
     return found

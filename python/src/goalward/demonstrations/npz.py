@@ -43,7 +43,7 @@ def recordings(source: Path, wanted: Wanted) -> Iterator[Recording]:
 def _arrays(source: Path) -> dict[str, Array]:
     damage = (OSError, ValueError, EOFError, BadZipFile, NotImplementedError, zlib.error)
     with (
-        expecting(f"{source}: expected a NumPy archive", *damage),
+        expecting(f"{source}: expected a NumPy archive of arrays of numbers", *damage),
         source.open("rb") as file,
         np.load(file, allow_pickle=False) as archive,
     ):
@@ -74,7 +74,10 @@ def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | No
     episodes, rows = _size(stacks, keys)
     lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
     if len(lengths) != episodes:
-        raise Error(f"{source}: {LENGTHS}: expected {episodes} numbers, found {len(lengths)}")
+        raise Error(
+            f"{source}: {LENGTHS}: expected {episodes} numbers, found {len(lengths)}; episodes that follow"
+            f" each other in arrays (rows, ...) need `{ENDS}`, the running sum of their lengths"
+        )
     wrong = np.flatnonzero((lengths < 1) | (lengths > rows))
     if len(wrong):
         where, found = f"{source}: episode {wrong[0]}: {LENGTHS}", lengths[wrong[0]]
