@@ -5,6 +5,7 @@ They need `goalward-actor` in PATH, or its path in GOALWARD_ACTOR.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import shutil
@@ -202,6 +203,26 @@ os.close(0)
 send(3, {"error": "a fall from the edge"})
 sys.exit("a last word")
 '''
+
+
+def process_of(environment: Environment) -> int:
+    return environment._link._process.pid
+
+
+def test_an_environment_that_is_dropped_leaves_no_process_behind() -> None:
+    environment = Environment("navigation")
+    process = process_of(environment)
+    del environment
+    gc.collect()
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
+
+
+def test_a_program_that_was_killed_is_told_of() -> None:
+    with Environment("navigation") as environment:
+        os.kill(process_of(environment), signal.SIGKILL)
+        with pytest.raises(goalward.Error, match="goalward-actor ended: killed by signal 9"):
+            environment.reset(seed=1)
 
 
 def test_a_program_that_has_ended_is_told_of_and_leaves_nothing_behind(

@@ -61,6 +61,15 @@ def test_a_grid_has_classes_of_the_task(value: float, rows: tuple[int, ...]) -> 
         policy(ROOMS).act(grid)
 
 
+@pytest.mark.parametrize("value", [3, -1, 1.5, np.nan])
+def test_a_grid_of_a_space_has_its_classes(value: float) -> None:
+    act = policy(ROOMS).for_space(spaces.Box(0, 2, (4, 5), np.int64), spaces.Discrete(4))
+    grid = np.zeros((4, 5))
+    grid[1, 2] = value
+    with pytest.raises((Error, ValueError), match=f"expected classes below 3, found {float(value)}"):
+        act(grid)
+
+
 @pytest.mark.parametrize("kind", [bool, np.int64, np.float32, np.uint8])
 def test_classes_may_be_of_any_type(kind: type) -> None:
     assert policy(ROOMS).act(np.ones((4, 5), kind)) == 2

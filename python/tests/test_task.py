@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from goalward import Cells, Continuous, Discrete, Error, Task, Vector
@@ -86,3 +87,12 @@ def test_a_file_without_a_task_is_refused_in_one_line(tmp_path: Path, text: str,
     with pytest.raises(Error, match=expected) as refusal:
         Task.from_toml(file)
     assert "\n" not in str(refusal.value)
+
+
+def test_numbers_may_be_numpys_and_labels_a_list() -> None:
+    length: Any = np.prod((2, 1))
+    count: Any = np.int64(2)
+    labels: Any = ["x", "y"]
+    task = Task("a", Vector(length), Discrete(count), 5, labels=labels)
+    assert task == Task("a", Vector(2), Discrete(2), 5, labels=("x", "y"))
+    assert Task.from_json(task.to_json()) == task

@@ -143,9 +143,10 @@ class Cells:
         value = np.asarray(seen)
         if value.shape != self.shape:
             raise ValueError(f"observation: expected shape {self.shape}, found {value.shape}")
-        if (value < 0).any() or (value >= self.classes).any():
+        known = (value >= 0) & (value < self.classes) & (value == np.floor(value))
+        if not known.all():
             raise ValueError(
-                f"observation: expected classes below {self.classes}, found {value.min()} to {value.max()}"
+                f"observation: expected classes below {self.classes}, found {value[~known].reshape(-1)[0]}"
             )
         out[:] = value.reshape(-1)
 

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,7 @@ class Task:
         Raises:
             Error: if a value is out of range; names the first such key.
         """
+        object.__setattr__(self, "labels", tuple(self.labels))
         plain = re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}", self.name)
         _require(plain, "name", "up to 64 letters, digits, `-`, `_` and `.`, the first not `.`", self.name)
         self._require_observation()
@@ -175,7 +177,7 @@ class Task:
         table = {key: value for key, value in asdict(self).items() if value is not None and value != ()}
         for key, shape in (("observation", self.observation), ("action", self.action)):
             table[key] = {type(shape).__name__.lower(): asdict(shape)}
-        return json.dumps(table)
+        return json.dumps(table, default=int)  # whole numbers may be NumPy's
 
 
 def _size(action: Action) -> int:
@@ -194,7 +196,7 @@ def _shape(key: str, table: Any, **kinds: Any) -> Any:
 
 
 def _require_number(key: str, value: Any, least: int, most: int) -> None:
-    whole = isinstance(value, int) and not isinstance(value, bool)
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
     _require(whole and least <= value <= most, key, f"a number from {least} to {most}", value)
 
 

@@ -9,7 +9,8 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from typing import Any
+import weakref
+from typing import IO, Any
 
 from goalward.error import Error
 
@@ -45,6 +46,9 @@ class Link:
             stderr=self._words,
             start_new_session=True,  # Ctrl-C must reach only the calling program
         )
+        # An environment that is dropped without being closed leaves no process behind.
+        self._end = weakref.finalize(self, _end, self._process, self._words)
+        self._end.atexit = False  # then the process sees the end of its input
         try:
             self.hello: dict[str, Any] = json.loads(self._receive(HELLO))
         except BaseException:
@@ -77,11 +81,7 @@ class Link:
 
     def close(self) -> None:
         """End the process."""
-        # Closing its input would end it, too, but a forked child may hold the input open.
-        self._process.terminate()
-        # The context closes the pipes and waits; flushing unsent data to a process that has ended may fail.
-        with contextlib.suppress(BrokenPipeError), self._process:
-            self._words.close()
+        self._end()
 
     def _action_bytes(self) -> int:
         action = self.hello["action"]
@@ -130,11 +130,20 @@ class Link:
         return data
 
     def _ended(self) -> Error:
-        self._process.wait()
+        status = self._process.wait()
         self._words.seek(0)
         words = self._words.read().decode(errors="replace")
-        last = words.strip().splitlines()[-1:] or ["no word"]
+        how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
+        last = words.strip().splitlines()[-1:] or [how]
         return Error(f"goalward-actor ended: {last[0]}")
+
+
+def _end(process: subprocess.Popen[bytes], words: IO[bytes]) -> None:
+    # Closing its input would end it, too, but a forked child may hold the input open.
+    process.terminate()
+    # The context closes the pipes and waits; flushing unsent data to a process that has ended may fail.
+    with contextlib.suppress(BrokenPipeError), process:
+        words.close()
 
 
 def _program() -> str:
