@@ -13,7 +13,7 @@ set -euo pipefail
 experiment=$!
 # Two minutes before the time limit, or when the node is needed for another job: writes checkpoints, and trains the rest
 # later.
-trap 'kill -TERM "$experiment"; is_stopped=yes' TERM
+trap 'is_stopped=yes; kill -TERM "$experiment" 2>/dev/null || true' TERM
 # A signal ends `wait` but not the experiment, unless it came before the experiment listened for it.
 until wait "$experiment"; code=$?; [ "$code" -ne 143 ] || ! kill -0 "$experiment" 2>/dev/null; do :; done
 if { [ "$code" -eq 130 ] || [ "$code" -eq 143 ]; } && [ "${is_stopped:-}" ]; then

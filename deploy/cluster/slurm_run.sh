@@ -22,10 +22,8 @@ cores=${SLURM_CPUS_PER_TASK:-${SLURM_CPUS_ON_NODE:-1}}
 # Two jobs may have the same first node, so each has a port of its own.
 port=${GOALWARD_PORT:-$((20000 + SLURM_JOB_ID % 10000))}
 
-# Beside the run, because the node's clock may differ from that of the file server.
-mkdir -p "$(dirname "$run")"
-started=$(mktemp "$(dirname "$run")/.started.XXXXXX")
-trap 'rm -f "$started"' EXIT
+# The key of an earlier start has an outdated address.
+rm -f "$run/join.toml"
 if [ -e "$run/config.toml" ]; then
     set -- "$@" --resume
 fi
@@ -33,10 +31,9 @@ fi
 learner=$!
 # Two minutes before the time limit, or when the nodes are needed for another job: writes a checkpoint, and trains the
 # rest later.
-trap 'kill -TERM "$learner"; is_stopped=yes' TERM
+trap 'is_stopped=yes; kill -TERM "$learner" 2>/dev/null || true' TERM
 
-# Waits for the new key, since that of an earlier start has an outdated address.
-until [ "$run/join.toml" -nt "$started" ] || ! kill -0 "$learner" 2>/dev/null; do sleep 0.2; done
+until [ -e "$run/join.toml" ] || ! kill -0 "$learner" 2>/dev/null; do sleep 0.2; done
 if [ "$SLURM_JOB_NUM_NODES" -gt 1 ] && kill -0 "$learner" 2>/dev/null; then
     others=$((SLURM_JOB_NUM_NODES - 1))
     # A node that is lost does not end the others.
