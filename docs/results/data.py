@@ -76,9 +76,14 @@ def read(file: Path) -> list[Row]:
 
 
 def write(file: Path, rows: list[Row]) -> None:
-    """Writes a table."""
+    """Writes a table, whose rows must have the same columns."""
+    columns = rows[0].keys()
+    for row in rows:
+        if row.keys() != columns:
+            found = ", ".join(row.keys() ^ columns)
+            sys.exit(f"{file}: expected rows with the same columns, found some without {found}")
     with file.open("w", newline="") as target:
-        lines = csv.DictWriter(target, rows[0].keys(), lineterminator="\n")
+        lines = csv.DictWriter(target, columns, lineterminator="\n")
         lines.writeheader()
         lines.writerows(rows)
 

@@ -1,6 +1,7 @@
 """Measures how often uniformly random actions succeed in the opening panels, into `random_policy.csv`.
 
-pip install "./python[envs]" && python docs/results/random_policy.py     # with goalward-actor on the path
+pip install -r docs/results/requirements.txt "./python[envs]"
+python docs/results/random_policy.py     # with goalward-actor on the path
 """
 
 import gymnasium

@@ -1,5 +1,6 @@
 """Evaluates finished runs with sampled and with most probable actions, and replays them, into `replays.csv`.
 
+    pip install -r docs/results/requirements.txt
     python docs/results/replays.py GOALWARD RUN...                        # 500 episodes each way
     python docs/results/replays.py GOALWARD --verify --retrain RUN...     # and replays
 
