@@ -92,7 +92,7 @@ def span(found: list[Seeds]) -> str:
 def below(found: list[Seeds], level: float) -> str:
     """Counts the seeds below a level in per cent: `9 of the 40`."""
     every = [rate for curve in found for rate in curve.values()]
-    return f"{sum(100 * rate < level for rate in every)} of the {len(every)}"
+    return f"{sum(round(100 * rate, 6) < level for rate in every)} of the {len(every)}"
 
 
 def difference(found: list[Seeds]) -> str:
@@ -120,16 +120,25 @@ def paired(found: list[Seeds]) -> str:
 
 def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bounded]) -> Bounded:
     """Compares two curves; exits if one has too few seeds."""
+    refuse_few(found)
     own, others = (list(curve.values()) for curve in found)
-    if min(len(own), len(others)) < FEWEST:
-        sys.exit(f"expected at least {FEWEST} seeds to compare, found {len(own)} and {len(others)}")
     return how(own, others)
+
+
+def refuse_few(found: list[Seeds]) -> None:
+    """Exits if a curve has too few seeds to be compared."""
+    fewest = min(len(curve) for curve in found)
+    if fewest < FEWEST:
+        sys.exit(f"expected at least {FEWEST} seeds to compare, found {fewest}")
 
 
 def better(found: list[Seeds]) -> str:
     """Formats how probably a seed of the first half beats one of the second: `63.5 % (44.5 to 81.5)`."""
+    refuse_few(found)
     panels = [list(curve.values()) for curve in found]
-    half = len(panels) // 2
+    half, rest = divmod(len(panels), 2)
+    if rest:
+        sys.exit(f"expected the same panels of two methods, found {len(panels)} curves")
     return within(improvement(panels[:half], panels[half:]), " %")
 
 
