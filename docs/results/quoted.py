@@ -127,9 +127,11 @@ def compared(found: list[Seeds], how: Callable[[list[float], list[float]], Bound
 
 def refuse_few(found: list[Seeds]) -> None:
     """Exits if a curve has too few seeds to be compared."""
-    fewest = min(len(curve) for curve in found)
-    if fewest < FEWEST:
-        sys.exit(f"expected at least {FEWEST} seeds to compare, found {fewest}")
+    counts = [len(curve) for curve in found]
+    if min(counts) < FEWEST:
+        sys.exit(
+            f"expected at least {FEWEST} seeds to compare, found {listed([str(count) for count in counts])}"
+        )
 
 
 def better(found: list[Seeds]) -> str:
