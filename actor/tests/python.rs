@@ -137,7 +137,10 @@ fn a_grid_of_classes_becomes_cells() {
         return;
     }
     let refusal = own("Grid", "").err().unwrap().to_string();
-    assert!(refusal.contains("`environment.horizon_steps`") && refusal.contains("no limit"), "{refusal}");
+    assert!(
+        refusal.contains("`environment.horizon_steps`") && refusal.contains("no limit"),
+        "{refusal}"
+    );
     let mut grid = own("Grid", "horizon_steps = 7").unwrap();
     assert_eq!(grid.spec().observation, ObservationSpec::Cells { height: 3, width: 4, classes: 3 });
     assert_eq!(grid.spec().action, ActionSpec::Discrete { count: 6 });
