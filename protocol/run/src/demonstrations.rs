@@ -198,15 +198,10 @@ fn open(file: &Path, task: &Task) -> Result<FileReader, Error> {
 
 /// Names what `task` has and the task of a file, `found`, has not.
 fn difference(task: &Task, found: &Task) -> String {
-    let shapes = |task: &Task| {
-        [
-            ("observation", format!("{:?}", task.observation)),
-            ("action", format!("{:?}", task.action)),
-            ("horizon_steps", task.horizon_steps.to_string()),
-        ]
-    };
-    let pairs = shapes(task).into_iter().zip(shapes(found)).filter(|(ours, theirs)| ours != theirs);
-    let parts = pairs.map(|((key, ours), (_, theirs))| format!("{key} = {ours}, found {theirs}"));
+    let pairs = task.spec().named().into_iter().zip(found.spec().named());
+    let parts = pairs
+        .filter(|(ours, theirs)| ours != theirs)
+        .map(|((key, ours), (_, theirs))| format!("{key} = {ours}, found {theirs}"));
     parts.collect::<Vec<_>>().join("; ")
 }
 

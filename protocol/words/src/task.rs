@@ -115,6 +115,15 @@ pub struct Spec {
 }
 
 impl Spec {
+    /// Returns the shapes as text, each with its key in a task's table.
+    pub fn named(&self) -> [(&'static str, String); 3] {
+        [
+            ("observation", format!("{:?}", self.observation)),
+            ("action", format!("{:?}", self.action)),
+            ("horizon_steps", self.horizon_steps.to_string()),
+        ]
+    }
+
     /// Returns how an episode ends after `steps` steps: at the goal if the task ends there, as `at_goal` says, else at
     /// the horizon; `None` if it goes on.
     pub fn ending(&self, at_goal: bool, steps: u32) -> Option<Ending> {

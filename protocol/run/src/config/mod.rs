@@ -323,17 +323,13 @@ impl RunConfig {
             self.task
         );
         within("demonstrations.file", has_expert || !needs_expert, &expected, "none")?;
-        let shapes = |task: &Task| {
-            [
-                ("task.observation", format!("{:?}", task.observation)),
-                ("task.action", format!("{:?}", task.action)),
-                ("task.horizon_steps", task.horizon_steps.to_string()),
-                ("task.tells_success", task.tells_success.to_string()),
-            ]
-        };
-        for ((key, expected), (_, found)) in shapes(&task).into_iter().zip(shapes(&self.task)) {
+        let told = |task: &Task| ("tells_success", task.tells_success.to_string());
+        let expected = task.spec().named().into_iter().chain([told(&task)]);
+        let found = self.task.spec().named().into_iter().chain([told(&self.task)]);
+        for ((key, expected), (_, found)) in expected.zip(found) {
             let holds = expected == found;
-            within(key, holds, &format!("{expected}, as its environment has it"), found)?;
+            let expected = format!("{expected}, as its environment has it");
+            within(&format!("task.{key}"), holds, &expected, found)?;
         }
         let expected = "false: its environment gives other bytes for the same seed and actions";
         let holds = task.deterministic || !self.task.deterministic;
