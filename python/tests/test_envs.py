@@ -89,8 +89,13 @@ def test_the_scripted_expert_reaches_the_goal(task: str) -> None:
 
 
 def test_keywords_are_the_environments_setting() -> None:
+    Environment("fetch-push", noise=np.float32(1.5)).close()
     with pytest.raises(goalward.Error, match="noise"):
         Environment("fetch-push", noise=99.0)
+    with pytest.raises(goalward.Error, match="fetch-push: expected a setting in JSON"):
+        Environment("fetch-push", noise=float("nan"))
+    with pytest.raises(goalward.Error, match="expected a setting in JSON, found a value of type set"):
+        Environment("fetch-push", noise={1})
     with pytest.raises(goalward.Error, match="unknown task"):
         Environment("flying")
 
@@ -178,6 +183,9 @@ def test_a_program_that_cannot_be_run_is_named(tmp_path: Path, monkeypatch: pyte
     (tmp_path / "actor").write_text("no program")
     monkeypatch.setenv("GOALWARD_ACTOR", str(tmp_path / "actor"))
     with pytest.raises(goalward.Error, match="found no program .*/actor"):
+        Environment("navigation")
+    (tmp_path / "actor").chmod(0o755)
+    with pytest.raises(goalward.Error, match="expected the program .*/actor to start, found .*Exec format"):
         Environment("navigation")
 
 

@@ -110,6 +110,17 @@ def test_a_column_that_is_only_announced_is_refused(tmp_path: Path) -> None:
         load(source, REACH, keys=["observation.state", "observation.angle"])
 
 
+def test_rows_of_differing_lengths_are_refused(tmp_path: Path) -> None:
+    source = stored(tmp_path / "set", "v3.0")
+    file = next(source.glob("data/*/*.parquet"))
+    table = pyarrow.parquet.read_table(file)
+    ragged = pyarrow.array([[0.0], [0.0, 1.0, 2.0]] * (len(table) // 2), pyarrow.list_(pyarrow.float32()))
+    place = table.column_names.index("observation.state")
+    pyarrow.parquet.write_table(table.set_column(place, "observation.state", ragged), file)
+    with pytest.raises(Error, match="expected rows of numbers, found lists of 1 and 3 values"):
+        load(source, REACH, keys=KEYS)
+
+
 def test_another_version_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Error, match=r"expected version v2.0, v2.1, v3.0, found v9.0"):
         load(stored(tmp_path / "set", "v9.0"), REACH)

@@ -220,6 +220,18 @@ def test_observations_that_were_left_out_are_told_with_their_remedy(tmp_path: Pa
     assert log.steps()["reward"].tolist() == [0, 1]
 
 
+def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / FIRST, [("/trajectory", trajectory(2, 1, 3, steps=1, ending=7))])
+    with pytest.raises(Error, match=r"iteration 2, lane 1, episode 3: ending: expected .*, found 7"):
+        Log(tmp_path).episodes()
+
+
+def test_more_scores_than_observations_are_refused(tmp_path: Path) -> None:
+    write(tmp_path / FIRST, [("/proximity/score", schema.Score(rewards=[0.5], proximity=[0.1, 0.2, 0.3]))])
+    with pytest.raises(Error, match="proximity: expected at most 2 values, found 3"):
+        Log(tmp_path).scores()
+
+
 def test_a_trajectory_of_another_shape_is_refused(tmp_path: Path) -> None:
     write(tmp_path / FIRST, [("/trajectory", trajectory(0, 0, 0, steps=2, values=[1.0]))])
     with pytest.raises(Error, match=r"values: expected shape \(3, 3\), found 1 values"):

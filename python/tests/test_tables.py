@@ -79,6 +79,11 @@ def test_a_grid_is_read_from_an_archive(tmp_path: Path) -> None:
     [
         ({"states": np.zeros((4, 3)), "episode_ends": [3, 2]}, "episode_ends: expected rows that grow"),
         ({"states": np.zeros((4, 3)), "episode_ends": [5]}, "expected arrays of 5 rows"),
+        (
+            {"states": np.zeros((4, 3)), "episode_ends": [1.5, 4]},
+            r"episode_ends\[0\]: expected a whole number",
+        ),
+        ({"states": np.zeros((1, 4, 3)), "lengths": [np.nan]}, r"lengths\[0\]: .*, found nan"),
         ({"states": np.zeros((2, 4, 3)), "lengths": [4]}, "lengths: expected 2 numbers, found 1"),
         (
             {"states": np.zeros((2, 4, 3)), "lengths": [4, 5]},

@@ -40,8 +40,10 @@ class Policy:
             self._session = runtime.InferenceSession(str(path), **options)
         self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         names = [output.name for output in self._session.get_outputs()]
-        if "action" not in names or "spec" not in self.metadata:
-            raise Error(f"{path}: expected a policy with the output `action`, found {', '.join(names)}")
+        missing = {"spec", "config"} - self.metadata.keys()
+        if "action" not in names or missing:
+            found = ", ".join([*names, *(f"no metadata `{name}`" for name in sorted(missing))])
+            raise Error(f"{path}: expected a policy with the output `action`, found {found}")
         self.task = Task.from_json(self.metadata["spec"])
         self.config = tomllib.loads(self.metadata["config"])
 

@@ -72,10 +72,13 @@ def _features(source: Path) -> Mapping[str, Mapping[str, Any]]:
 
 def _rows(column: Any) -> Array:
     """Convert a column, which may have nested lists, to an array (rows,) or (rows, n)."""
-    arrow = optional("pyarrow", "lerobot")
+    arrow, compute = optional("pyarrow", "lerobot"), optional("pyarrow.compute", "lerobot")
     array = column.combine_chunks()
     rows, nested = len(array), False
     while isinstance(array, (arrow.ListArray, arrow.LargeListArray, arrow.FixedSizeListArray)):
+        lengths = compute.list_value_length(array).unique().to_pylist()
+        if len(lengths) > 1:
+            raise ValueError(f"lists of {' and '.join(map(str, lengths[:2]))} values")
         array, nested = array.flatten(), True
     numbers = np.asarray(array.to_numpy(zero_copy_only=False))
     if not is_numeric(numbers):

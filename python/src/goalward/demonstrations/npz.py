@@ -16,6 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from goalward.arrays import require_all
 from goalward.demonstrations.recordings import Array, Recording, Wanted, is_numeric
 from goalward.error import Error, expecting
 
@@ -52,7 +53,7 @@ def _arrays(source: Path) -> dict[str, Array]:
 
 
 def _joined(source: Path, arrays: Mapping[str, Array]) -> Iterator[Recording]:
-    ends = arrays[ENDS].reshape(-1).astype(np.int64)
+    ends = _whole(source, ENDS, arrays[ENDS])
     rows = int(ends[-1]) if len(ends) else 0
     if (np.diff(ends, prepend=0) <= 0).any():
         raise Error(f"{source}: {ENDS}: expected rows that grow, found {ends.tolist()[:10]}")
@@ -72,7 +73,7 @@ def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | No
     if not stacks:
         raise Error(f"{source}: expected arrays (episodes, observations, ...) or `{ENDS}`, found neither")
     episodes, rows = _size(stacks, keys)
-    lengths = arrays.get(LENGTHS, np.full(episodes, rows)).reshape(-1).astype(np.int64)
+    lengths = _whole(source, LENGTHS, arrays.get(LENGTHS, np.full(episodes, rows)))
     if len(lengths) != episodes:
         raise Error(
             f"{source}: {LENGTHS}: expected {episodes} numbers, found {len(lengths)}; episodes that follow"
@@ -91,6 +92,13 @@ def _stacked(source: Path, arrays: Mapping[str, Array], keys: Sequence[str] | No
         ended = {name: array[number] for name, array in of_episodes.items()}
         signals = _flat(observed) | _flat(steps) | ended
         yield Recording(str(number), observed, signals, observed | steps)
+
+
+def _whole(source: Path, name: str, array: Array) -> Array:
+    """Return an array's values in a row, as integers."""
+    flat = array.reshape(-1)
+    require_all(np.isfinite(flat) & (flat == np.floor(flat)), flat, str(source), name, "a whole number")
+    return flat.astype(np.int64)
 
 
 def _size(stacks: Mapping[str, Array], keys: Sequence[str] | None) -> tuple[int, int]:

@@ -12,7 +12,9 @@ import tempfile
 import weakref
 from typing import IO, Any
 
-from goalward.error import Error
+import numpy as np
+
+from goalward.error import Error, expecting, one_line
 
 PROGRAM = "GOALWARD_ACTOR"
 """The environment variable with the program's path."""
@@ -35,17 +37,22 @@ class Link:
         Raises:
             Error: if there is no such program, or it does not know the task or a setting.
         """
-        arguments = ["serve", task, "--setting", json.dumps(setting)]
+        with expecting(f"{task}: expected a setting in JSON", TypeError, ValueError):
+            written = json.dumps(setting, default=_plain, allow_nan=False)
         program = _program()
         # A file instead of a pipe, because nobody reads it while the environment is running.
         self._words = tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(
-            [program, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._words,
-            start_new_session=True,  # Ctrl-C must reach only the calling program
-        )
+        try:
+            self._process = subprocess.Popen(
+                [program, "serve", task, "--setting", written],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._words,
+                start_new_session=True,  # Ctrl-C must reach only the calling program
+            )
+        except OSError as cause:
+            self._words.close()
+            raise Error(f"expected the program {program} to start, found {one_line(cause)}") from cause
         # An environment that is dropped without being closed leaves no process behind.
         self._end = weakref.finalize(self, _end, self._process, self._words)
         self._end.atexit = False  # then the process sees the end of its input
@@ -136,6 +143,13 @@ class Link:
         how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
         last = words.strip().splitlines()[-1:] or [how]
         return Error(f"goalward-actor ended: {last[0]}")
+
+
+def _plain(value: object) -> Any:
+    """Return a value of NumPy as one that JSON has."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise TypeError(f"a value of type {type(value).__name__}")
 
 
 def _end(process: subprocess.Popen[bytes], words: IO[bytes]) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from goalward import schema
-from goalward.log.trajectory import ENDINGS, actions
+from goalward.error import Error
+from goalward.log.trajectory import actions, ending, place
 from goalward.packages import optional
 from goalward.task import Discrete, Task
 
@@ -62,7 +63,7 @@ def of_episodes(messages: Iterable[Any]) -> Columns:
 
 def _episode(message: Any) -> list[Any]:
     values = [getattr(message, name) for name in _OF_EPISODES]
-    return [*values, ENDINGS[message.ending], sum(message.environment_rewards)]
+    return [*values, ending(message), sum(message.environment_rewards)]
 
 
 def of_steps(messages: Iterable[Any], task: Task) -> Columns:
@@ -91,7 +92,10 @@ def _scores(message: Any) -> Columns:
     rows = len(message.rewards) + 1 if message.rewards else 0
     columns: Columns = {"step": np.arange(rows)}
     for column, field in (("reward", "rewards"), ("proximity", "proximity"), ("uncertainty", "uncertainty")):
-        columns[column] = _behind(np.array(getattr(message, field), np.float32), rows)
+        values = np.array(getattr(message, field), np.float32)
+        if len(values) > rows:
+            raise Error(f"{place(message)}: {field}: expected at most {rows} values, found {len(values)}")
+        columns[column] = _behind(values, rows)
     return columns
 
 

@@ -65,7 +65,7 @@ def decoded(message: Any, task: Task) -> Trajectory:
         Error: if the log has no observations, or an array does not have the length that the task implies.
     """
     if message.full_hash:
-        expected = f"{_place(message)}: expected observations, found that they were left out of the log"
+        expected = f"{place(message)}: expected observations, found that they were left out of the log"
         raise Error(f"{expected}; `goalward log restore RUN --out DIR` restores them")
     steps = (message.steps,)
     field = "cells" if isinstance(task.observation, Cells) else "values"
@@ -74,7 +74,7 @@ def decoded(message: Any, task: Task) -> Trajectory:
         actions=actions(message, task),
         rewards=_array(message, "environment_rewards", steps),
         log_probs=_array(message, "log_probs", steps),
-        ending=ENDINGS[message.ending],
+        ending=ending(message),
         success=message.success,
         steps_to_goal=message.steps_to_goal,
         iteration=message.iteration,
@@ -82,6 +82,18 @@ def decoded(message: Any, task: Task) -> Trajectory:
         episode=message.episode,
         policy_version=message.policy_version,
     )
+
+
+def ending(message: Any) -> Ending:
+    """Return how the episode of a trajectory's message ended.
+
+    Raises:
+        Error: if the number of its ending is unknown.
+    """
+    number = int(message.ending)
+    if not 0 <= number < len(ENDINGS):
+        raise Error(f"{place(message)}: ending: expected one of {', '.join(ENDINGS)}, found {number}")
+    return ENDINGS[number]
 
 
 def actions(message: Any, task: Task) -> NDArray[Any]:
@@ -99,9 +111,10 @@ def _array(message: Any, field: str, shape: tuple[int, ...]) -> NDArray[Any]:
     value = getattr(message, field)
     flat = np.frombuffer(value, np.uint8).copy() if isinstance(value, bytes) else np.array(value, np.float32)
     if flat.size != np.prod(shape):
-        raise Error(f"{_place(message)}: {field}: expected shape {shape}, found {flat.size} values")
+        raise Error(f"{place(message)}: {field}: expected shape {shape}, found {flat.size} values")
     return flat.reshape(shape)
 
 
-def _place(message: Any) -> str:
+def place(message: Any) -> str:
+    """Return the episode that a message is about, for error messages."""
     return f"iteration {message.iteration}, lane {message.lane}, episode {message.episode}"
