@@ -5,6 +5,8 @@
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+# A relative path is one in the folder that this script was started in.
+case ${GOALWARD_PYTHON:-} in /*) ;; */*) export GOALWARD_PYTHON=$PWD/$GOALWARD_PYTHON ;; esac
 cd "$root"
 
 step() {

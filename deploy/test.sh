@@ -10,13 +10,16 @@
 set -euo pipefail
 
 root=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.." && pwd)
+# A relative path is one in the folder that this script was started in.
+case ${GOALWARD_PYTHON:-} in /*) ;; */*) export GOALWARD_PYTHON=$PWD/$GOALWARD_PYTHON ;; esac
 cd "$root"
 
 say() { printf 'test: %s\n' "$*" >&2; }
 
 python_environment() {
     local folder=$root/target/python wanted=$root/tests/requirements.txt
-    if ! cmp -s "$wanted" "$folder/installed.txt"; then
+    # An interpreter that was upgraded or removed leaves a folder that works no more.
+    if ! cmp -s "$wanted" "$folder/installed.txt" || ! "$folder/bin/python" -c 'import numpy' 2>/dev/null; then
         say "installing the Python packages of tests/requirements.txt into target/python"
         # A failed command does not end a function whose caller tests its status.
         python3 -m venv --clear "$folder" &&
