@@ -115,6 +115,31 @@ fn a_run_goes_on_in_the_environment_it_began_with() {
     let allowed = ["train", "--resume", "--other-build", "--run", "run", "--dry-run"];
     let (well, said) = run.goalward(&allowed);
     assert!(well && said.contains("would continue"), "{said}");
+
+    let evaluation = ["evaluate", "run", "--episodes", "3"];
+    let (well, said) = run.goalward(&evaluation);
+    assert!(!well && said.contains("`sources.python_environments`"), "{said}");
+    let (well, said) = run.goalward(&[&evaluation[..], &["--other-build"]].concat());
+    assert!(well && said.contains("of 3 episodes"), "{said}");
+}
+
+#[test]
+fn recorded_episodes_tell_whether_a_changed_module_matters() {
+    if python().is_none() {
+        return;
+    }
+    let (run, _) = train(&[], false);
+    let file = run.path("python_environments.py");
+    let module = fs::read_to_string(&file).unwrap();
+    fs::write(&file, format!("{module}\n# the same environment\n")).unwrap();
+    let (well, said) = run.goalward(&["replay", "run", "--verify"]);
+    assert!(well && said.contains("the same"), "{said}");
+
+    fs::write(&file, module.replace("- 0.15", "- 0.25")).unwrap();
+    let (well, said) = run.goalward(&["replay", "run", "--verify"]);
+    for words in ["episodes differ", "`sources.python_environments`"] {
+        assert!(!well && said.contains(words), "expected {words} in {said}");
+    }
 }
 
 #[test]

@@ -131,6 +131,9 @@ enum Command {
         /// The file to write; by default one in the run's folder.
         #[arg(long)]
         out: Option<PathBuf>,
+        /// Lets a Python module of the environment have changed since training.
+        #[arg(long)]
+        other_build: bool,
     },
     /// Acts recorded episodes of a run again, which standard input has, each behind its length, and writes
     /// them with what a viewer draws of them.
@@ -253,10 +256,11 @@ fn run(command: Command, tasks: Tasks) -> Result<()> {
             let factory = Factory::new(tasks, &task, setting_of(&setting, "--setting")?)?;
             crate::serve::serve(&factory, &mut std::io::stdin(), &mut std::io::stdout())
         }
-        Command::Evaluate { run, episodes, actions, seed, checkpoint, out } => {
+        Command::Evaluate { run, episodes, actions, seed, checkpoint, out, other_build } => {
             ensure!(episodes > 0, "expected at least 1 episode, found 0");
             process::end_with_parent()?;
-            let wanted = Wanted { episodes, actions, other_seed: seed, checkpoint, file: out };
+            let (other_seed, file) = (seed, out);
+            let wanted = Wanted { episodes, actions, other_seed, checkpoint, file, other_build };
             print(&evaluate(tasks, &RunFolder::new(run), wanted)?)
         }
         Command::Scenes { run, setting, pictures, out } => {

@@ -37,6 +37,8 @@ pub(crate) struct Wanted {
     pub(crate) checkpoint: Option<u64>,
     /// File for the episodes; `None` for one in the run's folder.
     pub(crate) file: Option<PathBuf>,
+    /// Whether a Python module of the environment may have changed since training.
+    pub(crate) other_build: bool,
 }
 
 /// The result of an evaluation, as it is printed.
@@ -62,12 +64,13 @@ pub(crate) struct Evaluation {
 /// # Errors
 /// When there is no such intact checkpoint, an environment fails, or the file cannot be written.
 pub(crate) fn evaluate(tasks: Tasks, folder: &RunFolder, wanted: Wanted) -> Result<Evaluation> {
-    let Wanted { episodes, actions, other_seed, checkpoint, file } = wanted;
+    let Wanted { episodes, actions, other_seed, checkpoint, file, other_build } = wanted;
     let mut config = folder.config()?;
     let actions = actions.unwrap_or(config.evaluation.actions);
     config.evaluation.actions = actions;
     let weights = checkpoint::chosen(folder, checkpoint, &[POLICY_FILE])?.policy()?;
-    let factory = Factory::of_run(tasks, &config)?;
+    let factory_of = if other_build { Factory::of_changed_run } else { Factory::of_run };
+    let factory = factory_of(tasks, &config)?;
     let seed = other_seed.unwrap_or(config.seed);
     let trajectories = act(&factory, &config, &weights, episodes, seed)?;
     let own_file = || folder.evaluation_file(weights.version, episodes, actions, other_seed);

@@ -49,24 +49,38 @@ impl Factory {
     /// # Errors
     /// When the program does not have the task, or has it with other shapes.
     pub fn of_run(tasks: Tasks, config: &RunConfig) -> Result<Factory> {
-        let factory = Factory::new(tasks, &config.task.name, config.environment.clone())?;
+        Factory::fitting(tasks, config, config.environment.clone())
+    }
+
+    /// Creates the factory that [`Factory::of_run`] returns, even if a Python module of the environment was changed
+    /// since.
+    ///
+    /// # Errors
+    /// As [`Factory::of_run`].
+    pub(crate) fn of_changed_run(tasks: Tasks, config: &RunConfig) -> Result<Factory> {
+        Factory::fitting(tasks, config, python::as_recorded(&config.environment))
+    }
+
+    fn fitting(tasks: Tasks, config: &RunConfig, setting: Setting) -> Result<Factory> {
+        let factory = Factory::new(tasks, &config.task.name, setting)?;
         let (expected, found) = (config.task.spec(), factory.make()?.spec());
         let name = &config.task.name;
         ensure!(expected == found, "{name}: expected {expected:?}, found {found:?}");
         Ok(factory)
     }
 
-    /// Creates the factory for re-simulating a run's episodes.
+    /// Creates the factory for re-simulating a run's episodes. A Python module of the environment may have changed: the
+    /// comparison with the recorded episodes tells whether that matters.
     ///
     /// # Errors
     /// When the task is not deterministic, and for the reasons of [`Factory::of_run`].
-    pub(crate) fn of_deterministic_run(tasks: Tasks, config: &RunConfig) -> Result<Factory> {
+    pub(crate) fn for_resimulation(tasks: Tasks, config: &RunConfig) -> Result<Factory> {
         let name = &config.task.name;
         ensure!(
             config.task.deterministic,
             "{name}: expected a task whose episodes can be re-simulated"
         );
-        Factory::of_run(tasks, config)
+        Factory::of_changed_run(tasks, config)
     }
 
     /// Returns a factory of the same task with another setting.

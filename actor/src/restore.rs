@@ -39,7 +39,8 @@ pub(crate) fn restore(
 ) -> Result<Restored> {
     let config = folder.config()?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    let mut resimulator = Resimulator::new(&threads, &Factory::of_run(tasks, &config)?)?;
+    let factory = Factory::for_resimulation(tasks, &config)?;
+    let mut resimulator = Resimulator::new(&threads, &factory)?;
     let spec = resimulator.spec();
     let mut found = Restored::default();
     let [bytes, messages] = HELD_AT_ONCE;

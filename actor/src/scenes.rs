@@ -41,7 +41,7 @@ pub(crate) fn write(
     out: &Path,
 ) -> Result<Written> {
     let config = folder.config()?;
-    let factory = Factory::of_deterministic_run(tasks, &config)?;
+    let factory = Factory::for_resimulation(tasks, &config)?;
     let factory = setting.map_or(factory.clone(), |setting| factory.with_setting(setting));
     let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut resimulator = Resimulator::new(&threads, &factory)?;

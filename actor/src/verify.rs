@@ -40,7 +40,7 @@ pub(crate) struct Verification {
 pub(crate) fn verify(tasks: Tasks, folder: &RunFolder, threads: usize) -> Result<Verification> {
     let begun = Instant::now();
     let config = folder.config()?;
-    let factory = Factory::of_deterministic_run(tasks, &config)?;
+    let factory = Factory::for_resimulation(tasks, &config)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     let mut verification = Verification::default();
 

@@ -216,7 +216,7 @@ mod tests {
             "goalward demonstrations import d.npz --task t.toml --out d.mcap --actions a,b",
             "goalward demonstrations info d.mcap",
             "goalward evaluate r --episodes 100 --json",
-            "goalward evaluate r --actions mode --seed 7 --force",
+            "goalward evaluate r --actions mode --seed 7 --force --other-build",
             "goalward export r --format safetensors --checkpoint 40 --out e --force --json",
             "goalward experiment a.toml b.toml --quick --out e --jobs 2",
             "goalward experiment a.toml --dry-run --json",

@@ -67,13 +67,13 @@ pub(crate) fn check_all<'a>(configs: impl Iterator<Item = &'a RunConfig>) -> Res
     Ok(())
 }
 
-/// Returns the configuration of a run that is continued. A Python environment must still be the one that the run began
-/// with; this is checked before actors start, which could only refuse it. With `other_build`, the environment's modules
-/// may differ, and the configuration gets their current hashes.
+/// Returns the configuration of a run that is continued or evaluated. A Python environment must still be the one that
+/// the run began with; this is checked before actors start, which could only refuse it. With `other_build`, the
+/// environment's modules may differ, and the configuration gets their current hashes.
 ///
 /// # Errors
 /// Wrong usage, when packages have other versions, modules were changed, or the environment cannot be made.
-pub(crate) fn of_resumed(mut config: RunConfig, other_build: bool) -> Result<RunConfig> {
+pub(crate) fn of_begun(mut config: RunConfig, other_build: bool) -> Result<RunConfig> {
     if !config.environment.0.contains_key(MAKE) {
         return Ok(config);
     }

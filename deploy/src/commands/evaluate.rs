@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use crate::summary::success;
-use crate::{choices, chosen_checkpoint, destination, machine};
+use crate::{choices, chosen_checkpoint, description, destination, machine};
 use terminal::numbers;
 use terminal::refusal::wrong_usage;
 
@@ -39,6 +39,9 @@ pub(crate) struct Arguments {
     /// Overwrites an existing file, such as that of an earlier evaluation of this policy.
     #[arg(long)]
     force: bool,
+    /// Evaluates although a Python module of the environment has changed since training.
+    #[arg(long)]
+    other_build: bool,
     #[command(flatten)]
     output: OutputFormat,
 }
@@ -76,11 +79,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             destination::own_file(&file, arguments.force)?;
         }
     }
+    description::of_begun(config.clone(), arguments.other_build)?;
     let mut actor = Program::acting_in(&config.task).command()?;
     actor.arg("evaluate").arg("--run").arg(folder.path());
     actor.args(["--episodes", &episodes.to_string(), "--actions", actions.name()]);
     actor.args(other_seed.map(|seed| format!("--seed={seed}")));
     actor.args(["--checkpoint", &iteration.to_string()]);
+    actor.args(arguments.other_build.then_some("--other-build"));
     if let Some(file) = &arguments.out {
         actor.arg("--out").arg(file);
     }

@@ -145,7 +145,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     listening.check(&prepared.config)?;
     prepared.config = if prepared.resumed {
         provenance::refuse_other_program(&prepared.config)?;
-        description::of_resumed(prepared.config, other_build)?
+        description::of_begun(prepared.config, other_build)?
     } else {
         description::complete(prepared.config)?
     };

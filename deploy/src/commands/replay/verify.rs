@@ -5,6 +5,7 @@ use anyhow::{Result, bail, ensure};
 use run::folder::RunFolder;
 use serde::{Deserialize, Serialize};
 
+use crate::description;
 use crate::output_format::OutputFormat;
 use crate::programs::{self, Program};
 use terminal::numbers;
@@ -23,13 +24,17 @@ struct Verification {
 
 /// Verifies a run's log. Fails if an episode differs; reports lost data if a file is damaged.
 pub(super) fn verify(folder: &RunFolder, output: OutputFormat) -> Result<()> {
-    let mut actor = Program::acting_in(&folder.config()?.task).command()?;
+    let config = folder.config()?;
+    let mut actor = Program::acting_in(&config.task).command()?;
     let actor = actor.arg("verify").arg("--run").arg(folder.path());
     let verification: Verification = programs::result_unless_stopped(actor, "acting again")?;
     output.print(&verification, table)?;
     let Verification { episodes, equal, damaged, .. } = verification;
     if let Some(difference) = verification.first_difference {
-        bail!("{} of {episodes} episodes differ; the first: {difference}", episodes - equal);
+        let differing = episodes - equal;
+        let changed = description::of_begun(config, false).err();
+        let changed = changed.map(|refusal| format!("; {refusal:#}")).unwrap_or_default();
+        bail!("{differing} of {episodes} episodes differ; the first: {difference}{changed}");
     }
     if !damaged.is_empty() {
         return Err(Refusal::DataLost(damaged.join("; ")).into());
