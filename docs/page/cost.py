@@ -88,6 +88,7 @@ def main(goalward, minutes):
         training = subprocess.Popen(
             [
                 goalward,
+                "-q",
                 "train",
                 "navigation",
                 "--run",
@@ -97,7 +98,6 @@ def main(goalward, minutes):
                 "100000000",
             ],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
         )
         page = subprocess.Popen(
             [goalward, "page", run.parent, "--port", "0"],
@@ -105,7 +105,10 @@ def main(goalward, minutes):
             text=True,
         )
         url = urllib.parse.urlsplit(page.stdout.readline().split()[0])
-        while not (run / "checkpoints").is_dir() or not any((run / "checkpoints").glob("0*")):
+        while not any((run / "checkpoints").glob("0*")):
+            if training.poll() is not None:
+                page.terminate()
+                sys.exit("expected a run that trains, found that it has ended")
             time.sleep(0.5)
         open_ = threading.Event()
         for _ in range(CLIENTS):
@@ -134,7 +137,8 @@ def tell(windows, ended):
         inside = [seconds for at, seconds in ended if at - seconds >= start and at <= end]
         means.append(statistics.fmean(inside) if inside else None)
     pairs = [one / other for one, other in zip(means[::2], means[1::2], strict=False) if one and other]
-    drawn = [statistics.fmean(random.choices(pairs, k=len(pairs))) for _ in range(10_000)]
+    choices = random.Random(1).choices
+    drawn = [statistics.fmean(choices(pairs, k=len(pairs))) for _ in range(10_000)]
     low, high = (statistics.quantiles(drawn, n=40)[at] for at in (0, -1))
     print(
         f"{len(pairs)} pairs of windows: an iteration takes {statistics.fmean(pairs):.4f} times as long "

@@ -43,7 +43,7 @@ WINDOW_STEPS = 50_000
 def rows_of(label, seed, updates):
     """Yields the policy updates of a run as rows of the table."""
     # `wall_s` of a log includes offline training; a curve begins with the first rollout.
-    start = updates["wall_s"][0] - updates["rollout_s"][0] - updates["update_s"][0]
+    start = updates["wall_s"][0] - sum(updates[part][0] for part in ("rollout_s", "scoring_s", "update_s"))
     own = updates | {"env_steps": updates["environment_steps"], "wall_s": updates["wall_s"] - start}
     texts = ([f"{value:.{digits}f}" for value in own[name]] for name, digits in DIGITS.items())
     for values in zip(*texts):

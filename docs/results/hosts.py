@@ -130,7 +130,7 @@ def train(arguments, hosts, actors, milliseconds=None):
         address = relay.address if relay else f"127.0.0.1:{port}"
         with open(run.with_suffix(".txt"), "w") as said:
             training = subprocess.Popen(command, stdout=said, stderr=said)
-            joined = [join(run, address, actors, number, said) for number in range(hosts)]
+            joined = [join(training, run, address, actors, number, said) for number in range(hosts)]
             seconds = {}
             while training.poll() is None:
                 seconds |= gateway_seconds()
@@ -146,8 +146,10 @@ def train(arguments, hosts, actors, milliseconds=None):
         return rate, *(round(100 * seconds / (steps / 1e4), 2) for seconds in taken)
 
 
-def join(run, address, actors, number, said):
+def join(training, run, address, actors, number, said):
     while not (run / "join.toml").exists():
+        if training.poll() is not None:
+            sys.exit(run.with_suffix(".txt").read_text())
         time.sleep(0.05)
     command = ["goalward", "join", address, "--key", run / "join.toml", "--actors", str(actors)]
     return subprocess.Popen([*command, "--name", f"machine-{number}"], stdout=said, stderr=said)

@@ -111,7 +111,7 @@ pub trait Environment: Send {
         Ok(false)
     }
 
-    /// Returns the xxh3 hash of the exact state: two environments with the same hash respond to the same actions with
+    /// Returns a hash of the exact state (ours use xxh3): two environments with the same hash respond to the same actions with
     /// the same bytes. A replay compares the hash with the recorded one.
     fn state_hash(&self) -> u64;
 

@@ -1,8 +1,8 @@
 //! Finds equal windows in the images of a batch.
 //!
 //! Windows with equal content give equal outputs, so a layer computes each distinct window only once. Grids of
-//! cells repeat themselves: a tenth or less of the windows of a minibatch are distinct. Windows are compared by a
-//! few packed words each, however large their receptive field is. Once the windows of some images are known, a
+//! cells repeat themselves, so few of the windows of a minibatch are distinct. Windows are compared by a few packed
+//! words each, however large their receptive field is. Once the windows of some images are known, a
 //! subset of these images needs no new comparison.
 
 use hashbrown::HashTable;
