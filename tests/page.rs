@@ -65,11 +65,11 @@ fn a_run_is_shown_while_it_trains_and_afterwards() {
 }
 
 /// Starts training as users do; returns it and the page that its first line names.
-fn train_with_page(run: &TestRun) -> (Child, Page) {
+fn train_with_page(run: &TestRun, settings: &[&str]) -> (Child, Page) {
     let mut command = run.program("goalward");
     command.args(["train", "navigation", "--run", "run"]).stderr(Stdio::piped());
     command.env("XDG_STATE_HOME", run.path("state"));
-    for setting in SMALL {
+    for setting in [&SMALL[..], settings].concat() {
         command.args(["--set", setting]);
     }
     let mut training = command.spawn().unwrap();
@@ -82,7 +82,7 @@ fn train_with_page(run: &TestRun) -> (Child, Page) {
 #[test]
 fn a_training_serves_a_page_that_may_die() {
     let run = TestRun::new(programs!());
-    let (mut training, page) = train_with_page(&run);
+    let (mut training, page) = train_with_page(&run, &[]);
     assert_eq!(page.json("/api/runs")["runs"][0]["id"], "run");
     let id = training.id();
     let children = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap();
@@ -96,7 +96,7 @@ fn a_training_serves_a_page_that_may_die() {
     let disturbed = run.summary().hashes();
 
     fs::remove_dir_all(run.path("run")).unwrap();
-    let (mut training, page) = train_with_page(&run);
+    let (mut training, page) = train_with_page(&run, &[]);
     assert!(training.wait().unwrap().success());
     assert_eq!(run.summary().hashes(), disturbed);
     assert!(!page.is_there(), "it ends with the training");
@@ -105,17 +105,31 @@ fn a_training_serves_a_page_that_may_die() {
 #[test]
 fn whoever_watches_a_training_sees_how_it_ends() {
     let run = TestRun::new(programs!());
-    let (mut training, page) = train_with_page(&run);
-    let events = page.send(&page.question("GET", "/api/events", page.address()));
-    let mut lines = BufReader::new(events).lines().map_while(Result::ok);
-    let is_end = |line: String| {
-        let list: Option<Value> = serde_json::from_str(line.strip_prefix("data: ")?).ok();
-        (list?["runs"][0]["state"] == "finished").then_some(())
-    };
-    lines.find_map(is_end).expect("a list with the finished run");
+    let (mut training, page) = train_with_page(&run, &[]);
+    assert!(states(&page).any(|state| state == "finished"));
     assert!(page.json("/api/runs/run")["summary"]["policy_sha256"].is_string());
     assert!(training.wait().unwrap().success());
     assert!(!page.is_there(), "it ends with the training");
+}
+
+#[test]
+fn whoever_watches_a_training_sees_that_it_was_stopped() {
+    let run = TestRun::new(programs!());
+    let (mut training, page) = train_with_page(&run, &["steps=10000000"]);
+    let mut states = states(&page);
+    assert!(states.any(|state| state == "training"));
+    send(training.id(), Signal::Interrupt);
+    assert!(states.any(|state| state == "stopped"));
+    assert_eq!(training.wait().unwrap().code(), Some(130));
+}
+
+/// Returns the states of a page's only run, as its lists have them.
+fn states(page: &Page) -> impl Iterator<Item = String> {
+    let events = page.send(&page.question("GET", "/api/events", page.address()));
+    BufReader::new(events).lines().map_while(Result::ok).filter_map(|line| {
+        let list: Value = serde_json::from_str(line.strip_prefix("data: ")?).ok()?;
+        Some(list["runs"][0]["state"].as_str()?.to_owned())
+    })
 }
 
 #[test]
@@ -174,7 +188,7 @@ fn strangers_are_not_answered() {
     let asked = page.question("GET", "/api/runs", host);
     let foreign = asked.replacen("\r\n", "\r\norigin: http://evil.example\r\n", 1);
     let line = page.refusal(403, &foreign);
-    assert!(line.contains("another site"), "{line}");
+    assert!(line.contains("one from \"http://evil.example\""), "{line}");
     // Another user of this machine, who does not know the token.
     for path in ["/api/runs", "/api/runs?token=00", "/api/events"] {
         let line = page.refusal(403, &Page::question_of_a_stranger("GET", path, host));

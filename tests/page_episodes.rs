@@ -118,7 +118,7 @@ fn an_episode_is_asked_what_another_reward_would_have_given() {
     for (with, status, line) in [
         ("with=ppo.clip=0.1", 400, "expected a key such as reward.uncertainty"),
         ("with=reward.nothing=1", 400, "unknown field `nothing`"),
-        ("with=model=/etc", 404, "expected the name of a run"),
+        ("with=model=/etc", 400, "with: expected keys of the reward, found model=/etc"),
         ("model=nobody", 404, "no run is called nobody"),
     ] {
         let found = page.refusal(status, &page.question("GET", &path(with), page.address()));

@@ -6,20 +6,21 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use serde::de::DeserializeOwned;
 use tokio::io::AsyncWriteExt;
-use tokio::runtime::Handle;
 use tokio::time::timeout;
+
+use crate::supervisor::runtime;
 
 /// Longest time that a program may take to answer.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Runs a program with `input` as its standard input and returns the JSON that it prints. Must be called on a thread of
-/// a tokio runtime that may block.
+/// Runs a program with `input` as its standard input and returns the JSON that it prints. The calling thread waits in a
+/// runtime of its own, because the page's may end before the answer.
 ///
 /// # Errors
 /// When the program cannot start, takes too long, fails (with its last words) or prints something else.
 pub(crate) fn of<T: DeserializeOwned>(program: Command, input: &[u8]) -> Result<T> {
     let patience = PATIENCE.as_secs();
-    let answer = Handle::current().block_on(timeout(PATIENCE, printed(program, input)));
+    let answer = runtime()?.block_on(async { timeout(PATIENCE, printed(program, input)).await });
     let printed = answer.with_context(|| format!("no answer within {patience} s"))??;
     serde_json::from_slice(&printed).context("reading a program's answer")
 }

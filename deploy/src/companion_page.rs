@@ -1,7 +1,8 @@
 //! The page that `goalward train` serves during training. It is a process of its own, so that its failures do not
 //! affect the training, and it ends with the training.
 
-use std::io::{BufRead, BufReader};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -11,6 +12,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, PercentEncode, utf8_percent_encode};
+
+use crate::answer::last_words;
 
 /// Longest time that the page may take to print its address.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -40,13 +43,13 @@ impl CompanionPage {
         let (folder, name) = run.parent().zip(run.file_name()).context("expected a folder")?;
         let mut command = Command::new(std::env::current_exe()?);
         command.args(["page", "--beside-training"]).arg(folder);
+        let mut errors = tempfile::tempfile()?;
         // The page has a process group of its own, so that Ctrl-C reaches the training alone.
-        command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        command.process_group(0).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command.stderr(errors.try_clone()?);
         let mut page = CompanionPage { page: command.spawn()?, address: String::new() };
         let printed = page.printed();
-        let address = printed.with_context(|| {
-            format!("expected its address within {} s, found none", PATIENCE.as_secs())
-        })?;
+        let address = printed.with_context(|| why_not(&mut errors))?;
         page.address = address_of_run(&address, &name.to_string_lossy());
         Ok(page)
     }
@@ -90,6 +93,14 @@ fn encoded(name: &str) -> PercentEncode<'_> {
     utf8_percent_encode(name, ENCODED)
 }
 
+/// Returns why a page has printed no address: the last line of its `errors`, if there is one.
+fn why_not(errors: &mut File) -> String {
+    let mut said = String::new();
+    errors.rewind().and_then(|()| errors.read_to_string(&mut said)).ok();
+    let late = || format!("expected its address within {} s, found none", PATIENCE.as_secs());
+    last_words(&said).map_or_else(late, str::to_owned)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,9 +115,9 @@ mod tests {
 
     #[test]
     fn a_page_that_does_not_start_says_so() {
-        // The program of this test has no verb `page` and ends with a refusal.
+        // The program of this test has no verb `page` and ends with a refusal that names the flag.
         let directory = tempfile::tempdir().unwrap();
         let refused = CompanionPage::start(directory.path()).err().unwrap().to_string();
-        assert_eq!(refused, "expected its address within 2 s, found none");
+        assert!(refused.contains("beside-training"), "{refused}");
     }
 }

@@ -72,14 +72,16 @@ impl EventFiles {
         let run = run.clone();
         let (end, ended) = mpsc::sync_channel(0);
         let write = move || {
+            let mut told = String::new();
             while ended.recv_timeout(EVERY) == Err(RecvTimeoutError::Timeout) {
-                tell(file.go_on());
+                tell(file.go_on(), &mut told);
             }
             let summary = Summary::of_run(&run).unwrap_or(None);
-            tell(match summary {
+            let written = match summary {
                 Some(summary) => file.end(&summary),
                 None => file.go_on(),
-            });
+            };
+            tell(written, &mut told);
         };
         let writer = Builder::new().name("event-files".to_owned()).spawn(write)?;
         Ok(EventFiles { end, writer: Some(writer) })
@@ -93,13 +95,14 @@ impl Drop for EventFiles {
     }
 }
 
-/// Reports a failed write. What is missing is written the next time, or by `goalward report` when the run is over.
-fn tell(written: Result<()>) {
-    if let Err(error) = written {
-        print_remark(&format!(
-            "the event file for TensorBoard lacks the newest updates: {error:#}"
-        ));
+/// Reports a failed write, once while it fails for the same reason. What is missing is written the next time, or by
+/// `goalward report` when the run is over.
+fn tell(written: Result<()>, told: &mut String) {
+    let why = written.err().map_or_else(String::new, |error| format!("{error:#}"));
+    if !why.is_empty() && why != *told {
+        print_remark(&format!("the event file for TensorBoard lacks the newest updates: {why}"));
     }
+    *told = why;
 }
 
 #[cfg(test)]

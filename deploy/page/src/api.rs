@@ -186,8 +186,11 @@ async fn reward(
 ) -> Answer {
     let ask = move |runs: &Runs, asked: Asked| {
         let changes: Vec<String> = with.split_whitespace().map(str::to_owned).collect();
-        if changes.iter().any(|change| change.starts_with("model=")) {
-            return Err(Refused::unknown("expected the name of a run as `model`"));
+        if let Some(change) = changes.iter().find(|change| change.starts_with("model=")) {
+            let words = format!(
+                "with: expected keys of the reward, found {change}; the run is the parameter `model`"
+            );
+            return Err(Refused(StatusCode::BAD_REQUEST, words));
         }
         let found = |name: String| {
             let unknown = || Refused::unknown(format!("no run is called {name}"));

@@ -225,11 +225,12 @@ impl Episodes {
 
     fn recorded_at(&self, episode: &Episode, spec: &Spec) -> Result<Recorded> {
         let name = (episode.lane, episode.number);
+        let wanted: Name = (episode.source, episode.lane, episode.number);
         let records = self.records_at(episode.trajectory)?.into_iter();
         let mut trajectories = records.filter_map(Record::trajectory);
         let is_it = |bytes: &Bytes| {
             let other = Trajectory::decode(bytes.clone());
-            other.is_ok_and(|other| (other.lane, other.episode) == name)
+            other.is_ok_and(|other| (other.source, other.lane, other.episode) == wanted)
         };
         let bytes = trajectories.find(is_it).context("expected an episode where it was")?;
         let trajectory = Trajectory::recorded(bytes, spec)?;

@@ -31,9 +31,10 @@ impl Guard {
         let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(header::HOST).unwrap_or_default();
         if self.host.is_loopback() && !self.is_own(without_port(host)) {
-            return Err(
-                "expected this machine's own name in the address, such as 127.0.0.1".to_owned()
-            );
+            return Err(format!(
+                "expected this machine's own name in the address, such as 127.0.0.1, found {}",
+                shown(host)
+            ));
         }
         let is_given = given_token(uri).is_some_and(|given| is_same(given, &self.token));
         if uri.path().starts_with(OF_RUNS) && !is_given {
@@ -41,20 +42,16 @@ impl Guard {
                 "expected the token of the address that goalward printed: its ?token=…".to_owned()
             );
         }
+        let origin = text(header::ORIGIN);
         let own = |origin: &str| origin.split_once("://").is_some_and(|(_, name)| name == host);
-        if text(header::ORIGIN).is_some_and(|origin| !own(origin)) {
-            return Err(
-                "expected a question from this page, found one from another site".to_owned()
-            );
-        }
         let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
         // Another site may link to the page, but not load anything from it. Frames are navigations too; the content
         // security policy keeps them from showing the page.
         let leads_here = headers.get("sec-fetch-mode").is_some_and(|mode| mode == "navigate");
-        if matches!(site, Some("cross-site" | "same-site")) && !leads_here {
-            return Err(
-                "expected a question from this page, found one from another site".to_owned()
-            );
+        let is_loaded_elsewhere = matches!(site, Some("cross-site" | "same-site")) && !leads_here;
+        if origin.is_some_and(|origin| !own(origin)) || is_loaded_elsewhere {
+            let found = origin.map_or_else(|| "another site".to_owned(), shown);
+            return Err(format!("expected a question from this page, found one from {found}"));
         }
         Ok(())
     }
@@ -62,6 +59,11 @@ impl Guard {
     fn is_own(&self, name: &str) -> bool {
         OWN_NAMES.contains(&name) || name.parse::<IpAddr>() == Ok(self.host)
     }
+}
+
+/// Returns a header's value for a message, cut off where it gets long.
+fn shown(value: &str) -> String {
+    format!("{:?}", value.chars().take(80).collect::<String>())
 }
 
 fn given_token(uri: &Uri) -> Option<&str> {

@@ -59,8 +59,8 @@ export const episode = (name, signal) => get(ofEpisode(...name), {}, signal);
 export const scenes = (name, signal) => get(`${ofEpisode(...name)}/scenes`, {}, signal);
 
 /** Gets the pictures that the environment renders of an episode: for each, the number of its state and a file. */
-export async function pictures(...name) {
-  const bytes = await (await answered(`${ofEpisode(...name)}/pictures`)).arrayBuffer();
+export async function pictures(name, signal) {
+  const bytes = await (await answered(`${ofEpisode(...name)}/pictures`, {}, signal)).arrayBuffer();
   const [view, found] = [new DataView(bytes), []];
   for (let at = 0; at < bytes.byteLength;) {
     const [state, length] = [view.getUint32(at, true), view.getUint32(at + 4, true)];
@@ -71,15 +71,15 @@ export async function pictures(...name) {
   return found;
 }
 
-/** Gets estimates of the reward model in a checkpoint, by default the newest, for an episode's observations. */
-export const proximity = (name, checkpoint) => get(`${ofEpisode(...name)}/proximity`, checkpoint ? { checkpoint } : {});
+/** Gets estimates of the reward model in the newest checkpoint for an episode's observations. */
+export const proximity = (name, signal) => get(`${ofEpisode(...name)}/proximity`, {}, signal);
 
-/** Gets estimates of the same model with the agent on every free cell of an episode's grid. */
-export const grid = (name, checkpoint) => get(`${ofEpisode(...name)}/grid`, checkpoint ? { checkpoint } : {});
+/** Gets estimates of the reward model in a checkpoint with the agent on every free cell of an episode's grid. */
+export const grid = (name, checkpoint, signal) => get(`${ofEpisode(...name)}/grid`, { checkpoint }, signal);
 
 /** Scores an episode under another reward: settings such as `reward.form=absolute`, and the run whose model scores. */
-export function reward(name, settings, model) {
-  return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) });
+export function reward(name, settings, model, signal) {
+  return get(`${ofEpisode(...name)}/reward`, { with: settings, ...(model ? { model } : {}) }, signal);
 }
 
 /**

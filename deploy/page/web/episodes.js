@@ -38,8 +38,8 @@ export class EpisodesView {
     Object.assign(this, { run, collection, isOpen: true, known: null, runs: [] });
     this.wanted = [row, beside].map((text) => (text === "" ? null : Number(text)));
     this.trouble = element("div", { role: "alert" });
-    this.told = element("span", { class: "soft", role: "status" });
-    this.nothing = element("p");
+    this.told = element("span", { class: "soft" });
+    this.nothing = element("p", { role: "status" });
     this.filter = element("input", {
       id: "filter", type: "search", "aria-label": "Filter episodes", oninput: () => this.draw(),
       placeholder: "Filter ( / ): failed, evaluation, steps<20, uncertainty>0.1",

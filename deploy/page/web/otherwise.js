@@ -21,9 +21,9 @@ export class Otherwise {
       button("Compare", () => this.ask()), button("Clear", () => this.clear()));
   }
 
-  /** Takes another episode. The models of other runs of its task can be selected. */
-  take(name, task, runs) {
-    this.name = name;
+  /** Takes another episode, until `signal` aborts. The models of other runs of its task can be selected. */
+  take(name, task, runs, signal) {
+    [this.name, this.signal] = [name, signal];
     const others = runs.filter((run) => run.task === task && run.id !== name[0]);
     const chosen = this.model.value;
     this.model.replaceChildren(element("option", { value: "" }, "this run's model"),
@@ -45,7 +45,7 @@ export class Otherwise {
       return;
     }
     try {
-      const told = await api.reward(name, this.settings.value, this.model.value);
+      const told = await api.reward(name, this.settings.value, this.model.value, this.signal);
       if (this.ticket === ticket) this.ontold(told);
     } catch (error) {
       if (this.ticket === ticket) this.oncomplain(error.message);

@@ -22,7 +22,7 @@ export class Player {
   constructor({ follows = false } = {}) {
     [this.name, this.at, this.last, this.isPlaying, this.follower, this.follows] = [null, 0, 0, false, null, follows];
     this.caption = element("p", { class: "soft" });
-    this.trouble = element("p", { class: "trouble", hidden: true });
+    this.trouble = element("p", { class: "trouble", role: "alert", hidden: true });
     this.stagePlace = element("div", { class: "stage" });
     this.button = button("Play", () => this.toggle());
     this.timeline = element("input", {
@@ -80,7 +80,7 @@ export class Player {
     this.last = episode.steps;
     this.timeline.max = episode.steps;
     this.drawCurves(episode);
-    this.otherwise.take(name, episode.task.name, this.runs);
+    this.otherwise.take(name, episode.task.name, this.runs, this.asking.signal);
     await this.stage(episode);
     if (this.name !== name) return;
     this.episode = episode;
@@ -137,7 +137,7 @@ export class Player {
       const { name } = this;
       [render.disabled, render.textContent] = [true, "Rendering"];
       try {
-        const found = await api.pictures(...name);
+        const found = await api.pictures(name, this.asking.signal);
         if (found.length === 0) throw new Error("The environment renders no pictures: it has no render mode rgb_array.");
         if (this.name !== name) return;
         this.complain("");
@@ -172,7 +172,7 @@ export class Player {
     const { name } = this;
     const isAsked = () => this.name === name && this.heated === checkpoint;
     try {
-      const said = await api.grid(name, checkpoint);
+      const said = await api.grid(name, checkpoint, this.asking.signal);
       if (isAsked()) this.shown.heat?.(said);
     } catch (error) {
       if (isAsked()) this.complain(error.message);
@@ -186,7 +186,7 @@ export class Player {
     if (episode.proximity.length > 0 || this.details.checkpoints.length === 0) return;
     // The episode was not scored: the newest model estimates it, if it can score single observations.
     const { name } = this;
-    const said = await api.proximity(name).catch(() => episode);
+    const said = await api.proximity(name, this.asking.signal).catch(() => episode);
     if (this.name !== name) return;
     this.recorded = { ...episode, proximity: said.proximity, uncertainty: said.uncertainty };
     this.draw();

@@ -33,6 +33,11 @@ export class Processes {
   }
 
   async look() {
+    // As the list of runs: another tab may need the connection.
+    if (document.hidden) {
+      this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
+      return;
+    }
     const failed = (error) => ({ trouble: error.message, head: [], rows: [], hosts: [] });
     const found = await api.processes(this.id).catch(failed);
     if (!this.isLive) return;

@@ -16,7 +16,7 @@ const COLUMNS = [
   { key: "evaluated_success_rate", label: "evaluation", show: (run) => percent(run.evaluated_success_rate) },
   { key: "wall_s", label: "time", show: (run) => duration(run.wall_s) },
   { key: "begun", label: "begun", show: (run) => date(run.begun) },
-  { label: "", show: (run) => element("a", { href: `#/episodes/${encodeURIComponent(run.id)}` }, "watch") },
+  { label: "episodes", show: watch },
 ];
 
 /** The view of all runs. */
@@ -35,7 +35,7 @@ export class ListView {
     this.compare = button("Compare", () => {
       location.hash = `#/compare/${[...this.chosen].map(encodeURIComponent).join(",")}`;
     });
-    this.told = element("div");
+    this.told = element("div", { role: "status" });
     this.body = element("tbody");
     this.table = element("div", { class: "scroll" }, element("table", {},
       element("thead", {}, this.head.row), this.body));
@@ -110,8 +110,13 @@ function link(run) {
   return element("a", { href: `#/run/${encodeURIComponent(run.id)}` }, run.id);
 }
 
+function watch(run) {
+  const href = `#/episodes/${encodeURIComponent(run.id)}`;
+  return element("a", { href, "aria-label": `Watch ${run.id}` }, "watch");
+}
+
 function steps(run) {
-  const bar = element("progress", { max: run.steps_wanted, value: run.environment_steps });
+  const bar = element("progress", { "aria-hidden": "true", max: run.steps_wanted, value: run.environment_steps });
   // Behavioral cloning takes no steps.
   const isMoving = run.state !== "finished" && run.steps_wanted > 0;
   return element("span", {}, isMoving ? bar : "", ` ${count(run.environment_steps)}`);

@@ -131,7 +131,7 @@ function firstBehind(line, x) {
   return low;
 }
 
-/** Reduces a line to few points: the lowest and the highest of each section. */
+/** Reduces a line to few points: its ends, and the lowest and the highest of each section. */
 export function thinned(line) {
   if (line.length <= DRAWN_POINTS) return line;
   const stretch = Math.ceil(line.length / (DRAWN_POINTS / 2));
@@ -142,5 +142,5 @@ export function thinned(line) {
     const high = part.reduce((a, b) => (b[1] > a[1] ? b : a));
     kept.push(...(low[0] <= high[0] ? [low, high] : [high, low]));
   }
-  return kept;
+  return [line[0], ...kept, line.at(-1)];
 }

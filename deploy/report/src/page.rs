@@ -10,7 +10,7 @@ use run::time_to_success::TimeToSuccess;
 use crate::learning::{Against, Row, SHARES};
 use crate::measured::{Measured, MeasuredCurve, MeasuredFigure, MeasuredPanel};
 use crate::over_panels::{OverPanels, over_panels};
-use crate::pictures::Pictures;
+use crate::pictures::{Pictures, plain};
 use crate::statistics::{Estimate, Standing};
 use terminal::numbers;
 
@@ -84,7 +84,7 @@ fn processor() -> String {
 
 fn figure(figure: &MeasuredFigure, pictures: &Pictures) -> Markup {
     html! {
-        section id=(figure.name) {
+        section id=(format!("figure-{}", plain(&figure.name))) {
             h2 { (figure.title) }
             div.panels {
                 @for panel in &figure.panels {

@@ -155,9 +155,13 @@ fn heat(run: &Measured, classes: &Classes, programs: &dyn ReportPrograms) -> Res
 /// Returns the stem of the names of a panel's files. Neither part has a `+`, so files of different panels of a figure
 /// have different names.
 fn stem(figure: &str, panel: &str) -> String {
+    format!("{}+{panel}", plain(figure))
+}
+
+/// Returns a name with `-` for each character that file names and addresses may not have.
+pub(crate) fn plain(name: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
-    let plain = |letter: char| if is_plain(letter) { letter } else { '-' };
-    format!("{}+{panel}", figure.chars().map(plain).collect::<String>())
+    name.chars().map(|letter| if is_plain(letter) { letter } else { '-' }).collect()
 }
 
 fn learning_file(stem: &str, against: Against) -> String {

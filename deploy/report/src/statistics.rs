@@ -56,12 +56,13 @@ impl Standing {
         if own.len().min(other.len()) < FEWEST {
             return None;
         }
-        let [(one, few), (two, many)] =
+        let [(one, own_freedom), (two, other_freedom)] =
             [own, other].map(|values| (Moments::of(values), values.len() as f64 - 1.0));
         let [one, two] = [one?, two?];
         let squared = one.squared_error + two.squared_error;
-        let freedom =
-            squared.powi(2) / (one.squared_error.powi(2) / few + two.squared_error.powi(2) / many);
+        let summed =
+            one.squared_error.powi(2) / own_freedom + two.squared_error.powi(2) / other_freedom;
+        let freedom = squared.powi(2) / summed;
         // If all seeds of both methods agree, the variance is 0 and the degrees of freedom are undefined.
         let half = if squared > 0.0 { quantile(freedom) * squared.sqrt() } else { 0.0 };
         let difference = one.mean - two.mean;

@@ -97,6 +97,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     print_standing(arguments, &mut planned, left, &next)?;
     if ended.is_stopped {
         print_remark(&format!("stopped; continue with\n  {}", own_line(arguments)));
+    }
+    if ended.is_stopped && ended.failed.is_empty() {
         return Err(stopped());
     }
     if !ended.failed.is_empty() {

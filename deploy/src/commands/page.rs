@@ -59,7 +59,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
     named_runs::at(&folders)?;
     // If the system refuses, the page runs with normal priority.
     rustix::process::nice(NICENESS).ok();
-    runtime()?.block_on(async {
+    let runtime = runtime()?;
+    let ended = runtime.block_on(async {
         let listen = |port| {
             let folders = folders.clone();
             let (name, programs) = (node_name(), Box::new(OfRuns));
@@ -71,9 +72,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         }
         let server = server.map_err(|error| {
             let kind = error.root_cause().downcast_ref().map(std::io::Error::kind);
-            let is_port = matches!(kind, Some(ErrorKind::AddrInUse | ErrorKind::PermissionDenied));
-            let advice = if is_port { "; --port chooses another port, 0 a free one" } else { "" };
-            wrong_usage(format!("{error:#}{advice}"))
+            match kind {
+                Some(ErrorKind::AddrInUse | ErrorKind::PermissionDenied) => {
+                    wrong_usage(format!("{error:#}; --port chooses another port, 0 a free one"))
+                }
+                Some(ErrorKind::AddrNotAvailable) => wrong_usage(format!("{error:#}")),
+                _ => error,
+            }
         })?;
         print_line(&format!("{}  (Ctrl-C ends it)", server.address()?));
         let mut signals = Signals::listen()?;
@@ -87,7 +92,10 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
             ended = server.serve(end) => ended,
             () = signals.stop.next() => Ok(()),
         }
-    })
+    });
+    // Nobody waits for what programs of runs still answer.
+    runtime.shutdown_background();
+    ended
 }
 
 /// Waits until the standard input ends, because the process that held it is gone.

@@ -179,6 +179,9 @@ pub(crate) fn run(arguments: Arguments) -> Result<()> {
         place.check()?;
         lock.keep_failure(format!("{error:#}"));
     }
+    // The page lists the run once more as it ends, and must not find it held.
+    drop(lock);
+    drop(page);
     conclude(outcome?, output, &prepared.folder)
 }
 

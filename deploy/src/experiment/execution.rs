@@ -20,7 +20,7 @@ use super::training::{Standing, Training};
 use crate::child::Child;
 use crate::supervisor::{Signals, runtime};
 use terminal::numbers;
-use terminal::refusal::WRONG_USAGE;
+use terminal::refusal::{STOPPED, WRONG_USAGE};
 use terminal::status_line::StatusLine;
 
 /// Time between two checks of the processes if no signal arrives.
@@ -193,11 +193,15 @@ impl Execution {
     }
 
     fn settle(&mut self, training: Training, status: ExitStatus) {
-        let refused = status.code() == Some(i32::from(WRONG_USAGE));
+        let ended_with = |code: u8| status.code() == Some(i32::from(code));
+        // A process that a signal ended has no code.
+        let was_stopped = status.code().is_none() || ended_with(STOPPED);
         match training.summary() {
             Some(summary) => self.count(&training, &summary),
-            None if self.ended.is_stopped => {}
-            None if refused && training.is_elsewhere() => self.leave_to_others(training),
+            None if self.ended.is_stopped && was_stopped => {}
+            None if ended_with(WRONG_USAGE) && training.is_elsewhere() => {
+                self.leave_to_others(training)
+            }
             None => {
                 let words = training.output().last_lines();
                 self.fail(&training, &format!("ended ({status}); {words}"));

@@ -86,5 +86,7 @@ pub(super) async fn end(mut processes: Vec<&mut Process>, signals: &mut Signals)
             () = tokio::time::sleep_until(deadline) => break,
         }
     }
-    processes.into_iter().try_for_each(Process::kill)
+    // All are killed, even if one cannot be.
+    let killed: Vec<_> = processes.into_iter().map(Process::kill).collect();
+    killed.into_iter().collect()
 }

@@ -106,11 +106,11 @@ async fn supervise(
     settle_checkpoints(folder, view)?;
     progress_file::clear(folder);
     Hosts::clear(folder);
-    let wanted = ActorsWanted::here(folder);
+    let (config, wanted) = (folder.config()?, ActorsWanted::here(folder));
     let watch = BusWatch::start(&address)?;
     let fleet = Fleet::new(folder, source);
     let restarts = CoreRestarts::default();
-    let (bus, config) = (BusFolder::of(&address), folder.config()?);
+    let bus = BusFolder::of(&address);
     let mut supervision =
         Supervision { folder, config, place, bus, view, signals, watch, fleet, restarts, wanted };
     let outcome = supervision.run().await;

@@ -12,7 +12,7 @@ const DATA_LOST: u8 = 3;
 
 /// Exit code of a command that the user stopped, so that no script takes it for finished; shells use the same for
 /// Ctrl-C.
-const STOPPED: u8 = 130;
+pub const STOPPED: u8 = 130;
 
 /// An error that is not a plain failure.
 #[derive(Debug, thiserror::Error)]

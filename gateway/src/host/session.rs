@@ -206,6 +206,11 @@ impl Session {
         }
     }
 
+    /// Returns the name to ask for: the one that this host got when it joined, if it did.
+    fn name(&self) -> String {
+        self.host.borrow().as_ref().unwrap_or(&self.identity.host).clone()
+    }
+
     /// Says hello, unless another call has done so since the count was `hellos`.
     async fn hello_after(&self, hellos: u64) -> Result<()> {
         let mut said = self.hellos.lock().await;
@@ -215,7 +220,7 @@ impl Session {
         let hello = || Hello {
             protocol: PROTOCOL,
             session: self.number,
-            host: self.identity.host.clone(),
+            host: self.name(),
             build: build::version().to_owned(),
             golden: self.identity.golden.clone(),
             other_build: self.identity.other_build,

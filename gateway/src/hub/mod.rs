@@ -50,8 +50,8 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 /// Largest number of connections at once: one of every host, and as many of hosts that reconnect.
 const CONNECTIONS: usize = 2 * MAX_ACTORS;
 
-/// Largest number of concurrent calls of one connection.
-const CALLS_AT_ONCE: usize = 256;
+/// Largest number of concurrent calls of one connection: an open request of every actor, and some more of their host.
+const CALLS_AT_ONCE: usize = MAX_ACTORS + 16;
 
 /// How often the list of hosts in the run's folder is updated.
 const KEEP_HOSTS: Duration = Duration::from_millis(500);
