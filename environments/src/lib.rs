@@ -111,8 +111,8 @@ pub trait Environment: Send {
         Ok(false)
     }
 
-    /// Returns a hash of the exact state (ours use xxh3): two environments with the same hash respond to the same actions with
-    /// the same bytes. A replay compares the hash with the recorded one.
+    /// Returns a hash of the exact state (ours use xxh3): two environments with the same hash respond to the same
+    /// actions with the same bytes. A replay compares the hash with the recorded one.
     fn state_hash(&self) -> u64;
 
     /// Returns the solids that a viewer draws, which never change; empty for a task without physics.

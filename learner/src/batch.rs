@@ -5,7 +5,7 @@ use networks::RunningNormalizer;
 use protocol::ending::Ending;
 use protocol::messages::Score;
 use protocol::task::{Spec, floats};
-use protocol::trajectory::Encoded;
+use protocol::trajectory::{Encoded, Trajectory};
 use run::process::Final;
 
 use crate::reward_scale::{EpisodeRewards, RewardScale};
@@ -65,10 +65,14 @@ impl RolloutBatch {
                 trajectory.episode,
                 score.rewards.len()
             );
-            if !score.rewards.iter().all(|reward| reward.is_finite()) {
-                let (lane, episode) = (trajectory.lane, trajectory.episode);
-                let message = format!("lane {lane} episode {episode}: expected finite rewards");
-                return Err(Final(format!("the reward model diverged: {message}")).into());
+            if let Some(index) = score.rewards.iter().position(|reward| !reward.is_finite()) {
+                let Trajectory { lane, episode, .. } = *trajectory;
+                let (step, found) = (index + 1, score.rewards[index]);
+                let message = format!("expected a finite reward, found {found}");
+                return Err(Final(format!(
+                    "the reward model diverged: lane {lane} episode {episode} step {step}: {message}"
+                ))
+                .into());
             }
             let observations = trajectory.observations();
             let (acted_on, last) = observations.split_at(steps * spec.observation.bytes());

@@ -93,7 +93,11 @@ impl ServiceClient {
             let bytes = |position: &u32| Some(trajectories.get(*position as usize)?.bytes.clone());
             supplied = missing.iter().filter_map(bytes).collect();
         }
-        bail!("batch {iteration}: the service lacks trajectories it was sent")
+        bail!(
+            "batch {iteration}: expected the service to have its {} trajectories, found that it lacks \
+             some that it was sent",
+            trajectories.len()
+        )
     }
 
     /// Returns the scores of the current batch, in batch order.

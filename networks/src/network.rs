@@ -222,7 +222,7 @@ impl Network {
         gradients.begin(output_gradient);
         self.layers.input_gradient(&prepared.panels, values, gradients);
         if !self.encoder.is_identity() {
-            last(&mut gradients.outputs, self.shape.extra_inputs);
+            keep_last(&mut gradients.outputs, self.shape.extra_inputs);
         }
         &gradients.outputs
     }
@@ -260,7 +260,7 @@ fn narrow(values: &mut DMatrix<f32>, further: usize) {
 }
 
 /// Keeps only the last `further` features of each row.
-fn last(values: &mut DMatrix<f32>, further: usize) {
+fn keep_last(values: &mut DMatrix<f32>, further: usize) {
     let (width, rows) = values.shape();
     let numbers = values.as_mut_slice();
     for row in 0..rows {

@@ -1,4 +1,5 @@
-//! Running mean and variance of the policy's observations and of returns (Table 2).
+//! Mean and variance: running, of the policy's observations (Table 2) and of returns (the authors' code); or fixed,
+//! of demonstrations.
 //!
 //! Batches are merged by Chan's parallel update in double precision, in the given order.
 

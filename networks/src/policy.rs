@@ -1,4 +1,4 @@
-//! Actor and critic for a task (Appendix G.2), which PPO trains and actors sample from.
+//! Actor and critic for a task (Appendix G.2), which policy learners train and actors act by.
 //!
 //! Over cells, actor and critic are two heads of one network unless `shared_trunk` is off; over vectors they are
 //! two networks. A continuous policy has one additional parameter for each action component, the logarithm of its

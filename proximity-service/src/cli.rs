@@ -136,7 +136,7 @@ fn estimate(folder: &RunFolder, checkpoint: Option<u64>) -> Result<()> {
 }
 
 fn configuration(file: &Path) -> Result<RunConfig> {
-    let text = fs::read_to_string(file).context("--config")?;
+    let text = fs::read_to_string(file).with_context(|| format!("--config {}", file.display()))?;
     Ok(RunConfig::from_text(&text, &file.display().to_string())?)
 }
 

@@ -103,7 +103,10 @@ pub(crate) fn rescore(
                 for (encoded, again) in batch.iter().zip(&again) {
                     let key = (encoded.key.lane, encoded.key.episode);
                     let recorded = scores.remove(&key).with_context(|| {
-                        format!("lane {} episode {}: expected its score in the log", key.0, key.1)
+                        format!(
+                            "iteration {} lane {} episode {}: expected its score in the log, found none",
+                            update.iteration, key.0, key.1
+                        )
                     })?;
                     let pair = compare(encoded, &recorded, again, task.tells_success)?;
                     write_line(lines, encoded, &pair)?;
@@ -143,7 +146,11 @@ fn compare(
     tells_success: bool,
 ) -> Result<Returns> {
     let (expected, found) = (recorded.rewards.len(), again.rewards.len());
-    ensure!(expected == found, "expected {expected} rewards, found {found}");
+    let Trajectory { lane, episode, .. } = encoded.trajectory;
+    ensure!(
+        expected == found,
+        "lane {lane} episode {episode}: expected {expected} rewards, found {found}"
+    );
     let sum = |score: &Score| score.rewards.iter().map(|reward| f64::from(*reward)).sum();
     let success = tells_success.then_some(encoded.trajectory.success);
     Ok(Returns { recorded: sum(recorded), other: sum(again), success })

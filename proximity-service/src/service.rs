@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use bus::{Bus, Doorbell, Published, Role, Server, TrajectorySubscriber};
+use bus::{Bus, Doorbell, Published, Request, Role, Server, TrajectorySubscriber};
 use prost::Message;
 use protocol::dropped::Dropped;
 use protocol::messages::{
@@ -54,6 +54,7 @@ pub(crate) struct Service {
     offline_file: OfflineFile,
     intake: Intake,
     dropped: Dropped,
+    dropped_questions: Dropped,
     /// Whether the learner has begun, so that the model is in the state that its other requests are about.
     is_begun: bool,
     improved: Option<RewardUpdate>,
@@ -97,6 +98,7 @@ impl Service {
             model,
             intake: Intake::new(config.task.spec()),
             dropped: Dropped::new("trajectories from the bus"),
+            dropped_questions: Dropped::new("questions"),
             is_begun: false,
             improved: None,
             clock: ProcessorClock::default(),
@@ -117,7 +119,7 @@ impl Service {
                 matches!(self.offline, OfflineTraining::UnderWay(_)) && !stop.is_requested();
             self.doorbell.wait(if trains { Duration::ZERO } else { TICK })?;
             self.take_trajectories()?;
-            while let Some(question) = self.requests.receive()? {
+            while let Some(question) = self.next_question() {
                 self.take_trajectories()?;
                 let answer = self.answer(question.bytes(), question.asker());
                 let answer = answer.unwrap_or_else(|error| refusal(&error));
@@ -135,6 +137,14 @@ impl Service {
             self.keep_offline();
         }
         Ok(())
+    }
+
+    /// Returns the next request, if there is one. A client that cannot be connected does not end the service.
+    fn next_question(&mut self) -> Option<Request> {
+        self.requests.receive().unwrap_or_else(|why| {
+            self.dropped_questions.note(why);
+            None
+        })
     }
 
     /// Runs a slice of offline training.
@@ -174,14 +184,13 @@ impl Service {
             if header.iteration >= self.iterations {
                 continue;
             }
-            kept += bytes.len();
-            if kept > MOST_RECEIVED_BYTES {
-                kept -= bytes.len();
+            if kept + bytes.len() > MOST_RECEIVED_BYTES {
                 let most = MOST_RECEIVED_BYTES >> 20;
                 self.dropped
                     .note(format!("process {process}: more than {most} MiB wait for a batch"));
                 continue;
             }
+            kept += bytes.len();
             let key =
                 TrajectoryKey { lane: header.lane, episode: header.episode, hash: header.hash };
             self.intake.receive(key, bytes);
@@ -292,13 +301,17 @@ fn restore(model: &mut dyn RewardModel, tensors: &Tensors) -> Result<()> {
 /// Refuses a score with numbers that are not finite.
 fn expect_finite(score: &Score) -> Result<(), Final> {
     let Score { iteration, lane, episode, rewards, proximity, uncertainty, .. } = score;
-    if [rewards, proximity, uncertainty].into_iter().flatten().all(|number| number.is_finite()) {
-        return Ok(());
+    let all = [("reward", rewards), ("proximity", proximity), ("uncertainty", uncertainty)];
+    for (what, numbers) in all {
+        if let Some(index) = numbers.iter().position(|number| !number.is_finite()) {
+            let found = numbers[index];
+            return Err(Final(format!(
+                "the reward model diverged: iteration {iteration}, lane {lane} episode {episode}, \
+                 {what} {index}: expected a finite number, found {found}"
+            )));
+        }
     }
-    Err(Final(format!(
-        "the reward model diverged: iteration {iteration}, lane {lane} episode {episode}: expected \
-         finite rewards, proximity and uncertainty"
-    )))
+    Ok(())
 }
 
 /// Converts an error into the answer to a request that cannot be served.

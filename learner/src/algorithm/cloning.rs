@@ -62,7 +62,7 @@ impl Cloning {
         let mut windows = WindowIndex::default();
         let observations = self.trainer.index(&pairs.observations, &mut windows);
         for (number, minibatch) in minibatches.enumerate() {
-            let loss = Likelihood {
+            let loss = NegativeLogLikelihood {
                 distribution: self.trainer.network().distribution(),
                 actions: &pairs.actions,
                 action_bytes: self.action_bytes,
@@ -115,7 +115,7 @@ impl Cloning {
 }
 
 /// Negative log-likelihood of the actions.
-struct Likelihood<'a> {
+struct NegativeLogLikelihood<'a> {
     distribution: Distribution,
     actions: &'a [u8],
     action_bytes: usize,
@@ -124,7 +124,7 @@ struct Likelihood<'a> {
     weight: f32,
 }
 
-impl RowLoss for Likelihood<'_> {
+impl RowLoss for NegativeLogLikelihood<'_> {
     const OF_VALUES: bool = false;
 
     fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn deviations_are_fitted_only_where_they_are_wanted() {
         let gradients = |deviations| {
-            let loss = Likelihood {
+            let loss = NegativeLogLikelihood {
                 distribution: Distribution::Gaussian { len: 1 },
                 actions: &0.5f32.to_le_bytes(),
                 action_bytes: 4,

@@ -1,4 +1,4 @@
-//! Policy learners, which turn a batch into better weights.
+//! Policy learners, which improve a policy once per iteration, from a batch or from demonstrations.
 
 mod bc;
 mod bco;

@@ -1,4 +1,4 @@
-//! A stack of dense layers.
+//! Dense layers one after another, with the memory that back-propagation through them needs.
 
 use std::ops::Range;
 

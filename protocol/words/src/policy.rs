@@ -28,7 +28,8 @@ pub struct PolicyConfig {
     pub distribution: ActionDistribution,
     /// Whether actor and critic share the encoder, for grid tasks.
     pub shared_trunk: bool,
-    /// Whether observations are normalized by their running moments, for vector tasks.
+    /// Whether observations are normalized, for vector tasks: by running moments with PPO, by those of the
+    /// demonstrations with learners that imitate these themselves.
     pub normalize_observations: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Reward models, which learn the reward and score episodes.
+//! Reward models, learned or fixed, which score episodes.
 
 mod bootstrap;
 mod discriminator;

@@ -14,7 +14,7 @@ pub enum Slice {
     Done(RewardUpdate),
 }
 
-/// Progress of offline training.
+/// Gradient steps taken so far, offline or in an online update.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Progress {
     /// Gradient steps taken.

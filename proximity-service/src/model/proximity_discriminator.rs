@@ -58,10 +58,10 @@ impl RewardModel for ProximityDiscriminator {
             Slice::Done(own) => own,
             under_way => return Ok(under_way),
         };
-        match self.discriminator.pretrain(Duration::MAX)? {
-            Slice::Done(others) => Ok(Slice::Done(self.joined(own, &others))),
-            under_way => Ok(under_way),
-        }
+        let Slice::Done(others) = self.discriminator.pretrain(Duration::MAX)? else {
+            unreachable!("a discriminator has no minibatches offline")
+        };
+        Ok(Slice::Done(self.joined(own, &others)))
     }
 
     fn improve(&mut self, iteration: u64, batch: &[Encoded]) -> Result<RewardUpdate, Final> {

@@ -1,4 +1,4 @@
-//! Registry of the reward models.
+//! The constructor of each reward model, by its name in a configuration.
 
 use anyhow::{Context, Result};
 use run::config::RunConfig;
@@ -30,7 +30,8 @@ const MODELS: &[(&str, Constructor)] = &[
 pub fn of_run(folder: &RunFolder, config: &RunConfig) -> Result<Box<dyn RewardModel>> {
     let name = config.reward.model.name;
     let found = MODELS.iter().find(|(known, _)| *known == name);
-    let (_, construct) = found.with_context(|| format!("no reward model is called {name}"))?;
+    let (_, construct) =
+        found.with_context(|| format!("expected the name of a reward model, found {name}"))?;
     construct(folder, config)
 }
 

@@ -186,8 +186,8 @@ fn of_expert(config: &RunConfig, demonstrations: &[Trajectory]) -> ReplayBuffer 
     ReplayBuffer::of_demonstrations(config.task.spec(), &demonstrations)
 }
 
-/// Moves target parameters towards the parameters that they follow.
-fn follow(targets: &mut [f32], parameters: &[f32], rate: f64) {
+/// Moves target parameters towards the parameters of their network by Polyak averaging.
+fn polyak_update(targets: &mut [f32], parameters: &[f32], rate: f64) {
     let rate = rate as f32;
     for (target, parameter) in targets.iter_mut().zip(parameters) {
         *target += rate * (parameter - *target);

@@ -20,10 +20,10 @@ pub(super) struct QFunction {
     network: Network,
     action_len: usize,
     parameters: Vec<f32>,
-    targets: Vec<f32>,
+    target_parameters: Vec<f32>,
     trainer: ShardedTrainer<Network>,
     prepared: Prepared,
-    prepared_targets: Prepared,
+    prepared_target: Prepared,
 }
 
 impl QFunction {
@@ -48,10 +48,10 @@ impl QFunction {
         let parameters = network.initial_parameters(&mut stream);
         QFunction {
             action_len,
-            targets: parameters.clone(),
+            target_parameters: parameters.clone(),
             trainer: ShardedTrainer::new(parameters.len(), ADAM_EPSILON, f64::INFINITY),
             prepared: network.prepare(&parameters),
-            prepared_targets: network.prepare(&parameters),
+            prepared_target: network.prepare(&parameters),
             parameters,
             network,
         }
@@ -59,7 +59,7 @@ impl QFunction {
 
     /// Returns the target network's values of observations and, as extra inputs, actions.
     pub(super) fn target_values(&self, batch: Batch<'_>) -> Vec<f32> {
-        evaluate(&self.network, &self.prepared_targets, batch, SHARD_ROWS, |shard| {
+        evaluate(&self.network, &self.prepared_target, batch, SHARD_ROWS, |shard| {
             let Shard { network, prepared, batch, workspace, .. } = shard;
             network.forward(prepared, batch, workspace).as_slice().to_vec()
         })
@@ -102,16 +102,16 @@ impl QFunction {
     }
 
     /// Moves the target network towards the Q-function.
-    pub(super) fn follow(&mut self, rate: f64) {
-        super::follow(&mut self.targets, &self.parameters, rate);
-        self.network.prepare_into(&self.targets, &mut self.prepared_targets);
+    pub(super) fn update_targets(&mut self, rate: f64) {
+        super::polyak_update(&mut self.target_parameters, &self.parameters, rate);
+        self.network.prepare_into(&self.target_parameters, &mut self.prepared_target);
     }
 
     /// Adds everything carried from one update to the next.
     pub(super) fn save(&self, name: &str, tensors: &mut Tensors) {
         self.trainer.save(&format!("{name}.adam"), tensors);
         tensors.put_f32(&format!("{name}.parameters"), self.parameters.iter().copied());
-        tensors.put_f32(&format!("{name}.targets"), self.targets.iter().copied());
+        tensors.put_f32(&format!("{name}.targets"), self.target_parameters.iter().copied());
     }
 
     /// Restores what [`QFunction::save`] added.
@@ -119,9 +119,10 @@ impl QFunction {
         self.trainer.restore(&format!("{name}.adam"), tensors)?;
         let count = self.parameters.len();
         self.parameters = tensors.exactly(&format!("{name}.parameters"), count, Tensors::f32)?;
-        self.targets = tensors.exactly(&format!("{name}.targets"), count, Tensors::f32)?;
+        self.target_parameters =
+            tensors.exactly(&format!("{name}.targets"), count, Tensors::f32)?;
         self.network.prepare_into(&self.parameters, &mut self.prepared);
-        self.network.prepare_into(&self.targets, &mut self.prepared_targets);
+        self.network.prepare_into(&self.target_parameters, &mut self.prepared_target);
         Ok(())
     }
 }

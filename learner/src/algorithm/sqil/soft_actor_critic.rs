@@ -120,7 +120,7 @@ impl SoftActorCritic {
                 if is_first { first } else { second }
             },
         );
-        let loss = Improvement {
+        let loss = ActorLoss {
             distribution: self.actor.network().distribution(),
             action_len: self.action_len,
             gradients: gradients.copied().collect(),
@@ -158,7 +158,7 @@ impl SoftLearner for SoftActorCritic {
         let value_loss = self.improve_q_functions(policy, minibatch, stream, learning_rate);
         let metrics = self.improve_policy(policy, minibatch, stream, learning_rate);
         let rate = self.config.target_rate;
-        self.q_functions.iter_mut().for_each(|one| one.follow(rate));
+        self.q_functions.iter_mut().for_each(|one| one.update_targets(rate));
         Metrics { value_loss, ..metrics }
     }
 
@@ -183,7 +183,7 @@ impl SoftLearner for SoftActorCritic {
 }
 
 /// The policy loss `temperature x log pi(a | s) - Q(s, a)` of sampled actions.
-struct Improvement<'a> {
+struct ActorLoss<'a> {
     distribution: Distribution,
     action_len: usize,
     drawn: &'a SampledActions,
@@ -196,7 +196,7 @@ struct Improvement<'a> {
     weight: f32,
 }
 
-impl RowLoss for Improvement<'_> {
+impl RowLoss for ActorLoss<'_> {
     const OF_VALUES: bool = false;
 
     fn of_row(&self, row: usize, output: RowOutput<'_>, gradients: &mut [f32]) -> (Metrics, f32) {

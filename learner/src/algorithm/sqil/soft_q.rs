@@ -6,7 +6,7 @@ use protocol::seed::Stream;
 use protocol::tensors::Tensors;
 use run::config::{PpoConfig, RunConfig, SqilConfig};
 
-use super::{Minibatch, SoftLearner, follow};
+use super::{Minibatch, SoftLearner, polyak_update};
 use crate::algorithm::Metrics;
 use crate::algorithm::policy_trainer::{PolicyTrainer, RowLoss, RowOutput};
 
@@ -16,7 +16,7 @@ pub(super) struct SoftQ {
     trainer: PolicyTrainer,
     /// Parameters of the Q-function; empty before the first update.
     parameters: Vec<f32>,
-    targets: Vec<f32>,
+    target_parameters: Vec<f32>,
     config: SqilConfig,
 }
 
@@ -26,7 +26,7 @@ impl SoftQ {
         SoftQ {
             trainer: PolicyTrainer::new(network, adam_epsilon, max_gradient_norm),
             parameters: Vec::new(),
-            targets: Vec::new(),
+            target_parameters: Vec::new(),
             config: own.clone(),
         }
     }
@@ -42,12 +42,12 @@ impl SoftLearner for SoftQ {
     ) -> Metrics {
         if self.parameters.is_empty() {
             self.parameters.clone_from(policy);
-            self.targets.clone_from(policy);
+            self.target_parameters.clone_from(policy);
         }
         let SqilConfig { temperature, gamma, target_rate, .. } = self.config;
         let value = |outputs: &[f32]| log_sum_exp(outputs, temperature as f32);
         let next = &minibatch.next_observations;
-        let next_values = self.trainer.outputs(&self.targets, next, value);
+        let next_values = self.trainer.outputs(&self.target_parameters, next, value);
         let loss = Bellman {
             targets: minibatch.targets(&next_values, gamma as f32),
             actions: &minibatch.actions,
@@ -60,7 +60,7 @@ impl SoftLearner for SoftQ {
         let observations = self.trainer.index(&minibatch.observations, &mut windows);
         let parameters = &mut self.parameters;
         let metrics = self.trainer.step(parameters, observations, &rows, &loss, learning_rate);
-        follow(&mut self.targets, &self.parameters, target_rate);
+        polyak_update(&mut self.target_parameters, &self.parameters, target_rate);
         policy.clone_from(&self.parameters);
         self.trainer.network().scale_actor(policy, (1.0 / temperature) as f32);
         metrics
@@ -69,7 +69,7 @@ impl SoftLearner for SoftQ {
     fn save(&self, tensors: &mut Tensors) {
         self.trainer.save("q.adam", tensors);
         tensors.put_f32("q.parameters", self.parameters.iter().copied());
-        tensors.put_f32("q.targets", self.targets.iter().copied());
+        tensors.put_f32("q.targets", self.target_parameters.iter().copied());
     }
 
     fn restore(&mut self, tensors: &Tensors) -> Result<(), String> {
@@ -77,7 +77,7 @@ impl SoftLearner for SoftQ {
         let begun = !tensors.f32("q.parameters")?.is_empty();
         let count = if begun { self.trainer.network().parameter_count() } else { 0 };
         self.parameters = tensors.exactly("q.parameters", count, Tensors::f32)?;
-        self.targets = tensors.exactly("q.targets", count, Tensors::f32)?;
+        self.target_parameters = tensors.exactly("q.targets", count, Tensors::f32)?;
         Ok(())
     }
 }

@@ -128,7 +128,8 @@ impl RunConfig {
         self.learner.check(self)?;
         let replays = self.learner.replays();
         let kept = self.log.observations;
-        within("log.observations", kept || !replays, "true for bco and sqil", kept)?;
+        let expected = format!("true for {}", self.learner.name());
+        within("log.observations", kept || !replays, &expected, kept)?;
         let acts_again = self.task.deterministic;
         let expected = "true for a task whose episodes cannot be re-simulated";
         within("log.observations", kept || acts_again, expected, kept)

@@ -1,4 +1,4 @@
-//! The effective configuration of a run: complete, checked once, and recorded first in its log.
+//! The effective configuration of a run: complete, checked, and recorded first in its log.
 //!
 //! `defaults.toml` beside this file has a value for every key. A task's file
 //! (`deploy/tasks/*.toml`, or one of the user's) says what the task is and which values it changes
@@ -71,8 +71,8 @@ pub struct RunConfig {
     pub learner: Learner,
     /// Seed of every random stream.
     pub seed: u64,
-    /// Environment steps to train for; the run ends with the iteration that reaches them. Behavioral
-    /// cloning takes none.
+    /// Environment steps to train for, in iterations of `rollout.lanes x rollout.lane_steps`, rounded up. Lanes
+    /// end with an episode, so the steps may be reached an iteration earlier. Behavioral cloning takes none.
     pub steps: u64,
     /// Setting of the environment that the agent is trained and evaluated in.
     #[serde(default)]

@@ -1,5 +1,5 @@
-//! The sizes of a configuration's networks, counted from shapes alone as the crate `networks` lays
-//! them out. A test there compares both.
+//! The sizes of a configuration's networks, counted from shapes alone as the crate `networks` lays them out.
+//! `learner/tests/sizes.rs` and `proximity-service/src/model/ensemble.rs` compare both.
 
 use protocol::encoder::CellsArchitecture;
 use protocol::task::{ActionSpec, ObservationSpec};
