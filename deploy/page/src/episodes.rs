@@ -49,6 +49,9 @@ type Row = (
     Option<f32>,
 );
 
+/// Number of lines that are kept about damage.
+const DAMAGE_KEPT: usize = 10;
+
 /// What identifies an episode: source, lane and number.
 type Name = (i32, u64, u64);
 
@@ -117,7 +120,9 @@ pub(crate) struct Episodes {
     settled: usize,
     /// Incremented whenever rows that were handed out may have changed, for example after a process died.
     generation: u64,
-    /// Errors in reading, a line each.
+    /// What cannot be read of the files, the first [`DAMAGE_KEPT`] lines.
+    damage: Vec<String>,
+    /// Files that could not be opened or followed the last time, a line each.
     trouble: Vec<String>,
 }
 
@@ -128,7 +133,7 @@ pub(crate) struct Rows<'a> {
     generation: u64,
     from: usize,
     rows: Vec<Row>,
-    trouble: &'a [String],
+    trouble: Vec<&'a str>,
 }
 
 /// An episode as it was recorded, with the recorded score, if any.
@@ -145,11 +150,12 @@ impl Episodes {
 
     /// Reads what was appended to a run's log since the last call.
     pub(crate) fn read_log(&mut self, folder: &Path) {
+        self.trouble.clear();
         self.go_on();
         // A run that has only begun has no log yet, which is not an error.
         let files = if folder.exists() { log_files(folder) } else { Ok(Vec::new()) };
         let files = files.unwrap_or_else(|error| {
-            self.tell(error.to_string());
+            self.trouble.push(error.to_string());
             Vec::new()
         });
         let files = files.into_iter().filter(|file| file.contents == Contents::Trajectories);
@@ -158,6 +164,7 @@ impl Episodes {
 
     /// Reads what was appended to a file since the last call.
     pub(crate) fn read_file(&mut self, file: PathBuf) {
+        self.trouble.clear();
         self.go_on();
         self.read_new(std::iter::once(file));
     }
@@ -173,7 +180,7 @@ impl Episodes {
                     *self = Episodes::of_generation(generation);
                     return;
                 }
-                Err(error) => self.tell(error.to_string()),
+                Err(error) => self.trouble.push(error.to_string()),
             }
         }
     }
@@ -193,7 +200,7 @@ impl Episodes {
                 }
                 // The metadata of a file that is being written may not be there yet.
                 Err(_) if mcap_log::is_active(&path) => {}
-                Err(error) => self.tell(error.to_string()),
+                Err(error) => self.trouble.push(error.to_string()),
             }
         }
         self.settle();
@@ -205,7 +212,8 @@ impl Episodes {
         let from = if generation == self.generation { from.min(self.settled) } else { 0 };
         let rows = self.listed[from..self.settled].iter();
         let rows = rows.map(|episode| episode.row(tells_success)).collect();
-        let Episodes { generation, ref trouble, .. } = *self;
+        let generation = self.generation;
+        let trouble = self.damage.iter().chain(&self.trouble).map(String::as_str).collect();
         Rows { columns: COLUMNS, generation, from, rows, trouble }
     }
 
@@ -265,12 +273,12 @@ impl Episodes {
                 Err(error) => Err(error.into()),
             };
             if let Err(error) = taken {
-                self.tell(format!("{error:#}"));
+                self.keep_damage(format!("{error:#}"));
             }
         }
         let (path, reader) = &self.readers[file];
         if let Some(ending) = reader.ending().filter(|ending| ending.lost()) {
-            self.tell(format!("{}: {ending}", path.display()));
+            self.keep_damage(format!("{}: {ending}", path.display()));
         }
     }
 
@@ -331,9 +339,9 @@ impl Episodes {
         self.settled = unsettled.map_or(self.listed.len(), |first| self.settled + first);
     }
 
-    fn tell(&mut self, trouble: String) {
-        if !self.trouble.contains(&trouble) {
-            self.trouble.push(trouble);
+    fn keep_damage(&mut self, line: String) {
+        if self.damage.len() < DAMAGE_KEPT && !self.damage.contains(&line) {
+            self.damage.push(line);
         }
     }
 }

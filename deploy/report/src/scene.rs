@@ -19,11 +19,13 @@ pub(crate) type View = [[f64; 2]; 2];
 /// Returns a view of all solids that move between scenes and of all transparent ones, which mark goals. It has a
 /// margin, and its height is three quarters of its width.
 pub(crate) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
-    let moves = |solid: &Solid| {
-        let others = scenes.iter().flatten().filter(|other| other.name == solid.name);
-        solid.color[3] < 1.0 || others.clone().any(|other| distance(solid, other) > 1e-3)
+    // Every scene has the same solids in the same order.
+    let moves = |index: usize, solid: &Solid| {
+        let mut others = scenes.iter().filter_map(|scene| scene.get(index));
+        solid.color[3] < 1.0 || others.any(|other| distance(solid, other) > 1e-3)
     };
-    let seen = scenes.iter().flatten().filter(|solid| moves(solid));
+    let solids = scenes.iter().flat_map(|scene| scene.iter().enumerate());
+    let seen = solids.filter_map(|(index, solid)| moves(index, solid).then_some(solid));
     let mut view = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for [least, greatest] in seen.map(|solid| camera.extent(solid)) {
         for axis in 0..2 {
@@ -38,12 +40,8 @@ pub(crate) fn view(camera: &Camera, scenes: &[Vec<Solid>]) -> View {
     [[0, 1].map(|axis| center[axis] - half[axis]), [0, 1].map(|axis| center[axis] + half[axis])]
 }
 
-/// Returns the distance between the centers of two solids of one entity; 0 for different shapes, which are different
-/// parts of the entity.
+/// Returns the distance between the centers of two solids.
 fn distance(one: &Solid, other: &Solid) -> f64 {
-    if std::mem::discriminant(&one.shape) != std::mem::discriminant(&other.shape) {
-        return 0.0;
-    }
     let apart = sum(one.center(), scaled(other.center(), -1.0));
     dot(apart, apart).sqrt()
 }
