@@ -1,8 +1,16 @@
 //! The learner: Algorithm 1 of the paper, between actors, proximity service and log.
 //!
-//! [`run()`] is the process. `trainer` is the loop of the algorithm; [`desk`] is the thread that talks to actors and
-//! writes the log at the same time; `service_client` talks to the proximity service. [`algorithm`] holds the policy
-//! learners.
+//! [`run()`] is the process.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `beginning`, `trainer`, `end` | the start from a checkpoint or from scratch, the loop, evaluation and summary |
+//! | [`desk`] | the thread that talks to actors and writes the log at the same time |
+//! | [`ledger`] | which leases of a rollout are open, held and done |
+//! | `service_client` | requests to the proximity service |
+//! | [`batch`], `advantage`, `reward_scale` | the batch of an iteration, its advantages, the scale of its rewards |
+//! | [`algorithm`] | the policy learners |
+//! | [`state`], `checkpoint` | what is carried from one iteration to the next, and how it is saved |
 
 mod advantage;
 pub mod algorithm;

@@ -9,6 +9,16 @@
 //! The crate uses no clock and no files. Its only randomness is the stream passed in, and only [`ShardedTrainer`]
 //! and [`evaluate`] use threads. Every sum has a fixed order, so the bits of a row never depend on neighboring
 //! rows, and the bits of a gradient never depend on the thread that computed it.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `network`, `shape` | a network and its shape: encoder, hidden layers, heads |
+//! | `encoder`, `layer` | observations to features; the layers, each with its forward and backward pass |
+//! | `policy`, `ensemble` | actor and critic; the members of a reward model |
+//! | `distribution` | a policy's outputs to actions and log-probabilities, and back to gradients |
+//! | `loss`, `optimizer`, `initialization` | losses; gradient clipping and Adam; initial weights |
+//! | `normalization` | moments of observations and returns |
+//! | `batch`, `training` | rows of observations; evaluation and gradient steps on several threads |
 
 mod batch;
 mod distribution;

@@ -1,7 +1,16 @@
 //! The proximity service learns the reward and answers requests of the learner and queries of any tool.
 //!
-//! [`run()`] is the process, `service` its main loop, and [`model`] has the reward models. `rescore` scores a log with
-//! another model, `estimate` queries a trained one, and `export` writes one to a file.
+//! [`run()`] is the process.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `service` | the main loop: receives trajectories, answers requests |
+//! | `intake` | the batch of an iteration, from shared memory and from the learner |
+//! | [`model`] | the reward models |
+//! | `reward` | rewards from proximity and uncertainty (Eq. 5), and from discriminators |
+//! | `replay_buffer` | the agent's newest rows, the negatives of Eq. 4 |
+//! | `offline_file` | the file from which offline training resumes |
+//! | `trained`, `estimate`, `export`, `rescore` | a trained model: restored, queried, exported, scoring a log again |
 
 pub mod cli;
 mod estimate;
