@@ -9,7 +9,7 @@ use run::config::{RewardConfig, RewardForm};
 /// `proximity` and `uncertainty` have one number per observation, so one more than there are steps. With
 /// `form = absolute` a step earns the proximity it reaches instead of the increase (Figure 6), and with
 /// `form = airl` the log-odds of that proximity. Without `final_bonus` the last step earns no additional proximity
-/// ("No Final").
+/// ("No Final"). `offset` is added to the reward of every step.
 pub(crate) fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardConfig) -> Vec<f32> {
     assert_eq!(proximity.len(), uncertainty.len(), "one uncertainty per proximity");
     let steps = proximity.len() - 1;
@@ -23,13 +23,13 @@ pub(crate) fn rewards(proximity: &[f32], uncertainty: &[f32], config: &RewardCon
             RewardForm::Gail => unreachable!("a configuration has it for discriminators only"),
         };
         let bonus = if config.final_bonus && step + 1 == steps { after } else { 0.0 };
-        progress + bonus - penalty * uncertainty[step + 1]
+        progress + bonus - penalty * uncertainty[step + 1] + config.offset as f32
     };
     (0..steps).map(reward).collect()
 }
 
 /// Computes the rewards of a model with one row per step: from the mean logit of a discriminator or the temporal
-/// distance, minus the penalty for the standard deviation. Only proximity has a final bonus.
+/// distance, minus the penalty for the standard deviation, plus `offset`. Only proximity has a final bonus.
 pub(crate) fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32> {
     let penalty = config.uncertainty as f32;
     let reward = |row: &RowScore| {
@@ -39,7 +39,7 @@ pub(crate) fn step_rewards(rows: &[RowScore], config: &RewardConfig) -> Vec<f32>
             RewardForm::Gail => softplus(row.mean),
             RewardForm::Absolute => unreachable!("a configuration has it for proximity only"),
         };
-        own - penalty * row.standard_deviation
+        own - penalty * row.standard_deviation + config.offset as f32
     };
     rows.iter().map(reward).collect()
 }
@@ -102,6 +102,10 @@ mod tests {
     fn ablations_change_what_a_step_earns() {
         let absolute = RewardConfig { uncertainty: 0.0, form: RewardForm::Absolute, ..config() };
         assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &absolute), [0.5, 1.5]);
+        let offset = RewardConfig { uncertainty: 0.0, offset: -0.5, ..config() };
+        assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &offset), [-0.25, 0.5]);
+        let row = RowScore { mean: 2.0, standard_deviation: 0.0 };
+        assert_eq!(step_rewards(&[row], &offset), [1.5]);
         let no_final = RewardConfig { uncertainty: 0.0, final_bonus: false, ..config() };
         assert_eq!(rewards(&[0.25, 0.5, 0.75], &[0.0; 3], &no_final), [0.25, 0.25]);
     }

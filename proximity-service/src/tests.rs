@@ -21,6 +21,7 @@ pub(crate) fn config() -> RewardConfig {
         form: RewardForm::Difference,
         final_bonus: true,
         uncertainty: 0.1,
+        offset: 0.0,
         gradient_penalty: 0.0,
         agent_weight: 1.0,
         segments: 1,

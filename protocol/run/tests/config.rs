@@ -308,12 +308,13 @@ fn a_trained_model_takes_only_what_scoring_reads() {
         "reward.form=absolute",
         "reward.final_bonus=true",
         "reward.uncertainty=0",
+        "reward.offset=-1.5",
         "reward.prior=0",
     ];
     let found = scoring("method=goal-proximity", &other).unwrap().reward;
     assert_eq!(
-        (found.form, found.final_bonus, found.uncertainty),
-        (RewardForm::Absolute, true, 0.0)
+        (found.form, found.final_bonus, found.uncertainty, found.offset),
+        (RewardForm::Absolute, true, 0.0, -1.5)
     );
     for (method, setting, words) in [
         (

@@ -222,6 +222,8 @@ impl RunConfig {
         for (key, number) in not_negative {
             within(key, number.is_finite() && number >= 0.0, "0 or above", number)?;
         }
+        let offset = self.reward.offset;
+        within("reward.offset", offset.is_finite(), "a finite number", offset)?;
         let unit = [
             ("ppo.gamma", self.ppo.gamma),
             ("ppo.gae_lambda", self.ppo.gae_lambda),

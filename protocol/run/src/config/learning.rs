@@ -32,6 +32,7 @@ impl RunConfig {
         const NORM: [f64; 2] = [1e-9, 1e9];
         const SOME: [f64; 2] = [1e-6, 1e6];
         const ANY: [f64; 2] = [0.0, 1e6];
+        const SIGNED: [f64; 2] = [-1e6, 1e6];
         const SHARE: [f64; 2] = [0.0, 1.0];
         let (ppo, reward) = (&self.ppo, &self.reward);
         let mut numbers = vec![
@@ -44,6 +45,7 @@ impl RunConfig {
             ("ppo.entropy_coefficient", ppo.entropy_coefficient, ANY),
             ("reward.learning_rate", reward.learning_rate, RATE),
             ("reward.uncertainty", reward.uncertainty, ANY),
+            ("reward.offset", reward.offset, SIGNED),
             ("reward.gradient_penalty", reward.gradient_penalty, ANY),
             ("reward.agent_weight", reward.agent_weight, ANY),
             ("reward.arrival", reward.arrival, SHARE),

@@ -22,6 +22,8 @@ pub struct RewardConfig {
     pub final_bonus: bool,
     /// Lambda, the weight of the uncertainty penalty (Eq. 5); 0 switches it off.
     pub uncertainty: f64,
+    /// Number added to the reward of every step. Below 0, ending an episode early pays; above 0, going on does.
+    pub offset: f64,
     /// Weight of a discriminator's gradient penalty, for vector tasks; 0 switches it off.
     pub gradient_penalty: f64,
     /// Weight of the loss on the agent's observations (Eq. 4, second term), for proximity.

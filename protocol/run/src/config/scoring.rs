@@ -13,7 +13,8 @@ use super::settings::{merged, with_likely_key};
 use super::{RewardModelKind, RunConfig, parse};
 
 /// Keys that scoring with a trained ensemble reads.
-const READ: [&str; 4] = ["reward.model", "reward.form", "reward.final_bonus", "reward.uncertainty"];
+const READ: [&str; 5] =
+    ["reward.model", "reward.form", "reward.final_bonus", "reward.uncertainty", "reward.offset"];
 
 impl RunConfig {
     /// Returns the configuration of a trained run with `key=value` settings of its reward laid over it, to score with
