@@ -259,7 +259,7 @@ fn scale(run: &TestRun, actors: &str) {
 #[test]
 fn actors_that_cannot_work_do_not_end_the_run() {
     let run = TestRun::new(programs!());
-    let mut training = run.train(&["steps=40000", "resources.actors=1"]);
+    let mut training = run.train(&["steps=400000", "resources.actors=1"]);
     training.await_checkpoint(4);
     let (took, said) = run.goalward(&["scale", "run", "--actors", "0"]);
     assert!(!took && said.contains("`resources.actors` must be at least 1"), "{said}");
