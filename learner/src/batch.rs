@@ -68,11 +68,11 @@ impl RolloutBatch {
             if let Some(index) = score.rewards.iter().position(|reward| !reward.is_finite()) {
                 let Trajectory { lane, episode, .. } = *trajectory;
                 let (step, found) = (index + 1, score.rewards[index]);
-                let message = format!("expected a finite reward, found {found}");
-                return Err(Final(format!(
-                    "the reward model diverged: lane {lane} episode {episode} step {step}: {message}"
-                ))
-                .into());
+                let message = format!(
+                    "the reward model diverged: lane {lane} episode {episode} step {step}: expected a \
+                     finite reward, found {found}"
+                );
+                return Err(Final(message).into());
             }
             let observations = trajectory.observations();
             let (acted_on, last) = observations.split_at(steps * spec.observation.bytes());

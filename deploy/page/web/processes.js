@@ -33,18 +33,19 @@ export class Processes {
   }
 
   async look() {
-    // As the list of runs: another tab may need the connection.
-    if (document.hidden) {
-      this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
-      return;
-    }
+    // A hidden tab does not ask, as for the list of runs: another tab may need the connection.
+    if (!document.hidden) await this.ask();
+    if (!this.isLive) return;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
+  }
+
+  async ask() {
     const failed = (error) => ({ trouble: error.message, head: [], rows: [], hosts: [] });
     const found = await api.processes(this.id).catch(failed);
     if (!this.isLive) return;
     this.table.hidden = !found;
     if (found) this.show(found);
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.look(), LOOK_EVERY_MS);
   }
 
   show({ trouble, head, rows, hosts }) {
